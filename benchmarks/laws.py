@@ -36,7 +36,7 @@ from benchmarks.program import (
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.loading.registry import SHIPPED
 from hertzloop.setup import Setup, load
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
@@ -105,7 +105,7 @@ def _tuned(pool: Pool, law: str) -> int:
     generations, population = 4, 16
     tune(
         pool, [_setup(law)], law, _AXES,
-        Search(("plate_energy_db",), generations=generations, population=population),
+        TuneRequest(("plate_energy_db",), generations=generations, population=population),
     )  # fmt: skip
     return generations * population
 

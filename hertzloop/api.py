@@ -528,13 +528,13 @@ def tune(
     """
     need("pymoo")
     from hertzloop.studies import tuning
-    from hertzloop.studies.requests import Search
+    from hertzloop.studies.requests import TuneRequest
     from hertzloop.studies.sweeps.design import as_axis
     from hertzloop.studies.sweeps.pool import local_pool
 
     bases = [_resolved(one) for one in ([scene] if isinstance(scene, AnyScene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
-    search = Search(
+    search = TuneRequest(
         tuple(minimise), span, generations, population, seed=seed, at_most=dict(at_most or {})
     )
     with local_pool(workers) as pool:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,6 +21,7 @@ from hertzloop.cli.options import (
     compile_first,
     make_folder,
     scene_from,
+    takes,
     write_json,
 )
 from hertzloop.cli.study_frame import resumable
@@ -29,48 +30,24 @@ from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.studies.requests import BudgetRequest
 from hertzloop.views.format import Table, styled
 
 if TYPE_CHECKING:
-    from hertzloop.analysis.cases import Span
     from hertzloop.studies.budget.budget import Budget, InPlant
     from hertzloop.studies.budget.limits import BudgetLimit
     from hertzloop.studies.budget.probability import Probability, Sensitivity
 
 
+@takes()
 def budget(
+    request: BudgetRequest,
     scene: SceneArgument = DEFAULT,
     law: Annotated[
         str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
     ] = None,
-    goals: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--goal",
-            help="Condition that the law must meet at every touch phase, e.g. "
-            "'plate_energy_db <= -3'. May be given several times. Default: "
-            "plate_energy_db <= -0.1.",
-        ),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Search coarsely, with a thin plate as the real one.")
-    ] = False,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(help="Quantity to search, e.g. latency_us. May be given several times."),
-    ] = None,
-    with_real: Annotated[
-        bool, typer.Option("--real-plant/--no-real-plant", help="Search in the real plant too.")
-    ] = True,
-    span: Annotated[
-        Literal["impact", "run", "both"],
-        typer.Option(help="Take figures of the first impact, or of the whole run, or of each."),
-    ] = "impact",
     settings: SetOption = None,
     seed: SeedOption = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")
-    ] = None,
     trace: Annotated[
         Path | None,
         typer.Option(
@@ -86,19 +63,6 @@ def budget(
             "or in the tables [uncertain] and [fit] of this scene.",
         ),
     ] = None,
-    within: Annotated[
-        float,
-        typer.Option(
-            min=1e-4, max=0.5, help="Half the width at which the interval is narrow enough."
-        ),
-    ] = 0.03,
-    most_cases: Annotated[
-        int, typer.Option(min=16, max=1_000_000, help="Stop drawing after this many cases.")
-    ] = 4096,
-    sobol: Annotated[
-        int,
-        typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
-    ] = 0,
     requirements: Annotated[
         Path | None,
         typer.Option("--check", help="Check the requirements in this file instead of searching."),
@@ -130,7 +94,7 @@ def budget(
     check_json(json_file)
     check_folder(junit_file)
     if requirements is not None:
-        check_requirements(requirements, workers, junit_file, json_file)
+        check_requirements(requirements, request.workers, junit_file, json_file)
         return
     if junit_file is not None:
         fail("--junit needs --check. Name a file of requirements", 2)
@@ -140,12 +104,13 @@ def budget(
     resolved = scene_from(scene, given, seed)
     if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
-    wanted = [parse_goal(text) for text in goals or [DEFAULT_GOAL]]
+    wanted = [parse_goal(text) for text in request.goals or [DEFAULT_GOAL]]
+    sobol, quick, of = request.sobol, request.quick, request.first_span
     if not resolved.has_law:
         raise SceneError(
             "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
         )
-    for name in only or []:
+    for name in request.only:
         if name not in NAMES:
             raise SceneError(
                 f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
@@ -164,21 +129,19 @@ def budget(
     else:
         check_writable(Path())  # for unfinished work
     compile_first(resolved)
-    of: Span = "impact" if span == "both" else span
     header = {
         **work_of([resolved], [resolved.law_reference], Design(())),
-        "budget": [*map(str, wanted), span, quick, with_real, *(only or [])],
+        "budget": [*map(str, wanted), request.span, quick, request.with_real, *request.only],
     }
     began_s = time.perf_counter()
     with (
         resumable(folder or Path(), "budget", header) as finished,
         progress("budget", 1000) as advance,
-        local_pool(workers) as pool,
+        local_pool(request.workers) as pool,
     ):
         found = budget_study.budget(
-            finished.of(pool), resolved, wanted, of, quick=quick, with_real=with_real,
-            both=span == "both", only=only or (),
-            on_progress=lambda share: advance(round(1000 * share)),
+            finished.of(pool), resolved, wanted, request,
+            lambda share: advance(round(1000 * share)),
         )  # fmt: skip
         mapped = None
         if folder is not None:
@@ -189,7 +152,13 @@ def budget(
         if uncertain:
             counted = finished.of(pool)
             likely = probability(
-                counted, resolved, wanted, uncertain, of, within=within, most=most_cases
+                counted,
+                resolved,
+                wanted,
+                uncertain,
+                of,
+                within=request.within,
+                most=request.most_cases,
             )
             if sobol:
                 indices = sensitivities(counted, resolved, wanted, uncertain, of, sobol)

@@ -4,7 +4,7 @@ import math
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -26,62 +26,27 @@ from hertzloop.cli.options import (
     end_if_not_run,
     files_of,
     scene_from,
+    takes,
     write_json,
 )
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.studies.requests import SweepRequest
 from hertzloop.views.format import Table, styled
 
 
+@takes()
 def sweep(
+    request: SweepRequest,
     scene: SceneArgument = DEFAULT,
-    over: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread "
-            "points; repeatable."
-        ),
-    ] = None,
     out_file: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
     ] = None,
-    design: Annotated[
-        Literal["grid", "lhs", "sobol"],
-        typer.Option(help="Run all combinations, or points spread over the ranges."),
-    ] = "grid",
-    cases: Annotated[
-        int | None,
-        typer.Option(min=1, help="Run this many spread points; default: 256, with --verify 10."),
-    ] = None,
-    span: Annotated[
-        Literal["impact", "run"],
-        typer.Option(help="Evaluate the first impact or the whole run."),
-    ] = "impact",
     seed: SeedOption = None,
     settings: SetOption = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
-    ] = None,
-    phases: Annotated[
-        int | None,
-        typer.Option(
-            min=2, max=1000, help="Run every case at this many touch phases; print mean and range."
-        ),
-    ] = None,
-    uncertain: Annotated[
-        Path | None,
-        typer.Option(
-            help="Run every case with --cases draws from the distributions in this TOML file, or "
-            "in the tables [uncertain] and [fit] of this scene.",
-        ),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
-    ] = None,
     overwrite: OverwriteOption = False,
     verify: Annotated[
         Path | None,
@@ -100,15 +65,14 @@ def sweep(
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
+    cases, span, design = request.cases, request.span, request.design
     if verify is not None:
         _verify(verify, 10 if cases is None else cases, transport, 1 if seed is None else seed,
                 json_file)  # fmt: skip
         return
-    cases = 256 if cases is None else cases
     from hertzloop.studies.sweeps import sweep as sweep_study
     from hertzloop.studies.sweeps.design import KEY as PHASE
-    from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
-    from hertzloop.studies.sweeps.design import phases as spread_evenly
+    from hertzloop.studies.sweeps.design import grouped, planned_by
     from hertzloop.studies.sweeps.sweep import counted
 
     resolved = scene_from(scene, settings, seed)
@@ -117,27 +81,14 @@ def sweep(
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.", 2)
     if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
-    if dask is not None:
-        _check_scheduler(dask)
-    over = list(over or [])
-    if uncertain is not None and design != "grid":
-        raise DesignError(f"--uncertain needs --design grid, not {design}. Leave it out")
-    if phases is not None:
-        if any(text.partition("=")[0].strip() == PHASE for text in over):
-            raise DesignError(f"--phases {phases} spreads {PHASE}, so --over cannot give it too")
-        if design != "grid":
-            raise DesignError(
-                f"--phases {phases} needs --design grid; with '{design}' spread them with the "
-                f"rest, --over {PHASE}=0:1"
-            )
-        over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-    planned = Design(())
-    if over or uncertain is None:
-        planned = make_design(resolved, over, design, cases, resolved.seed)
+    if request.dask is not None:
+        _check_scheduler(request.dask)
+    planned, uncertain = planned_by(resolved, request), request.uncertain
     if uncertain is not None:
         from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 
-        planned = with_draws(resolved, planned, read_uncertain(uncertain, resolved), cases)
+        drawn_from = read_uncertain(uncertain, resolved)
+        planned = with_draws(resolved, planned, drawn_from, request.points)
     for axis in planned.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             check_law(resolved.vary({"controller.law": law}))
@@ -160,7 +111,7 @@ def sweep(
         try:
             with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
                 found = sweep_study.sweep(
-                    resolved, planned, span, target, workers=workers, dask=dask,
+                    resolved, planned, span, target, workers=request.workers, dask=request.dask,
                     on_progress=advance,
                     on_wait=lambda sentence: err.print(f"{sentence}.", soft_wrap=True),
                 )  # fmt: skip

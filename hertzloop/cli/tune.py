@@ -36,7 +36,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.views.format import Table, styled
 from hertzloop.whole_files import write_whole
 
@@ -50,7 +50,7 @@ _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 
 @takes()
 def tune(
-    search: Search,
+    search: TuneRequest,
     scenes: Annotated[
         list[str] | None,
         typer.Argument(help="Names of scenes or .toml files; the worst result counts."),
@@ -170,7 +170,7 @@ def tune(
             out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:
                 out.print(f"  {line}", soft_wrap=True)
-            default = search.objectives == Search.objectives
+            default = search.objectives == TuneRequest.objectives
             lists = [("minimise", [] if default else objectives), ("law", laws), ("vary", ranges),
                      ("over", over), ("at-most", at_most), ("set", settings)]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, search)
@@ -222,7 +222,7 @@ def _file_name(names: list[str]) -> str:
 
 
 def _command(
-    scenes: list[str], lists: "list[tuple[str, Sequence[str] | None]]", search: Search
+    scenes: list[str], lists: "list[tuple[str, Sequence[str] | None]]", search: TuneRequest
 ) -> str:
     """The line that finds the same settings."""
     line = ["hertzloop", "tune", *scenes]

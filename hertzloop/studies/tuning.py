@@ -27,7 +27,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies import words
 from hertzloop.studies.margin.margin import Growth, growth_of
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import (
     Axis,
     Design,
@@ -121,7 +121,7 @@ _BAD = 1e6  # of a case without figures: unstable, or impossible
 
 
 def header_of(
-    scenes: list[Setup], laws: tuple[str, ...], axes: tuple[Axis, ...], search: Search
+    scenes: list[Setup], laws: tuple[str, ...], axes: tuple[Axis, ...], search: TuneRequest
 ) -> dict[str, Any]:
     """What decides which settings a search tries, and what comes of them: its scenes, laws with
     their digests, given `axes`, its `search`, versions."""
@@ -172,7 +172,7 @@ class _Settings(Problem):
         scenes: list[Setup],
         fixed: dict[str, Any],
         axes: tuple[Axis, ...],
-        search: Search,
+        search: TuneRequest,
     ) -> None:
         self.pool, self.scenes, self.search = pool, scenes, search
         coarsest = max(scenes, key=lambda setup: setup.step_ns)
@@ -274,7 +274,7 @@ def tune(
     scenes: list[Setup],
     law: str,
     axes: tuple[Axis, ...],
-    search: Search,
+    search: TuneRequest,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """Best settings of one law: the one that is best, or the Pareto front of several objectives,
@@ -302,7 +302,7 @@ def best_of(
     scenes: list[Setup],
     laws: Sequence[str],
     given: tuple[Axis, ...],
-    search: Search,
+    search: TuneRequest,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """The settings of several laws that no other beats; axes are those of each law where none are

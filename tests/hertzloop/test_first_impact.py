@@ -24,7 +24,7 @@ from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.report.results import page_of_results
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk
 from hertzloop.studies.tuning import best_of
 from hertzloop.views.run import noise_rows
@@ -255,7 +255,7 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
     assert f"{it.case.plate_energy_db:.3f}" in page
     found = best_of(
         pool, [it.scene], ["force_feedback"], (),
-        Search(("plate_energy_db",), generations=1, population=4),
+        TuneRequest(("plate_energy_db",), generations=1, population=4),
     )  # fmt: skip
     best = figures_of_case(it.scene.vary(found[0].values))
     assert all(getattr(best, name) == value for name, value in found[0].figures.items())

@@ -32,6 +32,7 @@ from hertzloop.studies.budget.limits import (
 )
 from hertzloop.studies.budget.probability import probability, sobol_indices, wilson
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool
@@ -278,8 +279,8 @@ def test_limits_agree_with_brute_force(pool):
     setup = load("aluminium-3mm", SHORT)
     search = study.search_of(setup, True, "impact")
     found = study.budget(
-        pool, setup, [GOAL], "impact", quick=True, with_real=False,
-        only=("latency_us", "sampling_us"),
+        pool, setup, [GOAL],
+        BudgetRequest(quick=True, with_real=False, only=("latency_us", "sampling_us")),
     )  # fmt: skip
     for limit in found.ideal.limits:
         quantity = next(q for q in quantities_of(setup) if q.name == limit.quantity).within(limit)
@@ -606,8 +607,8 @@ def test_the_page_shows_limits_and_a_map(pool, tmp_path):
     page = pytest.importorskip("hertzloop.studies.budget.page")
     setup = load("aluminium-3mm", SHORT)
     found = study.budget(
-        pool, setup, [GOAL], "impact", quick=True, with_real=False,
-        only=("latency_us", "jitter_us"),
+        pool, setup, [GOAL],
+        BudgetRequest(quick=True, with_real=False, only=("latency_us", "jitter_us")),
     )  # fmt: skip
     mapped = page.map_of(pool, setup, [GOAL], "impact", found.ideal, True)
     assert mapped.across.name == found.ideal.binds_first == "latency_us"

@@ -12,7 +12,7 @@ from benchmarks.latency import Named, critical
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.setup import load
 from hertzloop.studies import tuning as tune
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
@@ -74,7 +74,7 @@ def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
     axes = (Axis("controller.v_thr_m_s", (-0.9, -0.6, -0.25)),)
     found = tune.tune(
         pool, [scene], "slope_threshold", axes,
-        Search(("plate_energy_db",), generations=3, population=4, phases=5),
+        TuneRequest(("plate_energy_db",), generations=3, population=4, phases=5),
     )  # fmt: skip
     (best,) = tune.with_spreads(pool, [scene], "impact", found[:1], ("plate_energy_db",))
     values = by_hand(controller__v_thr_m_s=best.values["controller.v_thr_m_s"])

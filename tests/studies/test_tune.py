@@ -10,7 +10,7 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.setup import Setup, load
 from hertzloop.studies import tuning as study
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
@@ -40,7 +40,7 @@ def energy(scene: Setup, kappa: float) -> float:
 def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> study.Found:
     return study.tune(
         pool, scenes, "force_feedback", KAPPA,
-        Search(("plate_energy_db",), generations=12, population=10, at_most=at_most),
+        TuneRequest(("plate_energy_db",), generations=12, population=10, at_most=at_most),
     )[0]  # fmt: skip
 
 
@@ -71,7 +71,7 @@ def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Setup) -> None
 def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> None:
     found = study.tune(
         pool, [scene], "predicted", study.ranges_of("predicted", 1.0),
-        Search(BOTH, generations=6, population=16, seed=2),
+        TuneRequest(BOTH, generations=6, population=16, seed=2),
     )  # fmt: skip
     front = study.front(found + found, BOTH)
     values = np.array([[f.figures[name] for name in BOTH] for f in front])
@@ -105,7 +105,7 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
     scene = load("aluminium-3mm", [*CHEAP, "controller.latency_us=5"])
     axes = (Axis("controller.kappa", (), 25.0, 30.0),)
     found = study.tune(
-        pool, [scene], "velocity_feedback", axes, Search(BOTH, generations=2, population=6)
+        pool, [scene], "velocity_feedback", axes, TuneRequest(BOTH, generations=2, population=6)
     )  # fmt: skip
     assert found == []
 

@@ -19,6 +19,7 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
 )
 from hertzloop.studies.margin.margin import Margin, margin_of
+from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
@@ -140,12 +141,7 @@ def budget(
     pool: Pool,
     setup: Setup,
     goals: Sequence[Goal],
-    span: Span,
-    *,
-    quick: bool = False,
-    with_real: bool = True,
-    both: bool = False,
-    only: Iterable[str] = (),
+    request: BudgetRequest,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Budget:
     """Measure the budget of the law of a scene.
@@ -154,11 +150,7 @@ def budget(
         pool: Runs cases, see `local_pool`.
         setup: The scene with its law.
         goals: What the law has to do, all of it.
-        span: Figures of the first impact, or of the whole run.
-        quick: Search coarsely, with a thin plate as the real one.
-        with_real: Whether to search in the real plant too.
-        both: Whether to search by figures of the other span too.
-        only: Names of the quantities to search; all if empty.
+        request: What to search, how finely, and by the figures of which span.
         on_progress: Is told the finished share of the work.
 
     Raises:
@@ -168,7 +160,9 @@ def budget(
         raise SceneError(
             "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
         )
-    names, parts = tuple(only), 1 + with_real + both
+    span, both, quick = request.first_span, request.span == "both", request.quick
+    with_real, names = request.with_real, request.only
+    parts = 1 + with_real + both
     counted = [0]
 
     def of_plant(

@@ -12,6 +12,7 @@ import numpy as np
 from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError, shortened, shown
 from hertzloop.setup import Setup, toml_value
+from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
 Kind = Literal["grid", "lhs", "sobol"]
@@ -195,6 +196,26 @@ def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
 def make_design(setup: Setup, over: list[str], kind: Kind, count: int, seed: int) -> Design:
     """A design from axes in words, see `parse_axis`. Raises DesignError or SceneError."""
     return design_of(setup, [parse_axis(text) for text in over], kind, count, seed)
+
+
+def planned_by(setup: Setup, request: SweepRequest) -> Design:
+    """The cases that a sweep asks for, before its draws. Raises DesignError for axes or options
+    that do not go together, SceneError for a value that the scene refuses."""
+    over, touches, design = list(request.over), request.phases, request.design
+    if request.uncertain is not None and design != "grid":
+        raise DesignError(f"--uncertain needs --design grid, not {design}. Leave it out")
+    if touches is not None:
+        if any(text.partition("=")[0].strip() == KEY for text in over):
+            raise DesignError(f"--phases {touches} spreads {KEY}, so --over cannot give it too")
+        if design != "grid":
+            raise DesignError(
+                f"--phases {touches} needs --design grid; with '{design}' spread them with the "
+                f"rest, --over {KEY}=0:1"
+            )
+        over.append(f"{KEY}={','.join(map(str, phases(touches)))}")
+    if not over and request.uncertain is not None:
+        return Design(())
+    return make_design(setup, over, design, request.points, setup.seed)
 
 
 def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:

@@ -9,7 +9,7 @@ from hertzloop.setup import load
 from hertzloop.studies import tuning
 from hertzloop.studies.margin import margin
 from hertzloop.studies.margin.margin import growth_of, margin_of
-from hertzloop.studies.requests import Search
+from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import read_results
@@ -155,7 +155,7 @@ def test_a_search_can_require_a_stable_loop() -> None:
         with local_pool(1) as pool:
             found = tuning.tune(
                 pool, [setup], "velocity_feedback", kappa,
-                Search(("plate_energy_db",), generations=8, population=8,
+                TuneRequest(("plate_energy_db",), generations=8, population=8,
                        require_stable=require_stable),
             )[0]  # fmt: skip
         return found.values["controller.kappa"]
