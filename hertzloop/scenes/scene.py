@@ -1065,6 +1065,10 @@ def _tail_problems(scene: _Uncontrolled) -> list[str]:
     return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
 
 
+# Keys of the actuator that belong to the line, or act with a bandwidth only.
+_BESIDE_DYNAMICS = ("damping", "dead_time_us", "stuck_from_s")
+
+
 def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     """What the chosen scheme and model of the plate do not know."""
     found = []
@@ -1083,9 +1087,9 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
                 f"{_plate_in_words(scene)} is unknown. Give plate.material.yield_pa, "
                 "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
             )
-    for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
+    for key, field in type(scene.actuator).model_fields.items():  # a later key is refused, too
         value = getattr(scene.actuator, key)
-        if value is not None:
+        if key not in _BESIDE_DYNAMICS and value != field.default:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
     found += _tail_problems(scene) + _sensor_problems(scene)
     theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"

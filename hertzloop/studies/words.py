@@ -10,7 +10,6 @@ from hertzloop.analysis.cases import CASE_ROWS
 from hertzloop.whole_files import whole_file
 
 FIGURES = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
-_ABSOLUTE = ("peak_force_n",)
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (us)",
@@ -24,9 +23,10 @@ AXES = {
 
 def against_none(figure: str) -> str:
     """A figure of a case, as an axis of its own: most are against no control."""
-    if figure in _ABSOLUTE:
-        return FIGURES[figure]
-    name, _, unit = FIGURES.get(figure, figure.replace("_", " ")).partition(" (")
+    words = FIGURES.get(figure, figure.replace("_", " "))
+    if figure in CASE_ROWS and CASE_ROWS[figure].unit not in ("dB", "%"):
+        return words
+    name, _, unit = words.partition(" (")
     return f"{name} against no control ({unit}" if unit else name
 
 
