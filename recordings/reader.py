@@ -37,16 +37,6 @@ from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 from hertzloop.bus import streams
 from hertzloop.bus.events import MODES, Fact, fact_of
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    LAST_NS,
-    PLANT,
-    STREAMS,
-    Counter,
-    Envelope,
-    has_header_sequence,
-    other_version,
-)
 from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
 from hertzloop.recordings.writer import (
     EXPORT_LIBRARY,
@@ -85,7 +75,7 @@ _CHECKSUM = {Opcode.ATTACHMENT: 4}  # bytes after the pieces
 _CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)  # kinds with a checksum of their own
 _CHAIN = 4  # records that follow one another are no chance
 
-SAMPLED = tuple(sorted(filter(has_header_sequence, STREAMS)))  # daq, force, truth
+SAMPLED = tuple(sorted(filter(streams.has_header_sequence, streams.STREAMS)))  # daq, force, truth
 
 
 class Damaged(Exception):
@@ -631,7 +621,7 @@ class Track:
         stream = self.stream
         if not header.step_ns or not every:
             raise Refused(f"its steps have {header.step_ns} ns, a sample comes every {every} steps")
-        if (header.first_step + count * every) * header.step_ns > LAST_NS:
+        if (header.first_step + count * every) * header.step_ns > streams.LAST_NS:
             raise Refused(f"it begins at step {header.first_step}, beyond any run")
         if message.log_time != header.first_step * header.step_ns:
             raise Refused(f"step {header.first_step} is recorded at {message.log_time} ns")
@@ -692,7 +682,7 @@ MOST_EVENTS = 1_000_000  # a sphere at rest: 130 000 in 20 million steps
 MOST_TEXT = 200_000_000  # characters of all events together
 _MOST_PROBLEMS = 40
 _NAMELESS = "events"  # of a publisher that is no role
-_KINDS = {topic: next(s for s in STREAMS.values() if s.topic == topic) for topic in TOPICS}
+_KINDS = {topic: next(s for s in streams.STREAMS.values() if s.topic == topic) for topic in TOPICS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -734,7 +724,7 @@ class Intake:
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
-    counters: dict[str, Counter] = field(default_factory=dict)
+    counters: dict[str, streams.Counter] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     unknown_channels: set[int] = field(default_factory=set)
     unnamed_channels: bool = False  # what they carry is known from elsewhere
@@ -819,15 +809,15 @@ class Intake:
     def _message(self, topic: str, message: Message) -> Iterator[Taken]:
         name = topic[1:]
         try:
-            block = streams.decode(Envelope(_KINDS[topic].name, message.data))
+            block = streams.decode(streams.Envelope(_KINDS[topic].name, message.data))
             header: Any = block.header
             if topic == "/events":
                 # Whoever brings a controller may call it as he likes.
                 name = f"events/{header.name}"
-                name = name if name in STREAMS else _NAMELESS
+                name = name if name in streams.STREAMS else _NAMELESS
             elif topic == "/end":
                 name = f"end/{header.role}"
-            if name not in STREAMS and name != _NAMELESS:
+            if name not in streams.STREAMS and name != _NAMELESS:
                 raise Refused(f"'{name[:40]}' is not a stream of a run")
             if hasattr(header, "run_id"):
                 self.run_id = self.run_id or header.run_id
@@ -846,10 +836,10 @@ class Intake:
             return
         if problem:
             self._problem(problem)
-        counter = self.counters.setdefault(name, Counter())
+        counter = self.counters.setdefault(name, streams.Counter())
         counter.messages += 1
         counter.samples += streams.sample_count(block)
-        yield Taken(name if name in STREAMS else _KINDS[topic].name, message, arrays)
+        yield Taken(name if name in streams.STREAMS else _KINDS[topic].name, message, arrays)
 
     def _numbered(self, name: str, number: int) -> None:
         """Note where in its stream a message belongs."""
@@ -865,7 +855,7 @@ class Intake:
             return ""
         if message.sequence < expected:
             raise Refused(f"number {message.sequence} is repeated")
-        if STREAMS[name].once and self.counters.get(name):
+        if streams.STREAMS[name].once and self.counters.get(name):
             raise Refused("there is a second one; the first is used")
         self._next[name] = message.sequence + 1
         if name == "hello":
@@ -885,7 +875,7 @@ class Intake:
     def _event(self, log: Any, message: Message) -> None:
         # Not ToNanoseconds(): it refuses what is out of the calendar.
         told = log.timestamp.seconds * 1_000_000_000 + log.timestamp.nanos
-        if told != message.log_time or told > LAST_NS:
+        if told != message.log_time or told > streams.LAST_NS:
             raise Refused(f"an event of {told} ns is recorded at {message.log_time} ns")
         if len(self.events) >= MOST_EVENTS:
             raise Refused(f"there are more than {MOST_EVENTS} events")
@@ -897,13 +887,13 @@ class Intake:
 
     def reconcile(self) -> None:
         """Compare what came with what the roles announced, and with the length of the run."""
-        for role in (PLANT, CONTROLLER):
+        for role in (streams.PLANT, streams.CONTROLLER):
             end = self.ends.get(role)
             if end is None:
                 self._problem(f"the {role} announced no end: counts cannot be reconciled")
                 continue
             announced = {count.stream: count for count in end.count}
-            for name, stream in STREAMS.items():
+            for name, stream in streams.STREAMS.items():
                 if stream.publisher == role and not name.startswith("end/"):
                     self._reconcile(role, name, announced.get(name))
         if _NAMELESS in self.counters and len(self.ends) > 1:
@@ -919,8 +909,8 @@ class Intake:
 
     def _reconcile_events(self) -> None:
         """All events together, where some do not say which role's they are."""
-        names = [name for name in STREAMS if STREAMS[name].topic == "/events"]
-        here = sum(self.counters.get(n, Counter()).messages for n in [*names, _NAMELESS])
+        names = [name for name in streams.STREAMS if streams.STREAMS[name].topic == "/events"]
+        here = sum(self.counters.get(n, streams.Counter()).messages for n in [*names, _NAMELESS])
         announced = sum(
             count.messages for e in self.ends.values() for count in e.count if count.stream in names
         )
@@ -928,7 +918,7 @@ class Intake:
             self._problem(f"{here} events are here, {announced} were announced")
 
     def _reconcile(self, role: str, name: str, announced: Any) -> None:
-        here = self.counters.get(name, Counter())
+        here = self.counters.get(name, streams.Counter())
         if name.startswith("events/") and _NAMELESS in self.counters:
             return
         if announced is None:
@@ -947,7 +937,7 @@ class Intake:
             steps = int(text)
         except ValueError:
             steps = -1
-        if not 0 <= steps <= LAST_NS:
+        if not 0 <= steps <= streams.LAST_NS:
             self._problem(f"the length of the run cannot be read: '{text[:40]}'")
             return 0
         return steps
@@ -1081,7 +1071,7 @@ class Recording:
     @property
     def other_version(self) -> str:
         """By which version it was recorded and which this is, in brackets; empty for this one."""
-        return other_version(self.metadata.get("versions", ""), "it was recorded by")
+        return streams.other_version(self.metadata.get("versions", ""), "it was recorded by")
 
     @property
     def daq_values(self) -> np.ndarray:
@@ -1137,7 +1127,7 @@ class Source:
             for record in records:
                 topics: set[str] = set()
                 for taken in intake.take(record):
-                    topics.add(STREAMS[taken.stream].topic)
+                    topics.add(streams.STREAMS[taken.stream].topic)
                     yield taken
                 if record.content:
                     place = Place(record._replace(content=b""), frozenset(topics), intake.first)
@@ -1194,7 +1184,7 @@ class Source:
 
     def again(self, stream: str, run_id: int) -> Iterator[Arrays]:
         """The blocks of a stream once more, after `look`."""
-        topic, walk = STREAMS[stream].topic, self.walk()
+        topic, walk = streams.STREAMS[stream].topic, self.walk()
         intake = Intake(channels=dict(self._channels), only=topic, run_id=run_id)
         with self._reading():
             for place in self._places:

@@ -7,20 +7,9 @@ from threading import Event
 
 import numpy as np
 
+from hertzloop.analysis import meters
 from hertzloop.analysis.effects import Neglected, neglected
 from hertzloop.analysis.impacts import Block, impacts_of_blocks
-from hertzloop.analysis.meters import (
-    Demand,
-    DemandMeter,
-    ExtremesMeter,
-    Push,
-    PushMeter,
-    SpanFigures,
-    Stability,
-    StabilityMeter,
-    WholeRunMeter,
-    of_impact,
-)
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -36,12 +25,12 @@ class Figures:
 
     impacts: list[Impact]
     noise: list[ImpactNoise]
-    first_impact: SpanFigures | None
-    whole_run: SpanFigures | None
+    first_impact: meters.SpanFigures | None
+    whole_run: meters.SpanFigures | None
     last_contact_ended: bool
-    stability: Stability
-    demand: Demand | None
-    push: Push | None
+    stability: meters.Stability
+    demand: meters.Demand | None
+    push: meters.Push | None
     neglected: Neglected
 
 
@@ -74,9 +63,9 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     """Figures of a run from rows of truth, at once or in blocks."""
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
     spec = setup.plant
-    stable, asked = StabilityMeter(setup), DemandMeter(spec)
-    extremes, push = ExtremesMeter(spec), PushMeter(setup)
-    whole = WholeRunMeter(spec) if SCHEMES[setup.scheme].conserves else None
+    stable, asked = meters.StabilityMeter(setup), meters.DemandMeter(spec)
+    extremes, push = meters.ExtremesMeter(spec), meters.PushMeter(setup)
+    whole = meters.WholeRunMeter(spec) if SCHEMES[setup.scheme].conserves else None
     for meter in (stable, asked, extremes, push, whole):
         blocks = meter.through(blocks) if meter else blocks
     impacts: list[Impact] = []
@@ -84,7 +73,7 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     first, ended = None, True
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
         for found in impacts_of_blocks(setup, blocks):
-            first = first or of_impact(found)
+            first = first or meters.of_impact(found)
             impacts.append(found.impact)
             noise.append(found.noise)
             ended = found.ended

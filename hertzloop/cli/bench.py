@@ -5,15 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    SceneArgument,
-    SetOption,
-    check_json,
-    compile_first,
-    scene_from,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import out, progress
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.views.format import Table
@@ -26,18 +18,18 @@ _CALLED = {
 
 
 def bench(
-    scene: SceneArgument = DEFAULT,
-    settings: SetOption = None,
+    scene: options.SceneArgument = DEFAULT,
+    settings: options.SetOption = None,
     quick: Annotated[bool, typer.Option("--quick", help="Measure fewer rounds and cases.")] = False,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Measure how fast this computer runs a scene.
 
     It times the loop in each transport, and the cases of a small sweep on one core.
     """
-    check_json(json_file)
-    resolved = scene_from(scene, settings, None)
-    compile_first(resolved)
+    options.check_json(json_file)
+    resolved = options.scene_from(scene, settings, None)
+    options.compile_first(resolved)
 
     from hertzloop.processes import fork_server
     from hertzloop.studies import bench as bench_study
@@ -68,4 +60,4 @@ def bench(
         f"{found.sweep.per_s:z.0f} cases of a latency sweep in a second.",
         soft_wrap=True,
     )
-    write_json(json_file, asdict(found))
+    options.write_json(json_file, asdict(found))

@@ -8,18 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from hertzloop.cli.options import (
-    OverwriteOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    check_output,
-    check_reachable,
-    check_writable,
-    files_of,
-    make_folder,
-    scene_from,
-)
+from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
@@ -40,7 +29,7 @@ def export(
     to_ms: Annotated[
         float | None, typer.Option("--to", min=0.0, help="Stop at this simulated time, ms.")
     ] = None,
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
 
@@ -59,7 +48,7 @@ def export(
         need("h5py")
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.", 2)
-    check_output(out_file, overwrite, read=[file])
+    options.check_output(out_file, overwrite, read=[file])
     recording = read_or_fail(file)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)
@@ -80,7 +69,7 @@ CpuOption = Annotated[
 
 
 def export_plant(
-    scene: SceneArgument,
+    scene: options.SceneArgument,
     out_file: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="F", help="Write this .fmu or .so file."),
@@ -95,9 +84,9 @@ def export_plant(
     ] = None,
     cpu: CpuOption = "x86-64-v3",
     fmi: Annotated[Literal["2", "3"], typer.Option(help="Use this version of FMI for .fmu.")] = "3",
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    overwrite: OverwriteOption = False,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write the plant for other programs: an FMU or a C library.
 
@@ -112,10 +101,12 @@ def export_plant(
     assert out_path is not None
     if not folder and out_path.suffix not in (".fmu", ".so"):
         fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir", 2)
-    check_reachable(out_path)
-    resolved = scene_from(scene, settings, seed)
+    options.check_reachable(out_path)
+    resolved = options.scene_from(scene, settings, seed)
     if not folder:
-        check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
+        options.check_output(
+            out_path, overwrite, read=options.files_of(resolved, scene, *(settings or []))
+        )
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(
             f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite.",
@@ -130,9 +121,9 @@ def export_plant(
     if not is_compiled(outline(made.unit), cpu):
         err.print(f"Compiling the kernels for {cpu}: once, about half a minute.")
     if folder:
-        make_folder(out_path)
+        options.make_folder(out_path)
     else:
-        check_writable(out_path.parent)
+        options.check_writable(out_path.parent)
     if folder:
         library.write_folder(made, cpu, out_path)
     elif out_path.suffix == ".fmu":

@@ -6,12 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    check_json,
-    make_folder,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.scenes.errors import SceneError
@@ -47,7 +42,7 @@ def listen(
     energy: Annotated[
         bool, typer.Option("--energy", help="Compute the sound energy through a half sphere.")
     ] = False,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Write the sound of a run, with and without control, as WAV.
 
@@ -60,17 +55,17 @@ def listen(
 
     if not at[2] > 0.0:
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.", 2)
-    check_json(json_file)
+    options.check_json(json_file)
     recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)
-    make_folder(folder)
+    options.make_folder(folder)
     try:
         data = heard_of(recording, scene_of(recording), folder, at, slow, tail, energy)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     _show(data)
-    write_json(json_file, data)
+    options.write_json(json_file, data)
 
 
 def _show(data: dict[str, Any]) -> None:

@@ -6,15 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    SceneArgument,
-    SetOption,
-    check_json,
-    make_folder,
-    scene_from,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import out
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -22,11 +14,11 @@ from hertzloop.scenes.scene import DEFAULT
 
 
 def margin(
-    scene: SceneArgument = DEFAULT,
+    scene: options.SceneArgument = DEFAULT,
     law: Annotated[
         str | None, typer.Option("--law", help="Use this law instead of the scene's.")
     ] = None,
-    settings: SetOption = None,
+    settings: options.SetOption = None,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -34,7 +26,7 @@ def margin(
             help="Folder for margin.png, margin.json, and the plant as plant.npz.",
         ),
     ] = None,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:  # fmt: skip
     """Tell how stable a linear law's loop is in flight.
 
@@ -47,14 +39,14 @@ def margin(
     from hertzloop.studies.margin.margin import margin_of
     from hertzloop.studies.margin.shown import contact_lines, fact_lines, margin_lines
 
-    check_json(json_file)
+    options.check_json(json_file)
     if folder is not None:
         need("matplotlib")
-        make_folder(folder)
+        options.make_folder(folder)
     changes = list(settings or [])
     if law is not None:
         changes.insert(0, f"controller.law={law}")
-    setup = scene_from(scene, changes, None)
+    setup = options.scene_from(scene, changes, None)
     contact = facts = None
     found = margin_of(setup)
     if not found.applicable and setup.has_law and SCHEMES[setup.scheme].has_linear_model:
@@ -77,11 +69,11 @@ def margin(
         mode = binding_mode(setup, at_hz)
         data["binding_mode"] = None if mode is None else asdict(mode)
         out.print(mode_line(mode, at_hz), soft_wrap=True)
-    write_json(json_file, data)
+    options.write_json(json_file, data)
     if folder is None:
         return
     if not found.applicable:
-        write_json(folder / "margin.json", data)
+        options.write_json(folder / "margin.json", data)
         return
     from hertzloop.studies import pictures
     from hertzloop.studies.margin.picture import draw
@@ -89,6 +81,6 @@ def margin(
 
     pictures.save(draw(setup, found), folder / "margin.png")
     LinearSystem.of(setup).save(folder / "plant.npz")
-    write_json(folder / "margin.json", data)
+    options.write_json(folder / "margin.json", data)
     for name in ("margin.png", "margin.json", "plant.npz"):
         out.print(f"written: {folder / name}", soft_wrap=True)
