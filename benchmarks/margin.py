@@ -35,7 +35,7 @@ from hertzloop.setup import load, parts
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import Loop, loop_of, loops_of, margin_of
+from hertzloop.studies.margin.margin import Loop, growth_of, loop_of, loops_of, margin_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.words import write_records
 
@@ -47,6 +47,9 @@ _ON_CIRCLE = 1e-13
 _BASES = ("aluminium-3mm", "aluminium-20mm", "offcentre-6mm", "oak-20mm")
 # A fast sphere flies for long enough to show a slow growth, and the loop in flight is the same.
 _FLIGHT = {"run.lead_in_s": 1.0, "run.duration_s": 1.01, "sphere.drop_height_m": 20.0}
+_BESIDE = ("controller.law=velocity_feedback", "sensors.quantity=v_p", "run.accuracy=0.05",
+           "run.step_ns=5000")  # fmt: skip
+_BEATS_PER_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -272,6 +275,43 @@ def critical_latencies(seed: int, wanted: int) -> Iterator[Check]:
             yield compared("critical latency", f"{case}, here latency {latency} steps", late)
 
 
+def beside_the_contact(seed: int, wanted: int) -> Iterator[Check]:
+    """Yield growths at the latency limit of random loops that are not collocated, and beyond it, as
+    near to it as a second of simulation tells."""
+    rng, found = np.random.default_rng(seed), 0
+
+    def checked(setup: Setup, case: str, steps: int, per_s: float) -> Check:
+        late = setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s})
+        grows = simulated_growth_per_s(late, per_s)
+        # Right at the limit modes beat.
+        agrees = grows > 0.5 * per_s if per_s else grows < _BEATS_PER_S
+        why = "" if agrees else "does not grow" if per_s else "grows"
+        return Check("beside the contact", f"{case}, latency {steps} steps", per_s, grows, agrees,
+                     why)  # fmt: skip
+
+    while found < wanted:
+        points = [[float(x) for x in rng.uniform(0.06, 0.44, 2)] for _ in range(3)]
+        case = [
+            f"plate.contact_point_m={points[0]}", f"sensors.point_m={points[1]}",
+            f"controller.kappa={float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.8))}",
+            *([f"plate.actuator_point_m={points[2]}"] if rng.random() < 0.5 else []),
+            *(["sensors.mass_kg=0.02"] if rng.random() < 0.3 else []),
+        ]  # fmt: skip
+        setup = load("oak-20mm", [*case, *_BESIDE]).vary(_FLIGHT)
+        limit = margin_of(setup).latency_limit_steps
+        if limit is None or not 10 <= limit <= 2000:
+            continue
+        yield checked(setup, " ".join(case), limit, 0.0)
+        for away in range(9):
+            steps = limit + 1 + (1 << away >> 1)
+            growth = growth_of(setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s}))
+            if growth is None or growth.per_s is None or growth.per_s < 4.0:
+                continue
+            found += 1
+            yield checked(setup, " ".join(case), steps, growth.per_s)
+            break
+
+
 def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
     """Yield predicted growth and that of runs with impacts, and whether the run calls the loop
     unstable; all runs hold at least 11 e-folds."""
@@ -369,6 +409,7 @@ def run(folder: Path, seed: int, quick: bool) -> list[Check]:
         ("dense eigenvalues", len(sizes), lambda n: dense(seed, sizes[:n])),
         ("growth in flight", 3 if quick else 50, lambda n: growth_in_flight(seed, n)),
         ("critical latencies", 2 if quick else 40, lambda n: critical_latencies(seed, n // 2)),
+        ("beside the contact", 2 if quick else 40, lambda n: beside_the_contact(seed, n // 2)),
         ("impacts", 1 if quick else 30, lambda n: with_impacts(seed, n)),
         ("own laws", 4 if quick else 20, lambda n: own_laws(LAWS[:: 20 // n])),
     )
@@ -396,7 +437,7 @@ def draw(path: Path, checks: Sequence[Check]) -> Path:
     from hertzloop.studies import pictures
 
     figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
-    for i, kind in enumerate(("growth", "critical latency", "impacts")):
+    for i, kind in enumerate(("growth", "critical latency", "beside the contact", "impacts")):
         some = [c for c in checks if c.kind == kind and math.isfinite(c.found)]
         look = pictures.look(i, marked=True) | {"linestyle": ""}
         axes.plot([c.predicted for c in some], [c.found for c in some], label=kind, **look)

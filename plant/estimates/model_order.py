@@ -43,9 +43,9 @@ _ROUNDED = 4.0 / 3.0
 _DAMPER_FACTOR = 2.5
 
 # Modes of a file that end far below an impact, with an infinite plate in the place of the rest:
-# peak force and plate energy, and the rebound speed relative to the impact speed, erred by 0.03 to
-# 0.97 times 0.15 min(1, m/(Z T))^0.3, in 46 random scenes with 2 to 57 modes.
-_FEW, _FEW_EXPONENT = 0.15, 0.3
+# peak force and plate energy, relative, and the rebound speed over the impact speed are within it
+# on 99 % of random plates: `python -m benchmarks.few_modes`.
+_FEW = 0.15
 
 # Share of the energy of a pulse sin(pi t/T)^1.5, on a plate of constant mobility, above the
 # frequency x/T: pairs (x, share); beyond the last as x^-4.
@@ -214,18 +214,14 @@ def expected_error(
         min(1.0, _ENERGY_FACTOR * energy_beyond(periods)),
     )
     if plate.mode_table is not None:
-        found = min(found, few_modes_error(sphere, plate, contact) if damped else 1.0)
+        found = min(found, few_modes_error(plate) if damped else 1.0)
     return found if damped else found + damper_error(sphere, plate, contact, frequency_limit_hz)
 
 
-def few_modes_error(sphere: Sphere, plate: Structure, contact: Contact) -> float:
+def few_modes_error(plate: Structure) -> float:
     """Estimated error of a first impact, relative, with an infinite plate in the place of all modes
     above any limit; 1 where there is no such plate. Its length may differ by more."""
-    if plate.local_plate is None:
-        return 1.0
-    damping = plate.local_plate.infinite_plate_impedance_n_s_m
-    ratio = sphere.mass_kg / (damping * rigid_impact(sphere, contact).contact_s)
-    return _FEW * min(1.0, ratio) ** _FEW_EXPONENT
+    return 1.0 if plate.local_plate is None else _FEW
 
 
 def beyond_m_n(plate: Structure) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
-from benchmarks.margin import simulated_growth_per_s
+from benchmarks.margin import beside_the_contact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
@@ -19,7 +19,6 @@ from hertzloop.setup import Setup, load, parts
 from hertzloop.studies.fit.fit import _placed
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.records import Measured, Record, RecordError
-from hertzloop.studies.margin.margin import growth_of, margin_of
 
 AT, BESIDE, THIRD = "[0.21,0.13]", "[0.31,0.22]", "[0.12,0.31]"
 FLIGHT = ["run.lead_in_s=0.01", "controller.law=off", "sensors.quantity=v_p"]
@@ -271,42 +270,10 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
 
 @pytest.mark.full
 def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> None:
-    """Twenty random loops: at the latency limit they do not grow, beyond it they do, as near to it
-    as a second of simulation tells."""
-
-    def late(setup: Setup, steps: int) -> Setup:
-        return setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s})
-
-    rng, found = np.random.default_rng(8), 0
-    wrong, distances = [], []
-    while found < 20:
-        points = [[float(x) for x in rng.uniform(0.06, 0.44, 2)] for _ in range(3)]
-        setup = load("oak-20mm", [
-            "controller.law=velocity_feedback", "sensors.quantity=v_p", "run.lead_in_s=1.0",
-            "run.duration_s=1.01", "sphere.drop_height_m=20", f"plate.contact_point_m={points[0]}",
-            f"sensors.point_m={points[1]}", "run.accuracy=0.05", "run.step_ns=5000",
-            f"controller.kappa={float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.8))}",
-            *([f"plate.actuator_point_m={points[2]}"] if rng.random() < 0.5 else []),
-            *(["sensors.mass_kg=0.02"] if rng.random() < 0.3 else []),
-        ])  # fmt: skip
-        limit = margin_of(setup).latency_limit_steps
-        if limit is None or not 10 <= limit <= 2000:
-            continue
-        decay = simulated_growth_per_s(late(setup, limit), 0.0)
-        if not decay < 0.1:  # right at the limit modes beat
-            wrong.append((points, limit, decay))
-        for away in (0, 1, 2, 4, 8, 16, 32, 64, 128, 256):
-            beyond = late(setup, limit + 1 + away)
-            growth = growth_of(beyond)
-            if growth is None or growth.per_s is None or growth.per_s < 4.0:
-                continue
-            found += 1
-            distances.append((1 + away) / limit)
-            if not simulated_growth_per_s(beyond, growth.per_s) > 0.5 * growth.per_s:
-                wrong.append((points, limit + 1 + away, growth.per_s))
-            break
-    print(f"median distance of the growing loop, of the limit: {np.median(distances):.2g}")
-    assert wrong == []
+    """Random loops: at the latency limit they do not grow, beyond it they do."""
+    checks = list(beside_the_contact(8, 5))
+    assert len(checks) >= 10
+    assert [one for one in checks if not one.agrees] == []
 
 
 @pytest.mark.parametrize(("settings", "words"), [

@@ -24,6 +24,7 @@ from hertzloop.studies.modal.universal import ModalDataError, Points
 Tell = Callable[[str, int, float], None]
 _NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a drive point
 _SMALL = 0.05  # error that is good enough without them
+_LAST_LINES = 30_000  # of the last fit, whose accuracy goes with the root of their number
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,7 @@ def modes_of_responses(
     modes = identified(observed, error, fitted.start(), tell=partial(tell, name))
     observed = lines.observed()
     modes = thinned(observed, refined(observed, modes.omega_rad_s, modes.loss_factor))
+    observed = responses.thinned(_LAST_LINES).observed()
     modes = refined(observed, modes.omega_rad_s, modes.loss_factor, gain=1e-6)
     inside = modes.omega_rad_s <= 2.0 * np.pi * responses.hz[-1]
     kept = FittedModes(

@@ -94,9 +94,9 @@ class FrequencyResponses:
         by = s**self.order
         return start_poles(s, self.values / by, np.abs(by) * self.weights, count)
 
-    def thinned(self) -> "FrequencyResponses":
-        """The same at fewer lines: evenly over the band, and all around the peaks."""
-        step = -(-len(self.hz) // _LINES)
+    def thinned(self, most: int = _LINES) -> "FrequencyResponses":
+        """The same at `most` lines, evenly over the band, and all around the peaks."""
+        step = -(-len(self.hz) // most)
         kept = np.zeros(len(self.hz), bool)
         kept[::step] = True
         for pair in zip(self.values, self.weights, strict=True) if step > 1 else ():
