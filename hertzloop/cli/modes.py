@@ -260,12 +260,10 @@ def _of_responses(
 
 
 def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> "MeasuredModes":
-    from hertzloop.studies.fit.records import read_record
-    from hertzloop.studies.modal.hits import hits_of_records
+    from hertzloop.studies.modal.hits import read_hits
     from hertzloop.studies.modal.modes import modes_of_hits
 
-    hits = hits_of_records([read_record(path) for path in paths])
-    predicted = hits_of_records([read_record(path) for path in held]) if held else []
+    hits, predicted = read_hits(paths), read_hits(held) if held else []
     with _progress() as tell:
         return modes_of_hits(hits, predicted, at_contact, tell)
 

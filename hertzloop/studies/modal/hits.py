@@ -1,12 +1,15 @@
 """Hits of a hammer, measured as records of force and response, as observed responses."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from hertzloop.studies.fit.records import FILTERS, Record
+from hertzloop.studies.fit.records import FILTERS, Record, RecordError, clipped, read_record
 from hertzloop.studies.modal.identify import FLEXIBILITY_M_N, MeasuredRows
 from hertzloop.studies.modal.universal import ModalDataError
 
@@ -16,6 +19,9 @@ JUDGED_S = 0.04  # after the hit, over which errors are told
 _LONGEST_S = 0.1  # after the hit, that is fitted
 _FEWEST = 8  # samples before the hit
 _RISE = 0.02  # of the peak, at which a hit begins
+_MOST_RISE, _OVER_NOISE = 0.5, 5.0  # the same at most; standard deviations of noise
+_ANOTHER, _BEFORE_S = 0.3, 0.01  # of the highest peak: another hit; what belongs to it before it
+_NOISY = 1e-3  # of the square of a force, of noise
 _BAND = 0.45  # of the rate, up to which a converter passes
 _LEAST_WIDTH = 0.02  # of what a record resolves, for the bandwidth of a mode
 _LOWEST_PERIODS = 0.5  # of the lowest mode within a record
@@ -40,9 +46,35 @@ class Hit:
         return slice(self.first, self.first + math.ceil(JUDGED_S / self.interval_s))
 
 
+def read_hits(paths: Sequence[Path]) -> list[Hit]:
+    """Return the hits of files that hold a force, a response, or both side by side.
+
+    Raises:
+        ModalDataError, RecordError: a file is no record, or the records do not belong together.
+    """
+    return hits_of_records([one for path in paths for one in _records_of(path)])
+
+
+def _records_of(path: Path) -> Iterator[Record]:
+    """The record of a file, and another one beside it."""
+    first = read_record(path)
+    yield first
+    for quantity in ORDERS if first.quantity in _FORCES else _FORCES:
+        with suppress(RecordError):
+            other = read_record(path, {"quantity": quantity})
+            if _column(other) != _column(first):
+                yield other
+                return
+
+
+def _column(record: Record) -> str:
+    """Where its values are in the file."""
+    return record.source.partition(f"; {record.quantity}: ")[2].partition(" in ")[0]
+
+
 def hits_of_records(records: Sequence[Record]) -> list[Hit]:
-    """Return the hits of records: the first record of a force and the first one of a response are
-    one hit, and so on.
+    """Return the hits of records: the first record of a force belongs to the first one of a
+    response, and so on. A record may hold several hits, at least 0.1 s apart.
 
     Raises:
         ModalDataError: records do not belong together, or a hit does not begin at rest.
@@ -60,7 +92,8 @@ def hits_of_records(records: Sequence[Record]) -> list[Hit]:
             f"--from: {len(forces)} records of a force and {len(responses)} of a response. Give "
             "one of each for every hit, in the same order."
         )
-    hits = [_hit(*pair) for pair in zip(forces, responses, strict=True)]
+    pairs = zip(forces, responses, strict=True)
+    hits = [_hit(*part) for pair in pairs for part in _apart(*pair)]
     for hit in hits:
         if hit.order != hits[0].order or abs(hit.interval_s / hits[0].interval_s - 1.0) > 1e-6:
             raise ModalDataError(
@@ -68,6 +101,27 @@ def hits_of_records(records: Sequence[Record]) -> list[Hit]:
                 "measurement."
             )
     return hits
+
+
+def _apart(force: Record, response: Record) -> Iterator[tuple[Record, Record]]:
+    """Records of one hit each."""
+    away = np.abs(force.value - np.median(force.value))
+    above = np.flatnonzero(away > _ANOTHER * np.max(away))
+    starts = above[1:][np.diff(above) * force.interval_s > _LONGEST_S]
+    begins = [0, *(starts - math.ceil(_BEFORE_S / force.interval_s))]
+    if not len(starts):
+        yield force, response
+        return
+    for i, (begin, end) in enumerate(pairwise([*begins, None]), 1):
+        # All parts of a record have its rate.
+        first, second = (
+            replace(
+                one, name=f"{one.name} (hit {i})", value=one.value[begin:end],
+                time_s=one.time_s[begin] + one.interval_s * np.arange(len(one.value[begin:end])),
+            )
+            for one in (force, response)
+        )  # fmt: skip
+        yield first, second
 
 
 def _hit(force: Record, response: Record) -> Hit:
@@ -88,16 +142,36 @@ def _hit(force: Record, response: Record) -> Hit:
             f"{name}: their tables name different filters, which would count as the structure. "
             "Give records of equal filters."
         )
+    for one in (force, response):
+        cut = int(np.count_nonzero(clipped(one)))
+        if cut:
+            raise ModalDataError(
+                f"{one.name}: {cut} samples are clipped at the end of the range. Measure with a "
+                "larger range, or hit less hard."
+            )
     f, y = force.value[:count], response.value[:count]
-    first = int(np.argmax(np.abs(f) > _RISE * np.max(np.abs(f))))
+    away, tail = np.abs(f - np.median(f[:_FEWEST])), f[-(-count // 4) :]
+    noise = 1.4826 * float(np.median(np.abs(tail - np.median(tail))))  # of a normal one
+    begins = np.clip(_OVER_NOISE * noise / np.max(away), _RISE, _MOST_RISE)
+    # A converter's filter may ring before the hit.
+    top = int(np.argmax(away > max(begins, _ANOTHER) * np.max(away)))
+    still = np.flatnonzero(away[:top] <= begins * np.max(away))
+    first = int(still[-1]) + 1 if len(still) else 0
     if first < _FEWEST:
         raise ModalDataError(
             f"{force.name}: has {first} samples before the hit. Give at least {_FEWEST}, at rest."
         )
     last = min(count, first + math.ceil(_LONGEST_S / dt))
     f, y = f[:last] - np.mean(f[: first - 1]), y[:last] - np.mean(y[: first - 1])
+    if len(f) * noise**2 > _NOISY * np.sum(f**2):  # it would drive the modes
+        f[np.flatnonzero(np.abs(f) > _OVER_NOISE * noise)[-1] + 1 :] = 0.0
     # A contact force is positive in contact and pushes the structure down; motion up is positive.
     sign = -1.0 if force.quantity == "contact_force" else 1.0
+    if force.quantity == "contact_force" and f[np.argmax(np.abs(f))] < 0.0:
+        raise ModalDataError(
+            f"{force.name}: its peak is negative, and a contact pushes only. Turn its sign: give "
+            "the record a negative sensitivity."
+        )
     return Hit(name, f, sign * y, dt, first, ORDERS[response.quantity])
 
 

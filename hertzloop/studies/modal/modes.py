@@ -23,6 +23,7 @@ from hertzloop.studies.modal.universal import ModalDataError, Points
 
 Tell = Callable[[str, int, float], None]
 _NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a drive point
+_POOR = 0.1  # error of held-out hits, above which something is wrong
 _SMALL = 0.05  # error that is good enough without them
 _LAST_LINES = 30_000  # of the last fit, whose accuracy goes with the root of their number
 
@@ -95,6 +96,13 @@ def modes_of_hits(
     if len(hits) == 1 and not held:
         notes.append("One hit checks nothing: the error is that of the fit. Measure two or more.")
         found = [replace(one, name=f"{one.name} (fitted)") for one in found]
+    worst = max(one.rms for one in found)
+    if worst > _POOR:
+        notes.append(
+            f"The error of {100 * worst:.0f} % is large: the hits do not follow from each other. "
+            "Check that forces and responses are of the same hits in the same order, that no range "
+            "was exceeded, that the structure was at rest before each hit, and the noise."
+        )
     by_force, shapes = _shapes(modes.residues, 0 if at_contact else None)
     if at_contact:
         residual = max(0.0, float(modes.rest[0, 0]) * FLEXIBILITY_M_N)
@@ -123,7 +131,8 @@ def _check_passive(
         raise ModalDataError(
             f"--sensor: is missing. Taken as measured at the contact point, the response is "
             f"modelled to {100 * passive:.0f} % only, else to {100 * free:.0f} %: its modes differ "
-            "in sign there. Give --sensor NAME, the point of the response."
+            "in sign there. Give --sensor NAME, the point of the response, or turn the sign of the "
+            "response if its sensor looks down."
         )
 
 

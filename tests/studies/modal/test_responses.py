@@ -1,5 +1,7 @@
 """Modes from frequency responses and from hits: accuracy, held-out data, and what is refused."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from hertzloop.plant.structures.mode_file import ModeTable, read_modes
 from hertzloop.setup import load
 from hertzloop.studies.fit.records import Measured, Record, read_record
 from hertzloop.studies.modal import universal as uff
-from hertzloop.studies.modal.hits import hits_of_records, observed_hits
+from hertzloop.studies.modal.hits import hits_of_records, observed_hits, read_hits
 from hertzloop.studies.modal.identify import identified
 from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
 from hertzloop.studies.modal.picture import draw
@@ -222,10 +224,54 @@ def test_hits_that_are_refused() -> None:
          "has . samples before the hit. Give at least 8"),
         ([force, motion, other, speed], "has another quantity or rate"),
         ([force, passed], "name different filters"),
+        ([replace(force, value=-force.value), motion], "its peak is negative"),
+        ([replace(force, value=np.minimum(force.value, 30.0)), motion], r"f0: \d+ samples are cl"),
         ([force, gap], "is neither a force nor a motion"),
     ]:  # fmt: skip
         with pytest.raises(uff.ModalDataError, match=sentence):
             hits_of_records(some)
+
+
+def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path: Path) -> None:
+    force, motion, other, last = records(CONTACT, hits=2)
+    expected = hits_of_records([force, motion, other, last])
+    columns = [force.time_s, motion.value, force.value]
+    text = "time_s,acceleration_m_s2,contact_force_n"
+    np.savetxt(tmp_path / "hit.csv", np.transpose(columns), delimiter=",", header=text, comments="")
+    [found] = read_hits([tmp_path / "hit.csv"])
+    assert np.allclose(found.force_n, expected[0].force_n, rtol=1e-12, atol=1e-12)
+    assert np.allclose(found.response, expected[0].response, rtol=1e-12, atol=1e-9)
+    still = np.zeros(4000)
+    in_a_row = [
+        Record(name, np.arange(9600) / 12800, np.concatenate([one, still, two, still]), quantity)
+        for name, one, two, quantity in (("f", force.value, other.value, "contact_force"),
+                                         ("a", motion.value, last.value, "acceleration"))
+    ]  # fmt: skip
+    found, second = hits_of_records(in_a_row)
+    assert (found.name, second.name) == ("f (hit 1), a (hit 1)", "f (hit 2), a (hit 2)")
+    assert second.first == 128  # 10 ms
+    end = slice(second.first, second.first + 600)
+    there = slice(expected[1].first, expected[1].first + 600)
+    assert np.allclose(second.force_n[end], expected[1].force_n[there], atol=0.2)
+
+
+def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
+    force, motion = records(CONTACT, hits=1)
+    [plain] = hits_of_records([force, motion])
+    [moved] = hits_of_records([replace(force, value=force.value + 9.0), motion])
+    assert np.allclose(moved.force_n, plain.force_n, atol=1e-12)
+    noisy = force.value + 1.5 * np.random.default_rng(3).standard_normal(len(force.value))
+    [hit] = hits_of_records([replace(force, value=noisy), motion])
+    assert abs(hit.first - plain.first) <= 2
+    assert not np.any(hit.force_n[plain.first + 20 :])  # noise is not taken as force
+    assert np.any(plain.force_n[plain.first + 20 :])
+
+
+def test_hits_of_other_responses_are_told() -> None:
+    force, motion, other, last = records(CONTACT, hits=2)
+    swapped = hits_of_records([force, last, other, motion])
+    found = modes_of_hits(swapped, [], False, silent)
+    assert re.search(r"error of \d\d % is large: .* same hits in the same order", found.notes[0])
 
 
 def test_a_response_from_rest_is_exact() -> None:
