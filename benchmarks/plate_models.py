@@ -20,10 +20,13 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.impacts import consistent_impacts
-from hertzloop.analysis.model import thin_plate_error
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.estimates.plate_theory import thickness_number, zener_inelasticity
+from hertzloop.plant.estimates.plate_theory import (
+    expected_kirchhoff_error,
+    thickness_number,
+    zener_inelasticity,
+)
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
@@ -249,7 +252,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
                 thickness_number(plate, solid.impact.duration_s),
                 zener_inelasticity(spec.sphere, plate, spec.contact),
                 *changes(solid.impact, thin.impact),
-                thin_plate_error(thin_scene.bodies).largest,
+                expected_kirchhoff_error(spec.sphere, plate, spec.contact).largest,
                 thin.frequencies,
                 solid.frequencies,
                 step_us,

@@ -82,6 +82,7 @@ class Facts:
 
     def __init__(self, setup: Setup, run: Extremes, end_s: float | None = None) -> None:
         self.setup, self.run, self.spec = setup, run, setup.plant
+        lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
         self.standing = _standing(self.spec, setup.bodies)
         self.local = self.standing.local
         self.end_s = setup.duration_s if end_s is None else end_s
@@ -89,24 +90,26 @@ class Facts:
         self.touched = run.force_n > 0.0 and run.contact_s > 0.0
         if not self.touched:  # without a contact nothing is left out of it
             return
-        contact, radius_m = self.spec.contact, self.spec.sphere.radius_m
+        contact, sphere, radius_m = self.spec.contact, self.spec.sphere, self.spec.sphere.radius_m
         # Radius, m, and mean pressure, Pa, at the largest force by Hertz.
         self.radius_m = criteria.contact_radius_m(run.force_n, radius_m, contact.stiffness)
         self.pressure_pa = criteria.mean_pressure_pa(run.force_n, self.radius_m)
         # From a sample to the force that it causes.
         line_s = setup.step_s + 1e-6 * setup.latency_us
         self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
-        if self.local is not None:
-            self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
-                self.local,
-                contact.stiffness,
-                _short(run.contact_s),
-                _short(run.force_n),
-                contact.exponent,
+        self.sphere_periods = criteria.sphere_periods(sphere, run.contact_s)  # nan if it is no ball
+        self.first_return_s = math.nan  # of bending waves from an edge, s
+        if self.local is None:
+            return
+        self.thickness_periods = criteria.thickness_periods(self.local, run.contact_s)
+        if setup.size_m is not None and self.spec.plate.mode_table is None:
+            self.first_return_s = criteria.first_return_s(
+                self.local, setup.size_m, self.spec.contact_point_m, run.contact_s
             )
-            self.mass_that_matters_kg = criteria.mass_that_matters_kg(
-                self.spec.sphere, self.local, run.contact_s
-            )
+        self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
+            self.local, contact.stiffness, lasts_s, peak_n, contact.exponent
+        )
+        self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)
 
     @property
     def beyond_m_n(self) -> float:
@@ -208,14 +211,6 @@ def _yields(f: Facts, x: float) -> str:
     if f.pressure_pa > strength.pressure_pa:
         words += f" and is full at a mean of {pressure(strength.pressure_pa)}"
     return f"{words}; contact.plasticity = 'thornton' models it"
-
-
-def _first_return_s(f: Facts) -> float:
-    """When bending waves are back from an edge, s."""
-    size = f.setup.size_m
-    if f.local is None or size is None or f.spec.plate.mode_table is not None:
-        return math.nan
-    return criteria.first_return_s(f.local, size, f.spec.contact_point_m, f.run.contact_s)
 
 
 def _reflections(f: Facts) -> str:
@@ -377,7 +372,7 @@ ROWS = (
     ),
     EffectRow(
         "vibration of the sphere", "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
-        lambda f: _of_ball(f, criteria.sphere_periods(f.spec.sphere, f.run.contact_s)),
+        lambda f: _of_ball(f, f.sphere_periods),
         lambda f, x: (
             f"the contact lasts {x:.2g} periods of the sphere's lowest vibration, which a rigid "
             "mass behind Hertz's spring does not have"
@@ -386,7 +381,7 @@ ROWS = (
     ),
     EffectRow(
         "thickness resonance", "T c_T/(2 h)", 3.0, 1.0,
-        lambda f: criteria.thickness_periods(f.spec.local_plate, f.run.contact_s),
+        lambda f: f.thickness_periods,
         lambda f, x: (
             f"the plate is too thick for thin-plate theory: the contact lasts {x:.2g} periods of "
             "the first resonance through the thickness"
@@ -396,9 +391,9 @@ ROWS = (
     ),
     EffectRow(
         "reflections", "time after the touch / first return", 1.0, 10.0,
-        lambda f: f.after_touch_s / _first_return_s(f),
+        lambda f: f.after_touch_s / f.first_return_s,
         lambda f, x: (
-            f"bending waves are back from the edge after {1e6 * _first_return_s(f):.3g} us, the "
+            f"bending waves are back from the edge after {1e6 * f.first_return_s:.3g} us, the "
             f"run goes on for {1e6 * f.after_touch_s:.3g} us, and an infinite plate has no edge"
         ),
         "run lasts {x:.2g} times the wave return time", "run.plate_model", _reflections,

@@ -10,14 +10,14 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import Books
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
-from hertzloop.plant.plant import Balance, Plant, PlantSpec
+from hertzloop.plant.plant import Balance, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, model_error
-from hertzloop.setup.stages import NEAREST, Bodies, wavelengths_to_edge
+from hertzloop.setup.stages import NEAREST, wavelengths_to_edge
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
@@ -133,32 +133,30 @@ def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
     if found <= _TIMED:
         whole = replace(spec, frequency_limit_hz=limit_hz, infinite_plate=False)
         chosen = built(spec, setup.scheme)
-        measured = _ratio(built(whole, setup.scheme), chosen)
+        # Time of a step under an actuator force, the one's against the other's: least of some
+        # rounds in which they take turns. (In flight a damped plate's modes fall silent and cost
+        # nothing.)
+        plants = [built(whole, setup.scheme).at_start(), chosen.at_start()]
+        for plant in plants:
+            plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] += _LIFT_M
+        least, force = [math.inf, math.inf], np.ones(_STEPS)
+        for _ in range(_ROUNDS):
+            for i, plant in enumerate(plants):
+                started = time.perf_counter()
+                series_under(plant, force)
+                least[i] = min(least[i], time.perf_counter() - started)
+        measured = least[0] / least[1]
     return FullModel(limit_hz, modes, found, ratio, measured)
-
-
-def _ratio(full: Plant, chosen: Plant) -> float:
-    """Time of a step under an actuator force, the one's against the other's: least of some rounds
-    in which they take turns. (In flight a damped plate's modes fall silent and cost nothing.)"""
-    plants = [full.at_start(), chosen.at_start()]
-    for plant in plants:
-        plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] += _LIFT_M
-    least = [math.inf, math.inf]
-    force = np.ones(_STEPS)
-    for _ in range(_ROUNDS):
-        for i, plant in enumerate(plants):
-            started = time.perf_counter()
-            series_under(plant, force)
-            least[i] = min(least[i], time.perf_counter() - started)
-    return least[0] / least[1]
 
 
 def _theory(setup: Setup) -> Theory | None:
     """None for what is not a plate made from its sizes."""
-    if setup.structure.mode_table is not None or setup.structure.local_plate is None:
+    local = setup.structure.local_plate
+    if setup.structure.mode_table is not None or local is None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
-    error, why_not = thin_plate_error(setup.bodies), setup.bodies.why_not_solid
+    error = expected_kirchhoff_error(setup.sphere, local, setup.contact)
+    why_not = setup.bodies.why_not_solid
     return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
 
 
@@ -179,11 +177,6 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
     found = setup.bodies.weaker
     by = None if given or found is None else {"body": found[0], **asdict(found[1])}
     return {"pressure_pa": limit.pressure_pa, "given": given, "by": by}
-
-
-def thin_plate_error(bodies: Bodies) -> KirchhoffError:
-    """What Kirchhoff's theory is expected to cost the first impact of a plate by its sizes."""
-    return expected_kirchhoff_error(bodies.sphere, bodies.local_plate, bodies.contact)
 
 
 def parts_of(setup: Setup, books: Books) -> PlantParts:

@@ -45,9 +45,9 @@ def quiet_steps(setup: Setup) -> int:
 
 def answer_of(setup: Setup) -> Answer:
     """An impact of the scene, before its first touch, for rows that are known."""
+    quiet = quiet_steps(setup)
     line_steps = 1 + setup.line.latency_steps + setup.line.most_added_steps
-    rest_n = rest_force_n(setup.actuator, setup.step_s)
-    return answer(quiet_steps(setup), line_steps, rest_n=rest_n)
+    return answer(quiet, line_steps, rest_n=rest_force_n(setup.actuator, setup.step_s))
 
 
 def ending_of(setup: Setup) -> Answer:
