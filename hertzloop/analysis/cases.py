@@ -12,7 +12,6 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from hertzloop.analysis.effects import EffectState, Facts, names_by_state
-from hertzloop.analysis.figure_rows import described, figure, rows_of
 from hertzloop.analysis.impacts import first_impact, impacts_of_rows
 from hertzloop.analysis.meters import (
     ExtremesMeter,
@@ -22,7 +21,10 @@ from hertzloop.analysis.meters import (
     WholeRunMeter,
     audible_modes,
     changes_db,
+    described,
+    figure,
     of_impact,
+    rows_of,
 )
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate

@@ -18,8 +18,7 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
-from hertzloop.loop.run_options import LOCK_STEP, RunOptions
-from hertzloop.options import flag_of, given_that_need, options_of
+from hertzloop.loop.run_options import LOCK_STEP, RunOptions, given_that_need, options_and_flags
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
@@ -70,11 +69,10 @@ def takes(
                 shown.append(one.replace(kind=one.KEYWORD_ONLY))
                 continue
             kind: Any = one.annotation
-            of_role = role if any(f.metadata["roles"] for f in options_of(kind)) else ""
-            found, types = list(options_of(kind, of_role)), get_type_hints(kind)
-            found = [field for field in found if field.name in only or not only]
-            made[one.name] = kind, [field.name for field in found]
-            shown += [_parameter(field, types[field.name], defaults) for field in found]
+            found, types = options_and_flags(kind, role), get_type_hints(kind)
+            found = [(field, flag) for field, flag in found if field.name in only or not only]
+            made[one.name] = kind, [field.name for field, _ in found]
+            shown += [_parameter(field, types[field.name], flag, defaults) for field, flag in found]
 
         @wraps(command)
         def called(**given: Any) -> None:
@@ -89,7 +87,9 @@ def takes(
     return decorated
 
 
-def _parameter(field: "Field[Any]", kind: Any, defaults: dict[str, Any]) -> inspect.Parameter:
+def _parameter(
+    field: "Field[Any]", kind: Any, flag: str, defaults: dict[str, Any]
+) -> inspect.Parameter:
     """An option of a command."""
     default, about = defaults.get(field.name, field.default), field.metadata
     if get_origin(kind) is Sequence:
@@ -97,7 +97,7 @@ def _parameter(field: "Field[Any]", kind: Any, defaults: dict[str, Any]) -> insp
     return inspect.Parameter(
         field.name, inspect.Parameter.KEYWORD_ONLY, default=default,
         annotation=Annotated[
-            kind, typer.Option(flag_of(field), help=about["help"], **about["typer"])
+            kind, typer.Option(flag, help=about["help"], **about["typer"])
         ],
     )  # fmt: skip
 

@@ -28,8 +28,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
-from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
-from hertzloop.options import given_that_need
+from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport, given_that_need
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import parts

@@ -30,7 +30,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
-from hertzloop.options import words_of
+from hertzloop.loop.run_options import words_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text

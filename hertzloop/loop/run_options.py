@@ -1,14 +1,81 @@
-"""How to run a scene: every option of a run, declared once."""
+"""Options that are declared once, as fields of a dataclass; among them how to run a scene.
+
+The command line takes them, and a command line can be made of them again.
+"""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import Field, dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.options import OptionError, option
+
+
+class OptionError(ValueError):
+    """An option has a value that cannot be. The message names the option."""
+
+    exit_status = 2
+
+
+def option(
+    default: Any, words: str, *, name: str = "", roles: Sequence[str] = (),
+    needs: Sequence[str] = (), **more: Any,
+) -> Any:  # fmt: skip
+    """A field of a dataclass that commands offer as an option.
+
+    Args:
+        default: The default.
+        words: The help.
+        name: In place of the field's.
+        roles: Roles of a run that take it from the launcher, and whose commands offer it.
+        needs: What it needs, in words that the checks of the dataclass know.
+        more: What Typer's `Option` takes besides: bounds, a metavar.
+    """
+    about = {"help": words, "name": name, "roles": roles, "needs": needs, "typer": more}
+    return field(default=default, metadata=about)
+
+
+def options_of(kind: Any, role: str = "") -> Iterator[Field[Any]]:
+    """Fields of a dataclass, or of an instance, that are options; of a role, if any are."""
+    found = [one for one in fields(kind) if "help" in one.metadata]
+    of_role = role and any(one.metadata["roles"] for one in found)
+    yield from (one for one in found if not of_role or role in one.metadata["roles"])
+
+
+def options_and_flags(kind: Any, role: str = "") -> list[tuple[Field[Any], str]]:
+    """The same with what each is called on the command line."""
+    return [(one, flag_of(one)) for one in options_of(kind, role)]
+
+
+def flag_of(one: Field[Any]) -> str:
+    """What an option is called on the command line; of a switch that is on by default also the
+    word that turns it off."""
+    name = one.metadata["name"] or one.name.removesuffix("_s").replace("_", "-")
+    return f"--{name}/--no-{name}" if one.default is True else f"--{name}"
+
+
+def given_that_need(options: Any, what: str) -> Iterator[str]:
+    """Names of the options that have a value and need something."""
+    for one in options_of(options):
+        if what in one.metadata["needs"] and getattr(options, one.name):
+            yield one.name
+
+
+def words_of(options: Any, role: str = "") -> list[str]:
+    """The command line of these options, of those with a value; `role`: as in `options_of`."""
+    words: list[str] = []
+    for one in options_of(options, role):
+        value, (on, _, off) = getattr(options, one.name), flag_of(one).partition("/")
+        if isinstance(value, bool):
+            words += [on] if value else [off] if off else []
+        elif isinstance(value, tuple | list):
+            words += [word for each in value for word in (on, str(each))]
+        elif value is not None:
+            words += [on, str(value)]
+    return words
+
 
 PROCESSES, LOCK_STEP = "processes", "lock-step"  # what options need: a transport, no pace
 

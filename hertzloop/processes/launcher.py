@@ -18,8 +18,7 @@ from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.loop.run_options import BusOptions, RunOptions, Transport
-from hertzloop.options import words_of
+from hertzloop.loop.run_options import BusOptions, RunOptions, Transport, words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended

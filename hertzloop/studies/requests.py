@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from hertzloop.analysis.cases import Span
-from hertzloop.options import option
+from hertzloop.loop.run_options import option
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from hertzloop.analysis.effects import (
     percent,
     time_words,
 )
-from hertzloop.analysis.figure_rows import FigureRow
 from hertzloop.analysis.figures import Figures, Ran, Saturation, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.meters import (
@@ -32,6 +31,7 @@ from hertzloop.analysis.meters import (
     SPAN_ROWS,
     Comparison,
     Demand,
+    FigureRow,
     Stability,
     change_db,
 )
