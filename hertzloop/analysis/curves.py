@@ -17,6 +17,7 @@ class Ledger:
     `sphere`: kinetic, and of height above the plate at rest; `plate`: the work of contact and
     actuator on it, with what it has dissipated of that; `contact`: what the contact stores and has
     dissipated; `fed`: the work of the actuator. sphere + plate + contact = that at the start + fed.
+    That of a hammer which a hand withdraws is the one with which it left the plate.
     """
 
     sphere: np.ndarray
@@ -32,6 +33,7 @@ def ledgers(setup: Setup, blocks: Iterable[Block]) -> Iterator[tuple[int, np.nda
     mass, place = spec.sphere.mass_kg, XI_P if spec.same_point else XI_A
     fed_j = pushed_j = start_j = 0.0
     last: np.ndarray | None = None
+    touched, left_j = False, None
     for first, rows in blocks:
         joined = rows if last is None else np.concatenate([last, rows], axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
@@ -43,6 +45,13 @@ def ledgers(setup: Setup, blocks: Iterable[Block]) -> Iterator[tuple[int, np.nda
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])
             new = slice(-rows.shape[1], None)
             fed, plate, sphere = fed[new], (fed - pushed)[new], sphere[new]
+            if spec.sphere.hand is not None:
+                apart = rows[XI] >= 0.0
+                began = np.logical_or.accumulate(~apart) | touched
+                touched, left = bool(began[-1]), began & apart
+                if left_j is None and np.any(left):
+                    left_j = float(sphere[np.argmax(left)])
+                sphere = np.where(left, left_j, sphere) if left_j is not None else sphere
             if last is None:
                 start_j = float(sphere[0])
             contact = start_j + fed - plate - sphere

@@ -215,7 +215,8 @@ def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> 
         dataclasses.replace(curve, values=curve.values / factor)
         for curve in (twin.curves["energy"] if twin else [])
     ]
-    for name, label in _ENERGIES.items():
+    striker = "sphere" if setup.scene.hammer is None else "hammer"
+    for name, label in (_ENERGIES | {"sphere": striker}).items():
         line = own.lines[name]
         known = whole or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):

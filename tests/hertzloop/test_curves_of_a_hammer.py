@@ -1,0 +1,25 @@
+"""Energies of a replay: a hammer keeps that with which it left, when a hand withdraws it."""
+
+import numpy as np
+
+from hertzloop.analysis.curves import ledgers
+from hertzloop.analysis.impacts import XI
+from hertzloop.loop.compiled import simulate
+from hertzloop.setup import load
+
+
+def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:
+    setup = load("aluminium-3mm", [
+        "hammer.mass_kg=0.1", "hammer.speed_m_s=0.5", "hammer.tip_stiffness=1e7",
+        "hammer.tip_exponent=1", "controller.law=off", "run.duration_s=0.0025",
+    ])  # fmt: skip
+    rows = simulate(setup).rows
+    blocks = [(i, rows[:, i : i + 100]) for i in range(0, rows.shape[1], 100)]
+    parts = [energies for _, _, energies in ledgers(setup, blocks)]
+    sphere, plate, contact = (np.concatenate([getattr(one, name) for one in parts])
+                              for name in ("sphere", "plate", "contact"))  # fmt: skip
+    touching = np.flatnonzero(rows[XI] < 0.0)
+    after = slice(touching[-1] + 2, None)
+    assert np.ptp(sphere[after]) == 0.0
+    assert abs(sphere[-1] + plate[-1] - sphere[0]) < 1e-2 * sphere[0]
+    assert np.max(np.abs(contact[after])) < 1e-2 * sphere[0]
