@@ -15,8 +15,8 @@ __all__ = [  # noqa: F405
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
     "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed",
-    "__version__", "compare", "fit", "linear", "load", "modes", "read", "read_record", "run",
-    "scene_names", "simulate", "sweep", "tune", "vary",
+    "__version__", "compare", "fit", "linear", "load", "modes", "read", "read_record",
+    "read_records", "run", "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 # Needs gymnasium, so that `from hertzloop import *` leaves it out.
 _OF_EXTRAS = ["ImpactEnv"]

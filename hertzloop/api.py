@@ -48,8 +48,8 @@ __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
     "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare",
-    "fit", "linear", "load", "modes", "read", "read_record", "run", "scene_names", "simulate",
-    "sweep", "tune", "vary",
+    "fit", "linear", "load", "modes", "read", "read_record", "read_records", "run", "scene_names",
+    "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
@@ -557,6 +557,24 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     from hertzloop.studies.fit.records import read_record
 
     return read_record(Path(path), table)
+
+
+def read_records(path: str | Path, **table: Any) -> "list[Record]":
+    """Read the measured records of a file: one for each of its `[[record]]` tables, or one.
+
+    Args:
+        path: a file of `read_record`, or a TOML file whose `[[record]]` tables name such files.
+        table: keys of the tables, which replace those of the file.
+
+    Returns:
+        The records, in SI units.
+
+    Raises:
+        RecordError: a file cannot be read, or a record cannot be used.
+    """
+    from hertzloop.studies.fit.records import read_records
+
+    return read_records(Path(path), table)
 
 
 def fit(

@@ -25,7 +25,7 @@ def fit(
     scene: SceneArgument,
     records: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="RECORD...", help="Measured records, one impact each."),
+        typer.Argument(metavar="RECORD...", help="Files of measured records."),
     ] = None,
     free: Annotated[
         list[str] | None,
@@ -83,12 +83,11 @@ def fit(
     """
     from hertzloop.studies.fit import fit as fit_study
     from hertzloop.studies.fit import report as fit_report
-    from hertzloop.studies.fit.formats import ENDINGS
     from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import read_record, shown
+    from hertzloop.studies.fit.records import holds_records, read_records, shown
     from hertzloop.studies.fit.verdicts import Model
 
-    if check and not free and Path(scene).suffix.lower() in ENDINGS:
+    if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
             out.print("\n".join(shown(file)), soft_wrap=True, markup=False)
         return
@@ -108,8 +107,8 @@ def fit(
     keys = [fit_study.free_of(setup, text) for text in free or []]
     if not keys:
         raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
-    measured = [read_record(path) for path in files]
-    compared = [read_record(path) for path in held]
+    measured = [one for path in files for one in read_records(path)]
+    compared = [one for path in held for one in read_records(path)]
     for one in (*measured, *compared):
         out.print(f"{one.name}: {one.source}.", soft_wrap=True, markup=False)
     compile_first(setup)

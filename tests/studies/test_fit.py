@@ -26,7 +26,7 @@ from hertzloop.studies.fit.fit import (
 )
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, observe
-from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record
+from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record, read_records
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Model, Verdict
 from tests.commands import invoke
@@ -200,6 +200,43 @@ def test_several_records_share_the_keys() -> None:
         assert estimate.low is not None
         assert estimate.high is not None
         assert estimate.low < true < estimate.high
+
+
+def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
+    """Force in kN and velocity in mm/s, each with its own gain and noise, share keys and touch."""
+    setup = scene()
+    parts = [record(setup, "contact_force", gain=1.02), record(setup, "v_p", noise=0.01)]
+    columns = [parts[0].time_s, 1e-3 * parts[0].value, 1e3 * parts[1].value]
+    names = "time_s,one [kN],two [mm/s]"
+    np.savetxt(tmp_path / "drop.csv", np.stack(columns, 1), delimiter=",", header=names,
+               comments="", fmt="%.12g")  # fmt: skip
+    tables = ('quantity = "contact_force"\ncolumn = "one"', 'quantity = "v_p"\ncolumn = 3')
+    text = "\n".join(f"[[record]]\n{table}\n" for table in tables)
+    (tmp_path / "drop.toml").write_text(text)
+    several = read_records(tmp_path / "drop.csv")
+    assert [one.name for one in several] == ["drop.csv, contact_force", "drop.csv, v_p"]
+    for one, part in zip(several, parts, strict=True):
+        np.testing.assert_allclose(one.value, part.value, rtol=1e-9)
+        assert one.measured.clock == "drop.csv"
+    with pytest.raises(RecordError, match="holds 2 records"):
+        read_record(tmp_path / "drop.csv")
+    found = fit(setup, several, [free_of(setup, RADIUS)])
+    assert found.model is Model.FITS
+    one, other = found.nuisances
+    assert one.time_shift_s == other.time_shift_s
+    assert (one.gain, other.gain) == (pytest.approx(1.02, abs=0.01), pytest.approx(1, abs=0.01))
+    alone = "".join(f"[[record]]\nfile = 'drop.csv'\n{table}\n" for table in tables)
+    (tmp_path / "drop.toml").unlink()
+    (tmp_path / "rig.toml").write_text(alone)
+    assert [one.sha256 for one in read_records(tmp_path / "rig.toml")] == (
+        [one.sha256 for one in several]
+    )
+    (tmp_path / "drop.csv").write_text(
+        "".join(f"# {line}\n" for line in text.splitlines()) + (tmp_path / "drop.csv").read_text()
+    )
+    for name in ("drop.csv", "rig.toml"):
+        shows = invoke(["fit", "--check", str(tmp_path / name)])
+        assert shows.output.count(f"{len(several[0].value)} samples") == 2
 
 
 def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:

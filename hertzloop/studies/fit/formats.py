@@ -81,15 +81,17 @@ class Series(NamedTuple):
 
 @dataclass
 class Contents:
-    """What a file holds: its series, its `[record]` table, the time between samples where it states
-    one (s, of the first sample, and by which name), and what is not used of it."""
+    """What a file holds: its series and `[record]` tables, the time between samples where it states
+    one (s, of the first sample, and by which name), what is not used of it, and `facts`, the keys
+    of every table that its format states."""
 
     series: list[Series]
-    table: dict[str, Any] = field(default_factory=dict)
+    tables: list[dict[str, Any]] = field(default_factory=lambda: [{}])
     spacing: tuple[float, float, str] | None = None
     notes: list[str] = field(default_factory=list)
     above: int = 0
     kind: str = "column"
+    facts: dict[str, Any] = field(default_factory=dict)
 
 
 class Format(NamedTuple):
@@ -114,7 +116,7 @@ def evenly(count: int, step_s: float, start_s: float = 0.0) -> np.ndarray:
 
 
 def _of_table(table: TextTable) -> Contents:
-    found = Contents([], inner_table(table.comments), None, list(table.notes), table.above)
+    found = Contents([], inner_tables(table.comments), None, list(table.notes), table.above)
     try:
         found.spacing = spacing_s(table)
     except TableError as error:  # which only matters without times
@@ -188,7 +190,7 @@ def _parquet(path: Path) -> Contents:
     import pyarrow.parquet
 
     table = pyarrow.parquet.read_table(path)
-    found = Contents([], inner_table((table.schema.metadata or {}).get(b"record", b"")))
+    found = Contents([], inner_tables((table.schema.metadata or {}).get(b"record", b"")))
     for number, name in enumerate(table.column_names, 1):
         values, part = table[name], table.schema.field(name)
         if pyarrow.types.is_time(part.type):  # of day
@@ -220,7 +222,7 @@ def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]
         ]
     pushed = [s for s in found.series if plain_name(s.name) in ("f_a_n", "command_n")]
     if any(s.group == "truth" for s in pushed):  # an export of hertzloop
-        found.table["control"] = any(bool(np.any(s.values)) for s in pushed)
+        found.facts["control"] = any(bool(np.any(s.values)) for s in pushed)
     return found
 
 
@@ -278,7 +280,7 @@ def _npz(path: Path) -> Contents:
     inside = named.pop("record", ("", {}))[0]
     named.pop("metadata", None)
     found = _arrays(named, [])
-    found.table |= inner_table(str(inside))
+    found.tables = inner_tables(str(inside))
     return found
 
 
@@ -323,7 +325,7 @@ def _hdf5(path: Path) -> Contents:
         inside = file.attrs.get("record", "")
         spacing = _spacing(dict(file.attrs))
     found = _arrays(named, [])
-    found.table |= inner_table(inside)
+    found.tables = inner_tables(inside)
     found.spacing = found.spacing or spacing
     return found
 
@@ -360,7 +362,7 @@ def _mcap(path: Path) -> Contents:
         of_sensor = {name: getattr(setup.sensor, name) for name in names}
         inside |= {key: value for key, value in of_sensor.items() if value is not None}
     spacing = setup.every_steps * setup.step_s, 0.0, "run.step_ns"
-    return Contents([Series("value", "", values, 1)], inside, spacing)
+    return Contents([Series("value", "", values, 1)], spacing=spacing, facts=inside)
 
 
 def _tdms(path: Path) -> Contents:
@@ -463,18 +465,23 @@ def _scope(path: Path) -> Contents:
     return found
 
 
-def inner_table(text: str | bytes) -> dict[str, Any]:
-    """The `[record]` table of comment lines; other comments mean nothing. Raises RecordError."""
+def inner_tables(text: str | bytes) -> list[dict[str, Any]]:
+    """The `[record]` tables of comment lines, at least one; other comments mean nothing. Raises
+    RecordError."""
     said = text.decode("utf-8") if isinstance(text, bytes) else str(text)
-    if "[record]" not in said:
-        return {}
+    first = re.search(r"\[?\[record\]", said)
     try:
-        found: dict[str, Any] = tomllib.loads(said[said.index("[record]") :]).get("record", {})
+        return (record_tables(said[first.start() :]) if first else []) or [{}]
     except tomllib.TOMLDecodeError as error:
         raise RecordError(
             f"the record table in the comments is not valid TOML: {error}."
         ) from error
-    return found
+
+
+def record_tables(text: str) -> list[dict[str, Any]]:
+    """The `[record]` table of a TOML text, or its `[[record]]` tables. Raises TOMLDecodeError."""
+    found = tomllib.loads(text).get("record", [])
+    return found if isinstance(found, list) else [found]
 
 
 FORMATS = (

@@ -1,7 +1,8 @@
 """Measured records: values over time, with what is known of the measurement.
 
-A record comes from a file. Its `[record]` table is in a TOML file of the same name beside it, or in
-lines of a CSV file that begin with `#`.
+A record is one channel of one impact. A file holds one or several: its `[record]` table, or its
+`[[record]]` tables with one for each channel, stand in a TOML file of the same name beside it, or
+in lines of a CSV file that begin with `#`. A TOML file can also name the files of its channels.
 """
 
 import hashlib
@@ -26,13 +27,14 @@ from hertzloop.studies.fit.formats import (
     Series,
     evenly,
     quantity_of,
+    record_tables,
 )
 from hertzloop.text_tables import TIMES, TableError
 from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
 
 __all__ = [
     "FILTERS", "QUANTITIES", "WITHOUT_CONTROL", "Measured", "Quantity", "Record", "RecordError",
-    "clipped", "converter_step", "measured_of", "read_record", "shown",
+    "clipped", "converter_step", "measured_of", "read_record", "read_records", "shown",
 ]  # fmt: skip
 _EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/s^2, g, mm/s^2",
              "m": "m, mm, um, nm"}  # fmt: skip
@@ -48,6 +50,7 @@ def of_chain(key: str) -> bool:
 
 
 _FEWEST = 8  # samples of a record
+_CHOICES = ("quantity", "column", "channel", "group")  # keys that choose a series
 _AT_REST = 0.1  # of the largest value, up to which a sensor is at rest
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
@@ -71,7 +74,8 @@ class Measured:
     `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
     that hold for this record only, such as its drop height. `control`: whether the law was on; if
     left out, it was where the force of the actuator is the quantity or has a free key. `clock`: a
-    name that channels of one drop share which were sampled by one clock.
+    name that channels of one drop share which were sampled by one clock; channels of one file with
+    equal times share it unless another one is named.
     """
 
     quantity: str | None = None
@@ -107,7 +111,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Record:
-    """A measured record.
+    """A measured record: one channel of one impact.
 
     Args:
         name: name in messages.
@@ -229,30 +233,81 @@ def converter_step(record: Record) -> float:
 
 
 def read_record(path: Path, given: Mapping[str, Any] | None = None) -> Record:
-    """Read a record.
+    """Read a file of one record. Arguments and errors are those of `read_records`."""
+    found = read_records(path, given)
+    if len(found) > 1:
+        raise RecordError(
+            f"{path}: holds {len(found)} records, one for each [[record]] table. Read them with "
+            "read_records."
+        )
+    return found[0]
+
+
+def read_records(path: Path, given: Mapping[str, Any] | None = None) -> list[Record]:
+    """Read the records of a file: one for each of its `[[record]]` tables, or one.
 
     Args:
-        path: a file of one of the formats in `formats.FORMATS`.
+        path: a file of one of the formats in `formats.FORMATS`, or a TOML file whose tables name
+            such files, relative to it.
         given: keys of the `[record]` table that replace those of the file.
 
     Raises:
-        RecordError: the file is not a record, its table is wrong, or it holds several records.
+        RecordError: the file is not a record, a table is wrong, or it does not say which channel.
         ModuleNotFoundError: the format needs a package of an extra.
     """
+    if path.suffix == ".toml":
+        return _of_several_files(path, dict(given or {}))
     contents = _contents(path)
-    beside = path.with_suffix(".toml")
-    table = dict(contents.table)
-    if beside.is_file():
-        try:
-            table |= tomllib.loads(beside.read_text("utf-8")).get("record", {})
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise RecordError(f"{beside}: is not valid TOML: {error}.") from error
-    table |= dict(given or {})
+    tables, beside = contents.tables, path.with_suffix(".toml")
+    if beside.is_file() and (named := _tables(beside)):
+        tables = [(tables[0] if len(tables) == 1 else {}) | table for table in named]
+    chosen = {key: value for key, value in (given or {}).items() if key in _CHOICES}
+    if len(tables) > 1 and chosen:
+        tables = [t for t in tables if all(t.get(k) == v for k, v in chosen.items())] or [{}]
     digest = ""
     if path.stat().st_size < 1 << 30:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return _made(path.name, contents, measured_of(table, path.name), table, digest)
+    found: list[Record] = []
+    for table in tables:
+        whole = contents.facts | table | dict(given or {})
+        one = _made(path.name, contents, measured_of(whole, path.name), whole, digest)
+        if len(tables) > 1:
+            one = replace(one, name=f"{path.name}, {one.quantity}")
+            if np.array_equal(one.time_s, (found or [one])[0].time_s):
+                measured = replace(one.measured, clock=one.measured.clock or path.name)
+                one = replace(one, measured=measured, time_s=(found or [one])[0].time_s)
+        found.append(one)
+    return found
+
+
+def holds_records(path: Path) -> bool:
+    """Whether the name of a file, or what is in a TOML file, says that it holds records."""
+    known = path.suffix.lower() in ENDINGS
+    return known or (path.suffix == ".toml" and path.is_file() and bool(_tables(path)))
+
+
+def _of_several_files(path: Path, given: dict[str, Any]) -> list[Record]:
+    """The records of a TOML file whose tables name the files. Raises RecordError."""
+    found = []
+    for table in _tables(path):
+        if not isinstance(file := table.pop("file", None), str):
+            raise RecordError(
+                f"record.file: a [[record]] table of {path.name} names no file. Give the path of "
+                "its record, relative to this file."
+            )
+        found += read_records(path.parent / file, table | given)
+    if not found:
+        raise RecordError(f"{path}: has no [[record]] table. Give one for each channel.")
+    return found
+
+
+def _tables(path: Path) -> list[dict[str, Any]]:
+    """The `[record]` or `[[record]]` tables of a TOML file. Raises RecordError."""
+    try:
+        return record_tables(path.read_text("utf-8"))
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RecordError(f"{path}: is not valid TOML: {error}.") from error
 
 
 def _contents(path: Path) -> Contents:
@@ -359,7 +414,10 @@ def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) 
     Raises:
         RecordError: the file cannot be read, or holds several records; the series are named.
     """
-    one = read_record(path, given)
+    return [line for one in read_records(path, given) for line in _shown(one, samples)]
+
+
+def _shown(one: Record, samples: int) -> list[str]:
     unit = QUANTITIES[one.quantity].unit
     rows = [f"  {t:.9g} s  {v:.6g} {unit}"
             for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)]  # fmt: skip

@@ -141,11 +141,11 @@ def write_replay(result: FitResult, path: Path) -> None:
         times = [rr.TimeColumn("after_touch", duration=curve["time_s"])]
         for name in ("simulated", "measured"):
             stream.send_columns(
-                f"{record.name}/{record.quantity}/{name}", indexes=times,
+                rr.new_entity_path([record.name, record.quantity, name]), indexes=times,
                 columns=rr.Scalars.columns(scalars=curve[name]),
             )  # fmt: skip
         stream.send_columns(
-            f"{record.name}/residual", indexes=times,
+            rr.new_entity_path([record.name, "residual"]), indexes=times,
             columns=rr.Scalars.columns(scalars=curve["measured"] - curve["simulated"]),
         )  # fmt: skip
     write_whole(path, memory.drain_as_bytes())
