@@ -579,7 +579,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
 
 def fit(
     scene: AnyScene, records: "Record | Sequence[Record]", free: Sequence[str], *,
-    hold_out: "Sequence[Record]" = (), exact: bool = False,
+    hold_out: "Sequence[Record | int] | None" = None, exact: bool = False,
 ) -> "FitResult":  # fmt: skip
     """Fit keys of a scene to measured records of drops, with the law off or on.
 
@@ -587,7 +587,8 @@ def fit(
         scene: the scene, or its name or TOML file, with start values.
         records: one record or several; `Record.measured.control` says whether the law was on.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
-        hold_out: records to compare with the fitted scene only.
+        hold_out: records, or numbers of hits, to compare with the fitted scene only; by default the
+            last one of several hits.
         exact: whether the model is taken as exact, so that only noise may spoil a record.
 
     Returns:

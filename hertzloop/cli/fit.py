@@ -37,8 +37,13 @@ def fit(
         ),
     ] = None,
     hold_out: Annotated[
-        list[Path] | None,
-        typer.Option("--hold-out", help="Compare this record with the result; do not fit it."),
+        list[str] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="RECORD|HIT|none",
+            help="Compare this record, or the hit of this number, with the result; do not fit it. "
+            "Of several hits the last one is held out.",
+        ),
     ] = None,
     check: Annotated[
         bool,
@@ -84,7 +89,7 @@ def fit(
     from hertzloop.studies.fit import fit as fit_study
     from hertzloop.studies.fit import report as fit_report
     from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import holds_records, read_records, shown
+    from hertzloop.studies.fit.records import Record, holds_records, read_records, shown
     from hertzloop.studies.fit.verdicts import Model
 
     if check and not free and holds_records(Path(scene)):
@@ -92,7 +97,9 @@ def fit(
             out.print("\n".join(shown(file)), soft_wrap=True, markup=False)
         return
     setup = scene_from(scene, settings, None)
-    files, held = list(records or []), list(hold_out or [])
+    files = list(records or [])
+    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
+    held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
     target = out_file or Path(f"{setup.name}-fitted.toml")
     if expect and not check:
         fail("--expect: supposes a record, which cannot be fitted. Add --check.", 2)
@@ -108,9 +115,11 @@ def fit(
     if not keys:
         raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
     measured = [one for path in files for one in read_records(path)]
-    compared = [one for path in held for one in read_records(path)]
+    compared: list[Record | int] = [one for path in held for one in read_records(path)]
+    compared += numbers
     for one in (*measured, *compared):
-        out.print(f"{one.name}: {one.source}.", soft_wrap=True, markup=False)
+        if isinstance(one, Record):
+            out.print(f"{one.name}: {one.source}.", soft_wrap=True, markup=False)
     compile_first(setup)
     if check:
         under = True if any(acts_by_law(key.key) for key in keys) else None
@@ -130,7 +139,8 @@ def fit(
                 about = f"fit: {done} of about {expected} simulations"
                 advance(round(1000 * done / expected), about)
 
-            result = fit_study.fit(setup, measured, keys, compared, tell, exact)
+            others = compared if hold_out else None
+            result = fit_study.fit(setup, measured, keys, others, tell, exact)
     out.print(fit_report.parameter_table(result))
     for sentence in fit_report.sentences(result):
         out.print(sentence, soft_wrap=True)
@@ -142,7 +152,7 @@ def fit(
     if report_file is not None:
         from hertzloop.studies.report.fitted import page
 
-        named = {"--free": free, "--hold-out": held, "--expect": expect, "--set": settings}
+        named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
         words = ["fit", scene, *files, *given, *(["--check"] if check else []),
                  *(["--exact"] if exact else [])]  # fmt: skip

@@ -14,6 +14,7 @@ from hertzloop.studies.fit.records import QUANTITIES, Record, RecordError, clipp
 _SURE = 8.0  # noise levels that a sample has to leave the baseline by
 _STEADY = 7  # samples, most of which have to have left it
 _ONSET_SHARE = 0.02  # of the peak, the same
+_REST = 3  # lengths of the contacts in a force, after which it rests
 _FEWEST_QUIET = 12  # samples before the impact, for an estimate of the noise
 ENOUGH_QUIET = 100  # for one that a test of the model can rest on; the last of them are not counted
 # Of the peak: the error of the simulation and its splines. The acceleration of the contact point
@@ -204,12 +205,21 @@ def make_ready(record: Record) -> Channel:
     filled = np.where(known, value, baseline)
     onset = _onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= _FEWEST_QUIET and not is_gap
+    # After the last contact a force is as quiet as before it, and tells the noise too.
+    pushed = np.flatnonzero(np.abs(filled - baseline) > max(_SURE * spread, _ONSET_SHARE * peak))
+    end = len(values)
+    if record.quantity == "contact_force" and onset < ENOUGH_QUIET and len(pushed):
+        end = 1 + int(pushed[-1]) + _REST * (1 + int(pushed[-1]) - onset)
+    after = filled[end:][good[end:]]
     noise, source, quiet, alike = 0.0, "residual", 0, None
     ar, innovation = np.empty(0), 1.0
     if quiet_start:
         margin = 3 + onset // 20
         before = filled[: onset - margin][good[: onset - margin]]
-        before = before - np.median(before)
+        before, enough = before - np.median(before), len(before) >= _AR_FROM
+        if len(after) >= ENOUGH_QUIET:
+            before = np.concatenate([before, after - np.median(after)])
+            filled, time_s, good = filled[:end], time_s[:end], good[:end]
         sd = 1.4826 * float(np.median(np.abs(before))) or float(np.std(before))
         calm = before[np.abs(before) <= _SPIKE * max(sd, 0.5 * step, 1e-300)]
         if len(calm) >= _FEWEST_QUIET:
@@ -217,7 +227,7 @@ def make_ready(record: Record) -> Channel:
             if noise < _RESOLVED * step:
                 noise, alike = _beside_steps(calm, step)
             spikes = len(before) - len(calm)
-            if len(before) >= _AR_FROM and spikes == 0 and noise > step:
+            if enough and spikes == 0 and noise > step:
                 ar, innovation = _coloured(before)
     elif is_gap:
         third = np.diff(values, 3)

@@ -22,7 +22,7 @@ _BEFORE = 0.6  # contact times from the first node to the touch
 # Contact times: of the local size of a signal, and in which what it was before is forgotten.
 _WIDTH, _MEMORY = 0.25, 5.0
 _ORDER, _VARIANCE = 4, 5.0 / 32.0  # of the process; its variance times kappa^7
-_KAPPAS = (2.0, 4.0, 8.0, 16.0)  # over the contact time
+_KAPPAS = (2.0, 4.0, 8.0, 16.0, 32.0)  # over the contact time; the last of coarse samples only
 # The usual share, the standard deviations of its logarithm and of a record's own share.
 _SHARE, _SHARE_SD, _APART_SD = 0.03, 1.5, 0.5
 _ASKED = 6.0  # rise of twice the logarithm of the likelihood that an error has to bring
@@ -140,7 +140,11 @@ def _precision(nodes: int, spacing: float, kappa: float) -> tuple[np.ndarray, np
 
 
 def unknown(
-    tau_s: np.ndarray, signal: np.ndarray, whitening: Any, contact_s: float
+    tau_s: np.ndarray,
+    signal: np.ndarray,
+    whitening: Any,
+    contact_s: float,
+    wall_hz: float | None = None,
 ) -> Discrepancy | None:
     """Return an error of unknown size; None for a record that ends in the contact.
 
@@ -149,9 +153,12 @@ def unknown(
         signal: what the model reads there, without offset, in the unit of the record, (samples,).
         whitening: matrix that makes white noise of the record's, (samples, samples).
         contact_s: contact time, s.
+        wall_hz: corner of a brick wall, which rings on both sides of a pulse.
     """
     t = tau_s / contact_s
     first, last = -_BEFORE, float(t[-1])
+    if wall_hz is not None:
+        first = min(first, float(t[0]))
     if last < 0.5:
         return None
     spacing = max(1.0 / _NODES, (last - first) / _MOST_NODES)
@@ -164,7 +171,12 @@ def unknown(
     basis = scipy.sparse.csr_array(
         (np.concatenate([1.0 - share, share]), places), shape=(len(t), nodes)
     )
-    square = scipy.ndimage.gaussian_filter1d(np.interp(grid, t, signal) ** 2, _WIDTH / spacing)
+    square = np.interp(grid, t, signal) ** 2
+    if wall_hz is None:
+        square = scipy.ndimage.gaussian_filter1d(square, _WIDTH / spacing)
+    else:
+        rings = 1.0 / (1.0 + (np.pi * wall_hz * contact_s * (grid - grid[nodes // 2])) ** 2)
+        square = np.convolve(square, rings / np.sum(rings), mode="same")
     decay = math.exp(-spacing / _MEMORY)
     before = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], square)
     size = np.sqrt(2.0 * np.maximum(square, before))
@@ -289,7 +301,9 @@ def estimated(
     start[:2] = math.log(_SHARE)
     best = searched(start, 0.0)
     if any(r.error is not None for r in records):
-        found = min((searched(best[1], kappa) for kappa in _KAPPAS), key=lambda one: one[0])
+        coarse = any(r.error is not None and r.error.basis.shape[1] > len(r.white) for r in records)
+        kappas = _KAPPAS if coarse else _KAPPAS[:-1]
+        found = min((searched(best[1], kappa) for kappa in kappas), key=lambda one: one[0])
         if any(r.needed for r in records) or found[0] < best[0] - _ASKED:
             best = found
     return best[0], parts(best[1], best[2]), best[2]

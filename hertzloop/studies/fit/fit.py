@@ -23,6 +23,7 @@ from hertzloop.studies.fit.channel import (
     without_contact,
 )
 from hertzloop.studies.fit.discrepancy import PULSE, Rows, estimated, unknown
+from hertzloop.studies.fit.hits import LONGEST_S, split
 from hertzloop.studies.fit.loop_model import (
     LoopModel,
     acts_by_law,
@@ -50,10 +51,21 @@ from hertzloop.studies.fit.solve import (
     Problem,
     minimised,
     of_loop,
+    own_values,
     reject_outliers,
 )
-from hertzloop.studies.fit.steps import Profile, expected, in_steps, profiled, searched, turned
+from hertzloop.studies.fit.steps import (
+    CERTAIN,
+    Profile,
+    expected,
+    in_steps,
+    profiled,
+    searched,
+    turned,
+)
 from hertzloop.studies.fit.verdicts import (
+    NO_BOUND,
+    NORMAL,
     WIDEST,
     Combination,
     Fitness,
@@ -66,7 +78,7 @@ from hertzloop.studies.fit.verdicts import (
 )
 
 _STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
-_LONGEST_STEPS = 20  # of a key in whole steps, at least
+LONGEST_STEPS = 20  # of a key in whole steps, at least
 _FACTOR, _LOSS_FACTOR, _PRESSURE_FACTOR = 5.0, 100.0, 20.0  # of a start, for default bounds
 _PRESSURE = "contact.limiting_pressure_pa"
 _MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
@@ -80,24 +92,21 @@ _FINEST, _COARSEST = 3e-5, 1e-3
 # Error of a record during contact over the noise, for 200 samples there, that its residual does not
 # show: the square of the error times the root of the samples is what a test sees.
 _HIDDEN, _AT_SAMPLES = 0.1, 200.0
-_LONGEST_S = 0.06
+_SPEEDS = (0.001, 45.0)  # of a hammer, m/s
 _MOST_EXPECTED = 10_000_000  # samples of an expected record
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
 _ESTIMATES, _SETTLED = 3, 0.2  # of the model's error: most rounds, change that needs another one
 _LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
-_CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _YIELDED = 10.827566170662733  # at 99.9 %: yielding that is only probable sets no upper limit
 _CLEAR = 30.0  # rise of chi-square beyond which the quadratic interval of a pressure is right
 _ONE_SIDED = 2.705543454095404  # at 95 % on one side
-_NORMAL = 1.959963984540054
 # Of a search for a lower minimum: how much wider a shorter window leaves the keys, how far it looks
 # and in what steps (standard deviations of the shorter and of the whole window), most points on a
 # side, most minima, and by how much chi-square has to fall.
 _BROADER, _ALONG_SD, _APART_SD = 8.0, 4.0, 10.0
 _MOST_TRIED, _MOST_MINIMA, _LOWER = 20, 3, 4.0
 _FARTHEST = 0.4  # of the logarithms of the keys
-_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 _LEAST_DRAWN = 0.25  # of a variance
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
 _EXPECTED = re.compile(
@@ -151,9 +160,9 @@ class Estimate:
 class Nuisance:
     """Nuisance parameters and residual of a record: see the JSON.
 
-    `off_percent`: root mean square of the residual over the peak, in the pulse and after it, %;
-    None without samples there. `error_percent`: of the model, over the local signal, in the pulse
-    and after it, %; zeros if the noise explains the residual.
+    `off_percent`: residual over the peak: root mean square in the pulse and after it, and largest,
+    %; None without samples there. `error_percent`: of the model, over the local signal, in the
+    pulse and after it, %; zeros if the noise explains the residual.
     """
 
     record: str
@@ -165,7 +174,7 @@ class Nuisance:
     residual_over_noise: float
     samples: int
     rejected: int
-    off_percent: tuple[float | None, float | None]
+    off_percent: tuple[float | None, float | None, float | None]
     error_percent: tuple[float, float]
 
 
@@ -276,7 +285,7 @@ def free_of(setup: Setup, text: str) -> Free:
 
 def _in_steps(start: float, grain: float) -> tuple[float, float]:
     """Bounds of a time in whole steps, us."""
-    return 0.0, max(_FACTOR * start, _LONGEST_STEPS * grain)
+    return 0.0, max(_FACTOR * start, LONGEST_STEPS * grain)
 
 
 def value_of(setup: Setup, key: str) -> float:
@@ -409,10 +418,10 @@ def expected_record(
     step_s = 1e-6 / _number(text, match["mhz"] or "2")
     quiet_s = max(250 * step_s, 0.2e-3)
     samples = (duration_s + quiet_s) / step_s
-    if duration_s > _LONGEST_S or samples > _MOST_EXPECTED:
+    if duration_s > LONGEST_S or samples > _MOST_EXPECTED:
         raise FitError(
             f"--expect {text}: is a record of {1e3 * duration_s:.3g} ms with {samples:.3g} "
-            f"samples. Suppose at most {1e3 * _LONGEST_S:g} ms and {_MOST_EXPECTED:g} samples."
+            f"samples. Suppose at most {1e3 * LONGEST_S:g} ms and {_MOST_EXPECTED:g} samples."
         )
     quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control
@@ -474,6 +483,8 @@ def prepared(
             c.coarse = error / c.noise_over_peak
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
+    if at is None:
+        _start_speeds(problem, start)
     leaders: dict[str, Channel] = {}
     for index, (c, model) in enumerate(zip(channels, models, strict=True)):
         long_s = max(3.0 * model.contact_s, 30e-6)
@@ -572,9 +583,7 @@ def _check_acting(problem: Problem, values: dict[str, float]) -> None:
         return
     end_s = problem.longest_s
     for c, model in zip(problem.channels, problem.models, strict=True):
-        given = c.record.measured.set
-        known = {k: v for k, v in values.items() if k not in given}
-        if isinstance(model, LoopModel) and model.acts(known, end_s):
+        if isinstance(model, LoopModel) and model.acts(own_values(values, c.record), end_s):
             return
     what = f"--free {asked[0]}" if asked else of_force[0].name
     raise FitError(
@@ -596,7 +605,9 @@ def _frozen(
 
     kinds = [kind(c, under) for c, under in zip(channels, looped, strict=True)]
     durations: dict[Any, float] = {}
+    firsts: dict[Any, Record] = {}
     for c, of_channel in zip(channels, kinds, strict=True):
+        firsts.setdefault(of_channel, c.record)
         duration_s = float(c.time_s[-1]) - c.onset_s + 20e-6
         if of_channel[2]:
             duration_s += 1e-6 * setup.latency_us
@@ -604,7 +615,7 @@ def _frozen(
     models: dict[Any, FrozenModel] = {}
     for (given, point_m, under), duration_s in durations.items():
         of_record = setup.vary(dict(given)) if given else setup
-        known = {k: v for k, v in values.items() if k not in dict(given)}
+        known = own_values(values, firsts[given, point_m, under])
         if under:
             models[given, point_m, under] = LoopModel(of_record.vary(known), duration_s, accuracy)
             continue
@@ -651,7 +662,7 @@ def _accuracy(channel: Channel) -> float:
 
 def _cut(channel: Channel) -> None:
     """Leave out what is later than a simulation is worth."""
-    late = channel.time_s > channel.onset_s + _LONGEST_S
+    late = channel.time_s > channel.onset_s + LONGEST_S
     if np.any(late):
         channel.kept = channel.kept & ~late
         keep = ~late
@@ -659,7 +670,7 @@ def _cut(channel: Channel) -> None:
         channel.kept = channel.kept[keep]
         channel.notes.append(
             f"{channel.record.name}: {np.count_nonzero(late)} samples later than "
-            f"{1e3 * _LONGEST_S:g} ms after the impact are not used."
+            f"{1e3 * LONGEST_S:g} ms after the impact are not used."
         )
 
 
@@ -670,8 +681,9 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
         RecordError, SceneError, FitError
     """
     began = time.perf_counter()
-    records = _named_apart(records)
+    records = split(_named_apart(records), setup)
     _refuse_twice(free)
+    free = _with_speeds(setup, records, free)
     problem = prepared(setup, records, free)
     until_s = problem.windows_s()[-1]
     stepped, profile = problem.stepped, None
@@ -693,7 +705,7 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
         ["This is a check before a fit: nothing was fitted."],
         known.combinations, _next(problem, point, known), None, problem.evaluations,
         time.perf_counter() - began, known.covariance, None,
-        [n for c in problem.channels for n in c.notes], _speeds(problem, {}), list(records),
+        _notes(problem, setup), _speeds(problem, {}), list(records),
         checked_only=True,
     )  # fmt: skip
 
@@ -717,6 +729,96 @@ def _refuse_twice(free: Sequence[Free]) -> None:
             raise FitError(f"--free {key}: is given twice. Name each key once.")
 
 
+def _without_held(
+    records: Sequence[Record], hold_out: Sequence[Record | int] | None, setup: Setup
+) -> tuple[list[Record], list[Record]]:
+    """The records to fit, and those to compare: hits by number, and other records. Raises
+    FitError."""
+    hits = sorted({one.hit for one in records if one.hit})
+    if hold_out is None:
+        hold_out = hits[-1:] if len(hits) > 1 else []
+    numbers = {one for one in hold_out if isinstance(one, int)}
+    if numbers - set(hits) or (numbers and numbers == set(hits)):
+        raise FitError(
+            f"--hold-out {min(numbers)}: cannot be held out. The hits are "
+            f"{', '.join(map(str, hits)) or 'not several'}; at least one is fitted."
+        )
+    others = split([one for one in hold_out if isinstance(one, Record)], setup)
+    fitted = [one for one in records if one.hit not in numbers]
+    return fitted, [one for one in records if one.hit in numbers] + others
+
+
+def _with_speeds(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> list[Free]:
+    """The free keys, with the speed of the striker once for each of several hits."""
+    key, _ = _speed_key(setup)
+    own = _speeds_of_hits(setup, records, free, 2)
+    return [*(f for f in free if not own or f.key != key), *own]
+
+
+def _speeds_of_hits(
+    setup: Setup, records: Sequence[Record], free: Sequence[Free], fewest: int
+) -> list[Free]:
+    """The speed of every hit, from a number of hits on: always of a hammer, and of a sphere if its
+    speed is free."""
+    key, hammer = _speed_key(setup)
+    named = next((f for f in free if f.key.partition("[")[0] == key), None)
+    hits = {one.hit: one for one in records if one.hit}
+    if len(hits) < fewest or not (named or hammer):
+        return []
+    own = named or free_of(setup, f"{key}={_SPEEDS[0]:g}:{_SPEEDS[1]:g}")
+    return [
+        replace(own, key=f"{key}[{hit}]")
+        for hit, one in hits.items()
+        if key not in one.measured.set
+    ]
+
+
+def _speed_key(setup: Setup) -> tuple[str, bool]:
+    """The scene's key for the speed of the striker, and whether this is a hammer."""
+    hammer, sphere = setup.scene.hammer is not None, setup.scene.sphere
+    by_speed = sphere is not None and sphere.speed_m_s is not None
+    name = (
+        "hammer.speed_m_s" if hammer else f"sphere.{'speed_m_s' if by_speed else 'drop_height_m'}"
+    )
+    return name, hammer
+
+
+def _start_speeds(problem: Problem, start: dict[str, float]) -> None:
+    """Begin with the speed of a hammer that gives the peak of its first record: nobody measures
+    it."""
+    done: set[str] = set()
+    for index, (c, model) in enumerate(zip(problem.channels, problem.models, strict=True)):
+        for place, f in enumerate(problem.free):
+            mine = own_values({f.key: f.start}, c.record)
+            if f.key in done or f.prior or "hammer.speed_m_s" not in mine or c.is_gap:
+                continue
+            done.add(f.key)
+            seen = problem.observed(index, start, 3.0 * model.contact_s)
+            largest = float(np.max(np.abs(seen.value(seen.simulated.time_s))))
+            n = model.spec.contact.exponent
+            speed = f.start * (c.peak / largest) ** (0.5 * (n + 1.0) / n)
+            begun = replace(f, start=min(max(speed, 1.01 * f.low), 0.99 * f.high))
+            problem.free = [*problem.free[:place], begun, *problem.free[place + 1 :]]
+            start[f.key] = begun.start
+
+
+def _notes(problem: Problem, setup: Setup) -> list[str]:
+    """What is to be said of the records, and what those of a hammer cannot tell."""
+    found = [note for c in problem.channels for note in c.notes]
+    keys = {f.key for f in problem.free}
+    known = ("hammer.mass_kg", "hammer.tip_exponent")
+    if "hammer.tip_stiffness" in keys and not keys & {*known}:
+        values = " and ".join(
+            f"{key} = {getattr(setup.scene.hammer, key.partition('.')[2]):g}" for key in known
+        )
+        found.append(
+            f"hammer.tip_stiffness holds for {values}: hits of similar speeds show mass, exponent "
+            "and stiffness of the tip, and how far the structure gives way, only as the length and "
+            "the shape of one pulse. Weigh the hammer; hits of other speeds tell the exponent."
+        )
+    return found
+
+
 def _check_rows(point: Point) -> None:
     if len(point.residual) <= len(point.x):
         raise RecordError(
@@ -726,7 +828,8 @@ def _check_rows(point: Point) -> None:
 
 
 def fit(
-    setup: Setup, records: Sequence[Record], free: Sequence[Free], hold_out: Sequence[Record] = (),
+    setup: Setup, records: Sequence[Record], free: Sequence[Free],
+    hold_out: Sequence[Record | int] | None = None,
     on_progress: Callable[[int, int], None] = lambda done, expected: None, exact: bool = False,
 ) -> FitResult:  # fmt: skip
     """Fit scene keys to records.
@@ -735,7 +838,8 @@ def fit(
         setup: the scene to start from, in which everything else is known.
         records: at least one; all share the keys.
         free: the keys to find.
-        hold_out: records that are only compared with the result.
+        hold_out: records, or numbers of hits, that are only compared with the result; the last one
+            of several hits if left out.
         on_progress: is told the number of simulations done and of those expected.
         exact: whether the model is taken as exact, so that only noise may spoil a record.
 
@@ -753,12 +857,14 @@ def fit(
         raise FitError("no key is free. Name at least one with --free KEY.")
     _refuse_twice(free)
     began = time.perf_counter()
-    records = _named_apart(records)
+    records = split(_named_apart(records), setup)
+    records, held_records = _without_held(records, hold_out, setup)
+    free = _with_speeds(setup, records, free)
     problem = prepared(setup, records, free)
     tally, keys = problem.tally, len(problem.moving)
     tally.on_progress = on_progress
     if any(acts_by_law(f.key) for f in free):
-        hold_out = [_under_law(record) for record in hold_out]
+        held_records = [_under_law(record) for record in held_records]
     evaluations = 0
     looped = any(isinstance(model, LoopModel) for model in problem.models)
     if looped:
@@ -810,10 +916,14 @@ def fit(
     plain = problem.point(point.x, until_s, early=False, jacobian=False, exact=True)
     fits = fitness(problem, plain, until_s, len(point.x), one_sided | unsure)
     values = problem.values(point.x)
-    fitted = setup.vary({k: v for k, v in values.items() if not of_chain(k)})
-    sensor_keys = {k: v for k, v in values.items() if of_chain(k)}
-    fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
-    held = _held_out(fitted, hold_out, exact) if hold_out else None
+    fitted = setup
+    for of_sensor in (False, True):
+        fitted = fitted.vary({
+            name: value
+            for key, value in values.items() if of_chain(key) is of_sensor
+            for name in (key, *own_values({key: value}, records[0])) if "[" not in name
+        })  # fmt: skip
+    held = _held_out(fitted, held_records, free, exact) if held_records else None
     verdict, reasons = fits.verdict, list(fits.reasons)
     curves = _curves(problem, plain, until_s)
     if verdict is Model.DOES_NOT_FIT:
@@ -834,7 +944,7 @@ def fit(
         fits.residual_over_noise, verdict, fits.as_json(), reasons, known.combinations,
         _next(problem, point, known), held, evaluations + problem.evaluations,
         time.perf_counter() - began, known.covariance, fitted,
-        [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
+        _notes(problem, setup), _speeds(problem, values), list(records),
         curves,
     )  # fmt: skip
 
@@ -907,7 +1017,9 @@ def _with_errors(problem: Problem, point: Point, until_s: float, exact: bool) ->
         value, _, tau = problem.predicted(point.x, index, until_s)
         gain, counted = problem.nuisances(point.x, index)[2], c.counted(tau <= until_s)
         signal = np.full(len(tau), c.peak) if c.is_gap else gain * value
-        error = None if exact else unknown(tau, signal, c.whitening(), model.contact_s)
+        chain = problem.chains[index]
+        wall_hz = chain.low_pass_hz if chain.before_s else None
+        error = None if exact else unknown(tau, signal, c.whitening(), model.contact_s, wall_hz)
         errors.append(error)
         rows.append(Rows(
             whole[plain.rows[index]], float(np.sum(c.independent(counted))),
@@ -1023,12 +1135,12 @@ def _elastic_pressure(problem: Problem, f: Free) -> float:
 
 def _estimate(f: Free, value: float, sd: float, alone: float, pull: float | None) -> Estimate:
     """An estimate whose interval is that of the covariance."""
-    known = math.isfinite(sd) and _NORMAL * sd < _NO_BOUND
-    low = value * math.exp(-_NORMAL * sd) if known else None
-    high = value * math.exp(_NORMAL * sd) if known else None
-    half = math.expm1(_NORMAL * sd) if known else math.inf
+    known = math.isfinite(sd) and NORMAL * sd < NO_BOUND
+    low = value * math.exp(-NORMAL * sd) if known else None
+    high = value * math.exp(NORMAL * sd) if known else None
+    half = math.expm1(NORMAL * sd) if known else math.inf
     verdict = Verdict.IDENTIFIED if half <= WIDEST else Verdict.NOT_IDENTIFIABLE
-    percent = 100.0 * math.expm1(_NORMAL * alone) if _NORMAL * alone < _NO_BOUND else None
+    percent = 100.0 * math.expm1(NORMAL * alone) if NORMAL * alone < NO_BOUND else None
     return Estimate(f.key, value, low, high, verdict, f.start, sd if known else None, pull, percent)
 
 
@@ -1099,7 +1211,7 @@ def _with_steps(
 
 def _flat_alone(alone: float, at_bound: bool) -> bool:
     """Whether a key is unknown even with all other keys known: no combination is to blame."""
-    return at_bound or not math.expm1(min(_NORMAL * alone, 50.0)) <= WIDEST
+    return at_bound or not math.expm1(min(NORMAL * alone, 50.0)) <= WIDEST
 
 
 def _profiled(
@@ -1121,7 +1233,7 @@ def _profiled(
         return (found.chi_square - best) / wider**2
 
     up, down = rise(f.high), None
-    if up < (_YIELDED if f.key == _PRESSURE else _CERTAIN):
+    if up < (_YIELDED if f.key == _PRESSURE else CERTAIN):
         # The high side is open. Find the largest value below at which chi-square has risen.
         edge = _crossing(rise, estimate.value, f.low)
         if edge is None:
@@ -1131,11 +1243,11 @@ def _profiled(
         return replace(estimate, low=edge, high=None, verdict=verdict, sd_log=None)
     if f.key == _PRESSURE:
         # Above the largest pressure of the impact chi-square is flat: the interval is not even.
-        edge = _crossing(rise, estimate.value, f.high, _CERTAIN) if up < _CLEAR else None
+        edge = _crossing(rise, estimate.value, f.high, CERTAIN) if up < _CLEAR else None
         high = estimate.high
         return None if edge is None or high is None else replace(estimate, high=max(edge, high))
     down = rise(f.low)
-    if down < _CERTAIN:
+    if down < CERTAIN:
         edge = _crossing(rise, estimate.value, f.high)
         if edge is None:
             return None
@@ -1177,9 +1289,9 @@ def _nuisances(problem: Problem, point: Point, until_s: float) -> list[Nuisance]
 
 def _off(
     problem: Problem, point: Point, index: int, until_s: float
-) -> tuple[float | None, float | None]:
-    """Root mean square of a residual over the peak, in the pulse and after it, %; None without
-    samples there."""
+) -> tuple[float | None, float | None, float | None]:
+    """Residual over the peak: its root mean square in the pulse and after it, and its largest
+    value, %; None without samples there."""
     c, contact_s = problem.channels[index], problem.models[index].contact_s
     value, _, tau = problem.predicted(point.x, index, until_s)
     _, _, gain, offset = problem.nuisances(point.x, index)
@@ -1192,7 +1304,8 @@ def _off(
             return None
         return 100.0 * math.sqrt(float(np.mean(residual[some] ** 2))) / c.peak
 
-    return rms(used & pulse), rms(used & ~pulse)
+    largest = float(np.max(np.abs(residual[used]), initial=0.0))
+    return rms(used & pulse), rms(used & ~pulse), 100.0 * largest / c.peak
 
 
 def _samples(problem: Problem, point: Point, index: int, until_s: float) -> float:
@@ -1209,7 +1322,10 @@ def _noise(problem: Problem) -> float:
 
 def _speeds(problem: Problem, values: dict[str, float]) -> tuple[float, float]:
     alone = {k: v for k, v in values.items() if not of_loop(k)}
-    speeds = [m.spec_of(alone).sphere.impact_speed_m_s for m in problem.models]
+    speeds = [
+        m.spec_of(own_values(alone, c.record)).sphere.impact_speed_m_s
+        for m, c in zip(problem.models, problem.channels, strict=True)
+    ]
     return min(speeds), max(speeds)
 
 
@@ -1245,9 +1361,12 @@ def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
     ]
 
 
-def _held_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str, Any]:
-    """Compare records with the fitted scene; only their nuisances are found anew."""
-    problem = prepared(fitted, records, [])
+def _held_out(
+    fitted: Setup, records: Sequence[Record], free: Sequence[Free], exact: bool
+) -> dict[str, Any]:
+    """Compare records with the fitted scene; only their nuisances, and the speed of every hit, are
+    found anew."""
+    problem = prepared(fitted, records, _speeds_of_hits(fitted, records, free, 1))
     if any(isinstance(model, LoopModel) for model in problem.models):
         problem = searched(problem)
     until_s = problem.windows_s()[-1]
@@ -1265,6 +1384,7 @@ def _held_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str
         "gain": [n.gain for n in nuisances],
         "in_pulse_percent": [n.off_percent[0] for n in nuisances],
         "after_pulse_percent": [n.off_percent[1] for n in nuisances],
+        "largest_percent": [n.off_percent[2] for n in nuisances],
     }
 
 
@@ -1286,13 +1406,16 @@ def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
         return []
     best: tuple[float, int] | None = None
     for j in range(n):
+        if "[" in problem.moving[j].key:  # the speed of one hit, which no one measures
+            continue
         line = np.zeros((1, len(point.x)))
         line[0, j] = 1.0 / _KNOWN_TO
         more = replace_point(point, line)
         others = float(np.max(uncertainty(problem, more).half_widths()))
         if best is None or others < best[0]:
             best = (others, j)
-    assert best is not None
+    if best is None:
+        return []
     key = problem.moving[best[1]].key
     words = (
         f"Measure {key} by other means to 1 % and give it as a prior, --free '{key}±1%': the worst "

@@ -123,6 +123,7 @@ class Record:
         sha256: digest of the file, "" of a record from memory.
         notes: sentences on what is not used of the file.
         source: where times and values stand in the file, and in which units.
+        hit: number of the hit, whose striker has a speed of its own; 0 of an only one.
 
     Raises:
         RecordError: the arrays cannot be a record.
@@ -136,6 +137,7 @@ class Record:
     sha256: str = ""
     notes: tuple[str, ...] = ()
     source: str = ""
+    hit: int = 0
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
@@ -414,7 +416,15 @@ def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) 
     Raises:
         RecordError: the file cannot be read, or holds several records; the series are named.
     """
-    return [line for one in read_records(path, given) for line in _shown(one, samples)]
+    from hertzloop.studies.fit.hits import found_in, told
+
+    records = read_records(path, given)
+    found = [line for one in records for line in _shown(one, samples)]
+    for force in (one for one in records if one.quantity == "contact_force"):
+        others = [one for one in records if one is not force and one.time_s is force.time_s]
+        hits = found_in(force, True, others)
+        found += told(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
+    return found
 
 
 def _shown(one: Record, samples: int) -> list[str]:

@@ -27,8 +27,9 @@ def as_json(result: FitResult) -> dict[str, Any]:
             "clock_ppm": n.clock_ppm, "noise_rms": n.noise_rms,
             "residual_over_noise": n.residual_over_noise, "samples": n.samples,
             "rejected_samples": n.rejected, "in_pulse_percent": n.off_percent[0],
-            "after_pulse_percent": n.off_percent[1], "model_error_in_pulse_percent":
-            n.error_percent[0], "model_error_after_pulse_percent": n.error_percent[1],
+            "after_pulse_percent": n.off_percent[1], "largest_percent": n.off_percent[2],
+            "model_error_in_pulse_percent": n.error_percent[0],
+            "model_error_after_pulse_percent": n.error_percent[1],
         }
         for n in result.nuisances
     }  # fmt: skip
@@ -71,17 +72,20 @@ def _of_estimate(e: Estimate) -> dict[str, Any]:
 
 
 def fit_table(result: FitResult) -> FitTable:
-    """Return the `[fit]` table of a fitted scene."""
-    covariance = np.where(np.isfinite(result.covariance), result.covariance, 0.0)
-    for i, e in enumerate(result.estimates):
+    """Return the `[fit]` table of a fitted scene, without the speeds of single hits."""
+    shared = [i for i, e in enumerate(result.estimates) if "[" not in e.key]
+    estimates = [result.estimates[i] for i in shared]
+    covariance = result.covariance[np.ix_(shared, shared)]
+    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    for i, e in enumerate(estimates):
         if e.verdict is not Verdict.IDENTIFIED:
             covariance[i, :] = covariance[:, i] = 0.0
     return FitTable(
-        keys=tuple(e.key for e in result.estimates),
-        values=tuple(e.value for e in result.estimates),
-        low=tuple(_OPEN if e.low is None else e.low for e in result.estimates),  # type: ignore[misc]
-        high=tuple(_OPEN if e.high is None else e.high for e in result.estimates),  # type: ignore[misc]
-        verdicts=tuple(str(e.verdict) for e in result.estimates),
+        keys=tuple(e.key for e in estimates),
+        values=tuple(e.value for e in estimates),
+        low=tuple(_OPEN if e.low is None else e.low for e in estimates),  # type: ignore[misc]
+        high=tuple(_OPEN if e.high is None else e.high for e in estimates),  # type: ignore[misc]
+        verdicts=tuple(str(e.verdict) for e in estimates),
         covariance_log=tuple(float(v) for v in covariance.ravel()),
         model=str(result.model),
         residual_over_noise=float(result.residual_over_noise),
@@ -160,7 +164,8 @@ def sentences(result: FitResult) -> list[str]:
     held = result.hold_out
     if held is not None:
         found.append(f"Held-out records: residual over noise {held['residual_over_noise']:.3g}.")
-        parts = held["records"], held["in_pulse_percent"], held["after_pulse_percent"]
+        ends = ("in_pulse_percent", "after_pulse_percent", "largest_percent")
+        parts = held["records"], *(held[end] for end in ends)
         found += [_good_to(f"{name} (held out)", *off) for name, *off in zip(*parts, strict=True)]
     for n in result.nuisances:
         found.append(
@@ -172,14 +177,15 @@ def sentences(result: FitResult) -> list[str]:
     return found
 
 
-def _good_to(record: str, pulse: float | None, after: float | None) -> str:
+def _good_to(record: str, pulse: float | None, after: float | None, largest: float | None) -> str:
     """The second part of the verdict: how far the simulation is from a record."""
     parts = [
         f"{_percent(off)} of the peak {where}"
         for off, where in ((pulse, "in the pulse"), (after, "after it"))
         if off is not None
     ]
-    return f"{record}: good to {' and '.join(parts)} (root mean square)."
+    most = "" if largest is None else f"; largest error {_percent(largest)}"
+    return f"{record}: good to {' and '.join(parts)} (root mean square{most})."
 
 
 def _unidentified(result: FitResult) -> list[str]:

@@ -1,8 +1,8 @@
 """Least squares: scene keys and nuisances of the records, with growing windows and priors."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from hertzloop.studies.fit.channel import Channel
 from hertzloop.studies.fit.loop_model import LoopModel, acts_by_law
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
-from hertzloop.studies.fit.records import of_chain
+from hertzloop.studies.fit.records import Record, of_chain
 
 NUISANCES = ("time_shift_s", "clock_ppm", "gain", "offset")
 _DIFFERENCE = 1e-4  # of a key, for central differences
@@ -25,6 +25,7 @@ _EARLY_SPREADS = 6.0  # the early windows know a key to a sixth of its range
 _AT_BOUND = 1e-6  # of a logarithm
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
+_FEW = 60  # samples of a pulse, none of which is taken out
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
 _STEPS_OF_STAGE = 4  # of a minimisation, as expected
 SHIFT_UNIT_S = 1e-6  # s
@@ -73,6 +74,17 @@ class Point:
     def chi_square(self) -> float:
         """Sum of the squared residuals, priors included."""
         return float(self.residual @ self.residual)
+
+
+def own_values(values: Mapping[str, float], record: Record) -> dict[str, float]:
+    """The scene keys of a record: without those of its table, which are not fitted in it, and of
+    keys `KEY[HIT]` only those of its hit, as KEY."""
+    found = {}
+    for key, value in values.items():
+        name, _, hit = key.partition("[")
+        if name not in record.measured.set and hit in ("", f"{record.hit}]"):
+            found[name] = value
+    return found
 
 
 def of_loop(key: str) -> bool:
@@ -133,22 +145,20 @@ class Problem:
     @property
     def places(self) -> list[tuple[int, ...]]:
         """Where the nuisances of every channel stand: shift, clock, gain, offset and, under a law,
-        phase. Channels of one clock share shift, clock and phase."""
+        phase. Channels of one clock share shift, clock and phase; hits share the clock, and the
+        gain of each sensor."""
+        known: dict[tuple[str, object], int] = {}
         found: list[tuple[int, ...]] = []
-        leaders: dict[str, tuple[int, ...]] = {}
-        at = len(self.moving)
-        for c, model in zip(self.channels, self.models, strict=True):
-            clock = c.record.measured.clock
-            own = leaders.get(clock or "")
-            if own is not None:
-                place = (*own[:2], at, at + 1, *own[4:])
-                at += 2
-            else:
-                place = tuple(range(at, at + (5 if isinstance(model, LoopModel) else 4)))
-                at = place[-1] + 1
-                if clock:
-                    leaders[clock] = place
-            found.append(place)
+        for index, (c, model) in enumerate(zip(self.channels, self.models, strict=True)):
+            record, hit = c.record, c.record.hit > 0
+            clock = record.measured.clock or index
+            sensor = repr(replace(record.measured, clock=None, set={})) if hit else index
+            of = {"shift": clock, "clock": "of hits" if hit else clock, "gain": sensor,
+                  "offset": index}  # fmt: skip
+            of |= {"phase": clock} if isinstance(model, LoopModel) else {}
+            found.append(tuple(
+                known.setdefault(key, len(self.moving) + len(known)) for key in of.items()
+            ))  # fmt: skip
         return found
 
     @property
@@ -172,8 +182,7 @@ class Problem:
     ) -> Observed:
         """What the chain of channel `index` shows with these keys. Raises SceneError."""
         model, channel = self.models[index], self.channels[index]
-        given = channel.record.measured.set  # what holds for this record is not fitted in it
-        of_plant = {k: v for k, v in values.items() if k not in given}
+        of_plant = own_values(values, channel.record)
         chain = self.chains[index]
         own = {k.partition(".")[2]: v for k, v in values.items() if of_chain(k)}
         if own and channel.record.quantity:
@@ -283,6 +292,8 @@ class Problem:
         _, ppm, gain, _ = self.nuisances(x, index)
         block = np.zeros((len(tau), len(x)))
         for j, f in enumerate(self.moving):
+            if not own_values({f.key: f.start}, self.channels[index].record):
+                continue
             bounds = math.log(f.low), math.log(f.high)
             step = self._difference(index)
             block[:, j] = gain * self._by(x, index, until_s, j, step, bounds, tau)
@@ -345,13 +356,14 @@ class Problem:
                 row(j, math.log(f.start), f.prior)
             elif early:
                 row(j, math.log(f.start), f.spread)
-        clocks: set[int] = set()
+        shared: set[int] = set()
         for c, place in zip(self.channels, self.places, strict=True):
             gain_sd, clock_sd = c.prior_sds(exact=True)
-            if place[1] not in clocks:
+            if place[1] not in shared:
                 row(place[1], 0.0, clock_sd)
-            clocks.add(place[1])
-            row(place[2], 1.0, gain_sd)
+            if place[2] not in shared:
+                row(place[2], 1.0, gain_sd)
+            shared |= {*place[1:3]}
         for at, period in self.phases.items():
             # All phases are as likely, so nothing is pulled; but none is more than a period off.
             row(at, float(x[at]), _PHASE_SD * period)
@@ -476,6 +488,11 @@ def reject_outliers(problem: Problem, point: Point, until_s: float) -> int:
         sd = 1.4826 * float(np.median(np.abs(residual[used])))
         sd = max(sd, c.noise if c.noise_from == "quiet" else 0.0, 0.5 * c.step)
         far = used & (np.abs(residual) > _OUTLIER * sd)
+        contact = (tau > -0.5 * problem.models[index].contact_s) & (
+            tau < 1.5 * problem.models[index].contact_s
+        )
+        if np.count_nonzero(contact) < _FEW:  # a misfit of the pulse is as short as an outlier
+            far &= ~contact
         runs = np.split(np.flatnonzero(far), np.flatnonzero(np.diff(np.flatnonzero(far)) > 1) + 1)
         single = [i for run in runs if 0 < len(run) <= _LONGEST_RUN for i in run]
         if len(single) > _MOST_OUTLIERS * np.count_nonzero(used):

@@ -13,8 +13,8 @@ from hertzloop.studies.fit.channel import ENOUGH_QUIET, ljung_box
 from hertzloop.studies.fit.solve import Point, Problem
 
 WIDEST = 0.30  # relative half-width of an identified key
-_NORMAL = 1.959963984540054  # 95 %
-_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
+NORMAL = 1.959963984540054  # 95 %
+NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 _NULL = 1e-10  # of the largest singular value
 _F_P, _WHITE_P, _PULL = 0.01, 0.001, 3.0
 _F_QUIET = 200  # samples before the impact for the F test to decide alone
@@ -80,7 +80,7 @@ class Uncertainty:
     def half_widths(self) -> np.ndarray:
         """Relative 95 % half-widths, (keys,)."""
         with np.errstate(over="ignore"):
-            return np.asarray(np.expm1(np.minimum(_NORMAL * self.sd, 700.0)))
+            return np.asarray(np.expm1(np.minimum(NORMAL * self.sd, 700.0)))
 
 
 def uncertainty(problem: Problem, point: Point, moved: Sequence[np.ndarray] = ()) -> Uncertainty:
@@ -169,8 +169,8 @@ def _combinations(keys: list[str], covariance: np.ndarray) -> list[Combination]:
         # The product with these exponents changes by |exponents|^2 along the direction.
         length = math.sqrt(sum(p * p for p in powers.values()))
         sd = math.sqrt(max(float(value), 0.0)) * length
-        wide = _NORMAL * sd > _NO_BOUND
-        found.append(Combination(powers, math.inf if wide else 100.0 * math.expm1(_NORMAL * sd)))
+        wide = NORMAL * sd > NO_BOUND
+        found.append(Combination(powers, math.inf if wide else 100.0 * math.expm1(NORMAL * sd)))
     return found
 
 
