@@ -902,6 +902,24 @@ def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
 
 
 @pytest.mark.full
+def test_a_record_far_from_the_contact_is_aligned_by_the_wave_that_arrives() -> None:
+    """13 cm away the wave comes when the contact is over, and grows long after."""
+    point = (0.38, 0.26)
+    model = FrozenModel(scene(), 1e-3, 1e-4, point, step_ns=125)
+    tau = np.arange(-2.5e-4, 9.9e-4, 1e-6)
+    value = observe(model.run({}, 1e-3), "v_p", Chain(low_pass_hz=1e5), True).value(tau)
+    noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
+    table = Measured(quantity="v_p", low_pass_hz=1e5, point_m=point)
+    one = Record("far", tau + 3e-3, value + noise, "v_p", table)
+    found = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS)
+    [estimate] = found.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+    assert found.nuisances[0].time_shift_s == pytest.approx(3e-3, abs=1e-7)
+
+
+@pytest.mark.full
 def test_the_records_of_the_tutorial_give_the_true_values() -> None:
     from docs.examples.bench_records import EXAMPLES, TRUE
 

@@ -31,6 +31,7 @@ _AR_P = 1e-5  # probability of white noise below which the noise counts as colou
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned
 _FEWEST_ALIGNED, _MOST_ALIGNED = 4, 600  # samples
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
+_LATE = 0.1  # of the time of a wave from the contact to the sensor, that a scene may be off
 _ALIKE = 0.3  # of the power, that a simulation may leave of a record
 _MOST_SHIFTS = 1500  # of a search through a whole record
 _MOST_SAMPLES = 60_000
@@ -86,6 +87,11 @@ class Channel:
     def is_gap(self) -> bool:
         """Whether the values are distances from the plate, which are not zero at rest."""
         return self.record.quantity in ("xi", "xi_s")
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether the values are of another point than that of the contact."""
+        return self.record.measured.point_m is not None
 
     @property
     def noise_unknown(self) -> bool:
@@ -408,14 +414,17 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
     reach_s = max(8e-6, 3.0 * min(channel.interval_s, contact_s), 0.35 * contact_s)
     reach_s = max(reach_s, 0.5 * ringing_s)
     is_gap = record.quantity in ("xi", "xi_s")
-    late_s = 0.0
-    if record.quantity == "actuator_force":  # may come after the contact
+    late_s, share = 0.0, _ONSET_SHARE
+    if record.quantity == "actuator_force" or channel.elsewhere:  # may come after the contact
         shown = float(np.max(np.abs(fine)))
-        late_s = max(0.0, float(grid_s[np.argmax(np.abs(fine) > _ONSET_SHARE * shown)]))
+        if channel.elsewhere:
+            share = max(share, _SURE * channel.noise_over_peak)
+        late_s = max(0.0, float(grid_s[np.argmax(np.abs(fine) > share * shown)]))
+        reach_s = max(reach_s, _LATE * late_s)
     if is_gap:
         guess = channel.onset_s
     elif channel.has_quiet_start:
-        early = np.abs(fine) > _ONSET_SHARE * shown
+        early = np.abs(fine) > share * shown
         guess = channel.onset_s - float(grid_s[np.argmax(early)])
     else:
         guess = float(channel.time_s[0]) - 0.2 * contact_s

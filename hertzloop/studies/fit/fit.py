@@ -486,10 +486,14 @@ def prepared(
     if at is None:
         _start_speeds(problem, start)
     leaders: dict[str, Channel] = {}
-    for index, (c, model) in enumerate(zip(channels, models, strict=True)):
+    # The clock of a drop follows from what is at the contact point, if anything is.
+    for index in sorted(range(len(channels)), key=lambda i: channels[i].elsewhere):
+        c, model = channels[index], models[index]
         long_s = max(3.0 * model.contact_s, 30e-6)
         if isinstance(model, LoopModel):
             long_s += 1e-6 * setup.latency_us
+        if c.elsewhere:  # the wave has to arrive, and grow as it does in the record
+            long_s = max(long_s, float(c.time_s[-1]) - c.onset_s)
         leader = leaders.get(c.record.measured.clock or "")
         seen = problem.observed(index, dict(start), long_s)
         if leader is None:
