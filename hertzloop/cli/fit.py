@@ -88,8 +88,9 @@ def fit(
     """
     from hertzloop.studies.fit import fit as fit_study
     from hertzloop.studies.fit import report as fit_report
+    from hertzloop.studies.fit.hits import shown
     from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import Record, holds_records, read_records, shown
+    from hertzloop.studies.fit.records import Record, holds_records, read_records
     from hertzloop.studies.fit.verdicts import Model
 
     if check and not free and holds_records(Path(scene)):

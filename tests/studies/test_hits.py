@@ -8,8 +8,8 @@ import pytest
 
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import FitError, check, fit, free_of
-from hertzloop.studies.fit.hits import found_in, split, told
-from hertzloop.studies.fit.records import Measured, Record, RecordError, read_records, shown
+from hertzloop.studies.fit.hits import found_in, shown, split, told
+from hertzloop.studies.fit.records import Measured, Record, RecordError, read_records
 from hertzloop.studies.fit.report import fit_table, sentences
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Verdict

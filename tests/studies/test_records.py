@@ -10,7 +10,8 @@ import pytest
 from benchmarks.text_tables import draw, judged
 from hertzloop.extras import EXTRAS
 from hertzloop.studies.fit.formats import FORMATS
-from hertzloop.studies.fit.records import RecordError, read_record, shown
+from hertzloop.studies.fit.hits import shown
+from hertzloop.studies.fit.records import RecordError, read_record
 from hertzloop.text_tables import read_table, spacing_s
 from hertzloop.units import name_and_unit, unit_of
 from tests.commands import invoke

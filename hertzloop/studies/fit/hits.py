@@ -1,13 +1,15 @@
 """Hits of a striker: found in the contact force of a record, split, judged, and numbered."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hertzloop.setup import Setup
-from hertzloop.studies.fit.records import QUANTITIES, Record, RecordError, clipped
+from hertzloop.studies.fit.records import QUANTITIES, Record, RecordError, clipped, read_records
 
 FEWEST_BEFORE = 16  # samples between two hits, for the noise
 LONGEST_S = 0.06  # after a hit, that a fit uses: a contact within it belongs to the hit
@@ -84,6 +86,35 @@ def told(hits: Sequence[Hit], force: Record) -> list[str]:
         f"{hit.first - hit.samples.start} samples before it; "
         f"{f'not used ({hit.defect})' if hit.defect else 'used'}."
         for number, hit in enumerate(hits, 1)
+    ]
+
+
+def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) -> list[str]:
+    """Return sentences on a file: what was understood, its first samples, and what is not used.
+
+    Raises:
+        RecordError: the file cannot be read, or holds several records; the series are named.
+    """
+    records = read_records(path, given)
+    found = [line for one in records for line in _shown(one, samples)]
+    for force in (one for one in records if one.quantity == "contact_force"):
+        others = [one for one in records if one is not force and one.time_s is force.time_s]
+        hits = found_in(force, True, others)
+        found += told(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
+    return found
+
+
+def _shown(one: Record, samples: int) -> list[str]:
+    unit = QUANTITIES[one.quantity].unit
+    rows = [f"  {t:.9g} s  {v:.6g} {unit}"
+            for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)]  # fmt: skip
+    peak = int(np.nanargmax(np.abs(one.value)))
+    return [
+        f"{one.name}: {one.source}.",
+        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
+        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
+        *rows,
+        *one.notes,
     ]
 
 

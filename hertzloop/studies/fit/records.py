@@ -34,7 +34,7 @@ from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
 
 __all__ = [
     "FILTERS", "QUANTITIES", "WITHOUT_CONTROL", "Measured", "Quantity", "Record", "RecordError",
-    "clipped", "converter_step", "measured_of", "read_record", "read_records", "shown",
+    "clipped", "converter_step", "measured_of", "read_record", "read_records",
 ]  # fmt: skip
 _EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/s^2, g, mm/s^2",
              "m": "m, mm, um, nm"}  # fmt: skip
@@ -408,37 +408,6 @@ def _factor(quantity: str, measured: Measured) -> float:
             f"{_EXAMPLES[si]}."
         )
     return unit.size / measured.sensitivity
-
-
-def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) -> list[str]:
-    """Return sentences on a file: what was understood, its first samples, and what is not used.
-
-    Raises:
-        RecordError: the file cannot be read, or holds several records; the series are named.
-    """
-    from hertzloop.studies.fit.hits import found_in, told
-
-    records = read_records(path, given)
-    found = [line for one in records for line in _shown(one, samples)]
-    for force in (one for one in records if one.quantity == "contact_force"):
-        others = [one for one in records if one is not force and one.time_s is force.time_s]
-        hits = found_in(force, True, others)
-        found += told(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
-    return found
-
-
-def _shown(one: Record, samples: int) -> list[str]:
-    unit = QUANTITIES[one.quantity].unit
-    rows = [f"  {t:.9g} s  {v:.6g} {unit}"
-            for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)]  # fmt: skip
-    peak = int(np.nanargmax(np.abs(one.value)))
-    return [
-        f"{one.name}: {one.source}.",
-        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
-        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
-        *rows,
-        *one.notes,
-    ]
 
 
 def _matches(series: Series, said: str | int) -> bool:
