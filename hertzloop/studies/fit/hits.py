@@ -20,7 +20,7 @@ _SHOWN = 64  # samples that show it
 
 
 @dataclass(frozen=True)
-class Hit:
+class FoundHit:
     """A hit in a record: the first sample of its pulse, the samples that belong to it, its largest
     force (N), and why it cannot be used, "" if it can."""
 
@@ -30,7 +30,7 @@ class Hit:
     defect: str
 
 
-def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> list[Hit]:
+def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> list[FoundHit]:
     """Return the hits of a record of the contact force.
 
     Args:
@@ -75,11 +75,11 @@ def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> l
             rest = one.value[max(start, first - _SHOWN) : first - 2]
             if np.nanstd(rest) > _MOVES * np.nanmax(np.abs(one.value[first:stop])):
                 defect = f"{one.quantity} before it: the structure still moves"
-        found.append(Hit(first, slice(start, stop), float(np.nanmax(size[first:end])), defect))
+        found.append(FoundHit(first, slice(start, stop), float(np.nanmax(size[first:end])), defect))
     return found
 
 
-def told(hits: Sequence[Hit], force: Record) -> list[str]:
+def told(hits: Sequence[FoundHit], force: Record) -> list[str]:
     """Return sentences on the hits of a record: where, how large, and whether they can be used."""
     return [
         f"{force.name}, hit {number}: {hit.peak_n:.4g} N at {force.time_s[hit.first]:.6g} s, "
