@@ -25,6 +25,7 @@ CONCLUSIONS = {
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
+    "benchmarks.fit_hits": r"The stiffness of the tip is the same within [\d.]+ % \(\+/-\) over",
     "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
     "benchmarks.held_force": r"The error of the first impact is as expected, or announced",

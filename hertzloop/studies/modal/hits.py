@@ -9,7 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.studies.fit.records import FILTERS, Record, RecordError, clipped, read_record
+from hertzloop.studies.fit.records import (
+    FILTERS,
+    Record,
+    RecordError,
+    clipped,
+    read_record,
+    read_records,
+)
 from hertzloop.studies.modal.identify import FLEXIBILITY_M_N, MeasuredRows
 from hertzloop.studies.modal.universal import ModalDataError
 
@@ -56,9 +63,11 @@ def read_hits(paths: Sequence[Path]) -> list[Hit]:
 
 
 def _records_of(path: Path) -> Iterator[Record]:
-    """The record of a file, and another one beside it."""
-    first = read_record(path)
-    yield first
+    """The records of the tables of a file; of a single one also another record beside it."""
+    first, *others = read_records(path)
+    yield from (first, *others)
+    if others:
+        return
     for quantity in ORDERS if first.quantity in _FORCES else _FORCES:
         with suppress(RecordError):
             other = read_record(path, {"quantity": quantity})

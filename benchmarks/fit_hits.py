@@ -1,0 +1,155 @@
+"""Measured hits of a hammer, fitted one by one and together, with the last one held out."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
+from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.setup import Setup, load
+from hertzloop.studies.fit.fit import FitResult, fit, free_of
+from hertzloop.studies.fit.records import Record, read_record
+from hertzloop.studies.modal.hits import hits_of_records
+from hertzloop.studies.modal.modes import modes_of_hits
+from hertzloop.studies.words import write_records
+
+_HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
+_CONVERTER = {"low_pass": "sigma-delta", "low_pass_hz": 11_520.0}  # 0.45 of the rate
+_STIFFNESS = "hammer.tip_stiffness"
+_KEYS = (_STIFFNESS, "contact.restitution=0.3:0.99")
+_SCENE = (
+    "controller.law=off", "hammer.mass_kg=0.1", "hammer.speed_m_s=0.1", "hammer.tip_stiffness=3e9",
+    "hammer.tip_exponent=1.5", "contact.damping=hunt_crossley", "contact.restitution=0.7",
+)  # fmt: skip
+# How far the point that is hit gives way, over the sensor's point: no record tells it.
+_SHARES = (0.5, 1.0, 0.001)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit of hits: stiffness of the tip (N/m^1.5), restitution, farthest gain from one and clock
+    from zero over their priors, and the errors of the hit that is held out over its peak, in the
+    pulse (root mean square) and largest, %; zeros without one."""
+
+    share: float
+    records: str
+    stiffness: float
+    restitution: float
+    gain_sd: float
+    clock_sd: float
+    in_pulse_percent: float
+    largest_percent: float
+
+
+def record(kind: str, hit: int) -> Record:
+    """A shipped record: force "f" or acceleration "a" of a hit."""
+    return read_record(_HAMMER / f"{kind}{hit}.csv", _CONVERTER)
+
+
+def modes() -> ModeTable:
+    """Modes of hits 1 and 2 alone, from the point that is hit to the accelerometer."""
+    records = [record(kind, hit) for hit in (1, 2, 3) for kind in "fa"]
+    hits = hits_of_records(records)
+    return modes_of_hits(hits[:2], hits[2:], False, lambda *_: None).table
+
+
+def rig(table: ModeTable, share: float, folder: Path) -> Setup:
+    """The scene whose contact point moves by a share of what the sensor's point does; what the
+    sensor shows of a force is always as measured."""
+    assert table.shape_sensor is not None
+    scaled = replace(
+        table, shape_contact=share * table.shape_contact, shape_sensor=table.shape_sensor / share,
+        shape_actuator=share * table.shape_actuator,
+    )  # fmt: skip
+    path = folder / f"modes-{share:g}.csv"
+    path.write_bytes(write_modes(".csv", scaled))
+    plate = {"plate.modes": str(path), "plate.tail": "spring", "plate.thickness_m": None,
+             "plate.residual_flexibility_m_n": 1e-12, "plate.size_m": None}  # fmt: skip
+    return load("aluminium-20mm", _SCENE).vary(plate)
+
+
+def judged(share: float, what: str, found: FitResult) -> Fitted:
+    """The numbers of a fit."""
+    values = {e.key: e.value for e in found.estimates}
+    held = found.hold_out or {"in_pulse_percent": [0.0], "largest_percent": [0.0]}
+    return Fitted(
+        share, what, values[_STIFFNESS], values["contact.restitution"],
+        max(abs(n.gain - 1.0) for n in found.nuisances) / 0.03,
+        max(abs(n.clock_ppm) for n in found.nuisances) / 50.0,
+        max(held["in_pulse_percent"]), max(held["largest_percent"]),
+    )  # fmt: skip
+
+
+def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
+    """Fits of single hits, of the forces of all, and of forces and accelerations."""
+    table = modes()
+    for share in _SHARES[:1] if quick else _SHARES:
+        setup = rig(table, share, folder)
+        free = [free_of(setup, key) for key in _KEYS]
+        for hit in (1, 2, 3):
+            alone = [*free, free_of(setup, "hammer.speed_m_s")]
+            yield judged(share, f"force of hit {hit}", fit(setup, [record("f", hit)], alone))
+        forces = [record("f", hit) for hit in (1, 2, 3)]
+        yield judged(share, "forces, hit 3 held out", fit(setup, forces, free))
+        if share == _SHARES[0] and not quick:
+            motions = [record("a", hit) for hit in (1, 2, 3)]
+            both = fit(setup, [*forces, *motions], free)
+            yield judged(share, "forces and accelerations, hit 3 held out", both)
+
+
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
+) -> None:
+    """Fit three measured hits of a hammer (docs/examples/hammer) one by one and together.
+
+    The modes are those of hits 1 and 2. How far the point that is hit gives way was not measured,
+    so that it is varied. With --quick there is one value of it, and no acceleration.
+
+    Example: python -m benchmarks.fit_hits --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "fit_hits") as made, TemporaryDirectory() as files:
+        compile_first()
+        found = list(tracked("fits", fitted(quick, Path(files))))
+        write_records(made / "fit_hits.csv", found)
+        bars(made / "fit_hits.png", "Stiffness of the tip by the records that are fitted",
+             "N/m^1.5",
+             [(f"{one.records}, {one.share:g}", one.stiffness) for one in found])  # fmt: skip
+    headings = ("records", "share", "stiffness, N/m^1.5", "restitution", "gain, sd", "clock, sd",
+                "held out: in the pulse, %", "largest, %")  # fmt: skip
+    rows = [
+        (one.records, f"{one.share:g}", f"{one.stiffness:.3g}", f"{one.restitution:.3f}",
+         f"{one.gain_sd:.2f}", f"{one.clock_sd:.2f}",
+         *(f"{x:.2g}" if x else "" for x in (one.in_pulse_percent, one.largest_percent)))
+        for one in found
+    ]  # fmt: skip
+    out.print(number_table("hits of a hammer", headings, rows, text=1))
+    written(made, "fit_hits.csv", "fit_hits.png")
+    single = [one.stiffness for one in found if one.share == _SHARES[0]][:3]
+    held = [one.in_pulse_percent for one in found if one.share == _SHARES[0]][-1]
+    apart = 50.0 * (max(single) - min(single)) / (sum(single) / 3.0)
+    conclude(
+        f"The stiffness of the tip is the same within {apart:.2g} % (+/-) over the hits, and the "
+        f"held-out hit is off by {held:.2g} % of its peak in the pulse."
+    )
+    write_json(json_file, {"fits": [asdict(one) for one in found]})
+
+
+if __name__ == "__main__":
+    start("benchmarks.fit_hits")
