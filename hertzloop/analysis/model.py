@@ -156,7 +156,7 @@ def _theory(setup: Setup) -> Theory | None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
     error = expected_kirchhoff_error(setup.sphere, local, setup.contact)
-    why_not = setup.bodies.why_not_solid
+    why_not = setup.why_not_solid
     return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
 
 

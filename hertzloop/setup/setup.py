@@ -38,6 +38,7 @@ from hertzloop.scenes.scene import (
     SensorsTable,
     SphereTable,
     grain_of,
+    not_in_three_dimensions,
 )
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.scenes.scene import parse as parse_scene
@@ -91,6 +92,8 @@ class _Values:
     stiffness: float
     """contact stiffness that a law works with, N/m^1.5"""
     actuator: Actuator
+    why_not_solid: str | None
+    """why the plate cannot be in three dimensions; None if it can"""
     theory: str
     """theory of the plate: "kirchhoff" or "3d", as `plate.theory` comes to"""
     first_touch_s: float
@@ -226,8 +229,14 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     sensed = sensors.point_m, sensors.mass_kg or 0.0
     bodies = stages.bodies_of(
         striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
-        run.plate_model == "infinite", run.accuracy, sensed,
+        scene.plate.theory == "auto" and run.plate_model == "infinite", run.accuracy, sensed,
     )  # fmt: skip
+    why_not_solid = bodies.why_not_solid
+    if run.plate_model == "infinite":
+        why_not_solid = not_in_three_dimensions(
+            striker, scene.plate, scene.contact, scene.actuator, run.scheme, run.plate_model,
+            False, sensors.mass_kg,
+        )[0]  # fmt: skip
     first_touch_s = run.lead_in_s
     if gravity := bodies.sphere.gravity_m_s2:
         first_touch_s = min(first_touch_s, bodies.sphere.impact_speed_m_s / gravity)
@@ -282,6 +291,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         contact=bodies.contact,
         stiffness=stiffness,
         actuator=bodies.actuator,
+        why_not_solid=why_not_solid,
         theory=bodies.theory,
         plate_material=materials[0],
         striker_material=materials[1],
