@@ -256,6 +256,13 @@ def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
 # Bad records: a sentence each, or a right answer.
 
 
+def test_a_record_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    for text in ("record = 3", "record = [1, 2]"):
+        (tmp_path / "rig.toml").write_text(text)
+        with pytest.raises(RecordError, match=r"is not a table. Write \[record\]"):
+            read_records(tmp_path / "rig.toml")
+
+
 def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) -> Record:
     return replace(one, value=value, time_s=one.time_s if time_s is None else time_s)
 

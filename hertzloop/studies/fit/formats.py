@@ -479,9 +479,14 @@ def inner_tables(text: str | bytes) -> list[dict[str, Any]]:
 
 
 def record_tables(text: str) -> list[dict[str, Any]]:
-    """The `[record]` table of a TOML text, or its `[[record]]` tables. Raises TOMLDecodeError."""
+    """The `[record]` table of a TOML text, or its `[[record]]` tables. Raises TOMLDecodeError and
+    RecordError."""
     found = tomllib.loads(text).get("record", [])
-    return found if isinstance(found, list) else [found]
+    tables = found if isinstance(found, list) else [found]
+    for table in tables:
+        if not isinstance(table, dict):
+            raise RecordError(f"record = {found!r}: is not a table. Write [record] or [[record]].")
+    return tables
 
 
 FORMATS = (
