@@ -21,7 +21,7 @@ from hertzloop.bus.streams import (
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
 from tests.hertzloop.processes import EVENTUALLY_S
 
 
@@ -66,7 +66,7 @@ class Pair:
     stats: LoopStats | None = None
 
     def __post_init__(self) -> None:
-        self.scene.start_controller()  # compiles the law: some tests wait for 2 s
+        parts.start_controller(self.scene)  # compiles the law: some tests wait for 2 s
         self.ports = {role: QueuePort(role, self.heard) for role in (PLANT, CONTROLLER)}
         for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
             self.ports[role].other = self.ports[other]

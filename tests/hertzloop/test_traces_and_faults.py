@@ -120,7 +120,7 @@ def test_a_controller_that_stalls_in_a_paced_run_is_repeated(back):
     setup = load("aluminium-3mm", short)
     steps = np.arange(setup.steps)
     held = np.where((steps > 1010) & (steps < back), steps - 1010, 0)
-    recording = Recording(Path("a.mcap"), scene_toml=setup.as_toml())
+    recording = Recording(Path("a.mcap"), scene_toml=to_toml(setup.scene))
     recording.truth = replace(recording.truth, arrays={"held_steps": held})
     trace = latencies_of(recording).tolist()
     again = simulate(load("aluminium-3mm", [*short, f"controller.latency_trace={trace}"]))
