@@ -65,7 +65,7 @@ __all__ = ["here"]  # the fixture
                 ("node plant", "?"),
                 ("node recorder", "#"),
                 ("node watch", "$*"),
-                ("law test x", "a/b"),
+                ("law test", "a/b"),
             )
         ),
         ("node recorder --out a", "--out = a: a recording must end in .mcap"),
