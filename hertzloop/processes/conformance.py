@@ -31,7 +31,7 @@ from hertzloop.bus.streams import (
 from hertzloop.bus.wire import MessageError
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
-from hertzloop.loop.plant_streams import hello
+from hertzloop.loop.plant_streams import ROOM_STEPS, hello
 from hertzloop.processes.program import filled_in
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, load, parse, parts
@@ -263,8 +263,10 @@ class ScriptedPlant:
         exchanged = 0
         for step in range(last):
             self._observe(step)
+            waiting = self._samples_by(step) - self.sent
             due = step + 1 >= exchanged + self.horizon or step == self.steps - 1
-            if self._samples_by(step) > self.sent and (due or not self._knows(step)):
+            due = due or waiting == ROOM_STEPS
+            if waiting > 0 and (due or not self._knows(step)):
                 first, exchanged = not self.sent, step + 1
                 self._send(step)
                 if first:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -282,6 +283,23 @@ def test_samples_of_a_script_are_said_as_a_plant_says_them() -> None:
         flags = script.clipped[: len(samples)].tobytes() if kind == "code" else b""
         assert daq.header.saturated == flags
     assert kinds == {"code", "value"}
+
+
+def test_blocks_of_a_script_are_as_small_as_a_plants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A controller that promises no force gets the samples in blocks, too."""
+    [script, *_] = [one for one in scripts("slope_threshold") if one.ending == "whole"]
+    setup = script.setup.vary({"run.duration_s": 0.0253, "sensors.every_steps": 1})
+    count = setup.steps
+    script = replace(script, setup=setup, samples=np.ones(count), clipped=np.zeros(count, np.uint8))
+    said: list[Envelope] = []
+    port: Any = QueuePort(PLANT, said)
+    plant = ScriptedPlant(script, port, None, 0.0, Checks())
+    plant.promised, plant.level, plant.zero_end = True, -np.inf, count
+    monkeypatch.setattr(plant, "_hear_answers", lambda _: None)
+    monkeypatch.setattr(plant, "_hear_end", lambda: None)
+    plant.play()
+    blocks = [decode(envelope) for envelope in said if envelope.stream == "daq"]
+    assert [len(block.arrays["value"]) for block in blocks] == [10_000, 10_000, count - 20_000]
 
 
 @pytest.mark.full
