@@ -5,12 +5,10 @@ them. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's mist
 interrupted.
 """
 
-import atexit
 import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -321,14 +319,9 @@ def main(commands: Callable[[], None]) -> None:
     try:
         commands()
     except SystemExit as end:
-        hangs = any(thread.name == LEAVING for thread in threading.enumerate())
-        if hangs or "zenoh" in sys.modules:
-            # zenoh may still call Python from its threads, which aborts when Python ends in order.
-            with suppress(OSError, ValueError):  # a closed stream: Python reports it at its end
-                sys.stdout.flush()
-                sys.stderr.flush()
-                if not hangs:
-                    threading._shutdown()  # type: ignore[attr-defined]
-                    atexit._run_exitfuncs()
-                os._exit(end.code if isinstance(end.code, int) else 1)
+        if any(thread.name == LEAVING for thread in threading.enumerate()):
+            # zenoh still calls Python from its threads, which aborts when Python ends in order.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code if isinstance(end.code, int) else 1)
         raise

@@ -81,8 +81,9 @@ def leave(number: int, frame: FrameType | None) -> None:
 
 
 def _end() -> None:
-    """End with the exit code of an interrupt. If it came through exec(), as imports use it, Python
-    would end by SIGINT at last, however it was handled."""
+    """End with the exit code of an interrupt, or of a process that used zenoh. Python would end by
+    SIGINT at last if an interrupt came through exec(), as imports use it, however it was handled.
+    """
     if _code:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -120,8 +121,9 @@ def command_line() -> Iterator[Callable[[], None]]:
             sys.stdout.flush()
         # Another one, while Python ends, would come out as an exception.
         raise_when_ended(lambda *_: os._exit(code))
-        if code == INTERRUPTED:
-            _code.append(INTERRUPTED)
+        # zenoh may still call Python from its threads, which aborts after the exit functions.
+        if code == INTERRUPTED or "zenoh" in sys.modules:
+            _code.append(code)
         raise
 
 
