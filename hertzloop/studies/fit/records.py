@@ -308,6 +308,8 @@ def _tables(path: Path) -> list[dict[str, Any]]:
     """The `[record]` or `[[record]]` tables of a TOML file. Raises RecordError."""
     try:
         return record_tables(path.read_text("utf-8"))
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from None
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RecordError(f"{path}: is not valid TOML: {error}.") from error
 
