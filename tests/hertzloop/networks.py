@@ -138,8 +138,8 @@ class Network:
     def close(self) -> None:
         """End all hosts, and what still runs there."""
         for process in self._started:
-            process.kill()  # `ip` has become the program itself
-            process.communicate()
+            with process:
+                process.kill()  # `ip` has become the program itself
         self._stack.close()
 
 

@@ -1,7 +1,9 @@
 """Runs on several hosts, by certificates and access control: who is let in, and who is not."""
 
 import json
+import queue
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -45,9 +47,14 @@ def keys(hosts: Network, tmp_path: Path) -> Path:
 
 
 def begin(
-    hosts: Network, keys: Path, recording: Path, *settings: str, patience: list[str] = PATIENT
+    hosts: Network,
+    keys: Path,
+    recording: Path,
+    *settings: str,
+    patience: list[str] = PATIENT,
+    roles: tuple[str, ...] = (RECORDER, CONTROLLER, PLANT),
 ) -> dict[str, subprocess.Popen]:
-    """The three commands of the documentation, each on its host; `settings` of the scene."""
+    """The commands of the documentation, each on its host; `settings` of the scene."""
     sets = [word for setting in settings for word in ("--set", setting)]
     # Shared memory would join processes that are on one machine after all.
     commands = {
@@ -65,7 +72,8 @@ def begin(
             str(keys / f"{role}.json5"),
             *patience,
         )
-        for role, words in commands.items()
+        for role in roles
+        for words in [commands[role]]
     }
 
 
@@ -129,18 +137,28 @@ class Intruder:
             host, "-m", "tests.hertzloop.intruder", str(config), "hertzloop",
             stdin=subprocess.PIPE,
         )  # fmt: skip
+        self._lines: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
         self.began = self.says()
+
+    def _listen(self) -> None:
+        for line in self._process.stdout:
+            self._lines.put(line)
+        self._lines.put("{}")  # it has ended
 
     def says(self) -> dict:
         """The next line of its output; empty if it has ended."""
-        assert self._process.stdout
-        return json.loads(self._process.stdout.readline() or "{}")
+        return json.loads(self._lines.get(timeout=EVENTUALLY_S))
 
     def result(self) -> dict:
         """What it got, at its end."""
-        out, err = self._process.communicate(timeout=EVENTUALLY_S)
-        assert out, err
-        return json.loads(out.splitlines()[-1])
+        assert self._process.stdin
+        self._process.stdin.close()
+        last = {}
+        while line := self.says():
+            last = line
+        assert last, finish(self._process)
+        return last
 
 
 class Paper:
@@ -189,8 +207,10 @@ def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: P
         for host, pair in certificates.items()
     }
     recording = tmp_path / "run.mcap"
-    roles = begin(hosts, paper.folder, recording, *SHORT)
-    assert intruders["other name"].says()["linked"]  # while the run has hardly begun
+    roles = begin(hosts, paper.folder, recording, *SHORT, roles=(CONTROLLER, PLANT))
+    assert intruders["other name"].says()["linked"]
+    # Without its recorder the run could not begin, so the intruder is there during all of it.
+    roles |= begin(hosts, paper.folder, recording, *SHORT, roles=(RECORDER,))
     ends = end_all(roles)
     got = {host: intruder.result() for host, intruder in intruders.items()}
     for role, (code, err) in ends.items():
