@@ -54,10 +54,9 @@ def bench(
         f"second (median), {found.sweep.most_per_s:z.0f} in the fastest round"
     )
     by = {loop.transport.value: loop for loop in found.loops}
-    out.print(
+    out.say(
         f"Over zenoh the loop takes {by['zenoh'].median_us:.3g} us a step, "
         f"{by['zenoh'].times_real_time:.2g} times real time, and one core runs "
-        f"{found.sweep.per_s:z.0f} cases of a latency sweep in a second.",
-        soft_wrap=True,
+        f"{found.sweep.per_s:z.0f} cases of a latency sweep in a second."
     )
     options.write_json(json_file, asdict(found))

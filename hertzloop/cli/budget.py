@@ -9,21 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    check_folder,
-    check_json,
-    check_law,
-    check_writable,
-    compile_first,
-    make_folder,
-    scene_from,
-    takes,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.extras import need
@@ -39,15 +25,15 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.probability import Probability, Sensitivity
 
 
-@takes()
+@options.takes()
 def budget(
     request: BudgetRequest,
-    scene: SceneArgument = DEFAULT,
+    scene: options.SceneArgument = DEFAULT,
     law: Annotated[
         str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
     ] = None,
-    settings: SetOption = None,
-    seed: SeedOption = None,
+    settings: options.SetOption = None,
+    seed: options.SeedOption = None,
     trace: Annotated[
         Path | None,
         typer.Option(
@@ -74,7 +60,7 @@ def budget(
     folder: Annotated[
         Path | None, typer.Option("--out-dir", "-o", help="Folder for the results as a page.")
     ] = None,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Find how much latency and how few bits a law tolerates.
 
@@ -91,19 +77,19 @@ def budget(
     from hertzloop.studies.sweeps.sweep import work_of
     from hertzloop.studies.sweeps.uncertain import read_uncertain
 
-    check_json(json_file)
-    check_folder(junit_file)
+    options.check_json(json_file)
+    options.check_folder(junit_file)
     if requirements is not None:
         check_requirements(requirements, request.workers, junit_file, json_file)
         return
     if junit_file is not None:
-        fail("--junit needs --check. Name a file of requirements", 2)
+        fail("--junit needs --check. Name a file of requirements")
     given = [*(settings or []), *([f"controller.law={law}"] if law is not None else [])]
     if trace is not None:
         given += ["controller.latency_us=0", f"controller.latency_trace={trace}"]
-    resolved = scene_from(scene, given, seed)
+    resolved = options.scene_from(scene, given, seed)
     if not SCHEMES[resolved.scheme].conserves:
-        fail(NO_CASE_OF_THESIS, 2)
+        fail(NO_CASE_OF_THESIS)
     wanted = [parse_goal(text) for text in request.goals or [DEFAULT_GOAL]]
     sobol, quick, of = request.sobol, request.quick, request.first_span
     if not resolved.has_law:
@@ -125,10 +111,10 @@ def budget(
     if folder is not None:
         need("matplotlib", "jinja2")
     if folder is not None:
-        make_folder(folder)
+        options.make_folder(folder)
     else:
-        check_writable(Path())  # for unfinished work
-    compile_first(resolved)
+        options.check_writable(Path())  # for unfinished work
+    options.compile_first(resolved)
     header = {
         **work_of([resolved], [resolved.law_reference], Design(())),
         "budget": [*map(str, wanted), request.span, quick, request.with_real, *request.only],
@@ -191,8 +177,8 @@ def budget(
              *(["--quick"] if quick else []), "--out-dir", str(folder)]
         )  # fmt: skip
         page = write_page(folder, resolved, found, mapped, lines, command)
-        out.print(f"written: {page}", soft_wrap=True)
-    write_json(json_file, data)
+        out.say(f"written: {page}")
+    options.write_json(json_file, data)
 
 
 def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:
@@ -205,7 +191,7 @@ def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]
 
 def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", worst: str) -> None:
     """Print how likely the goals are met."""
-    out.print(probability_line(likely), soft_wrap=True)
+    out.say(probability_line(likely))
     table = Table(title="Quantiles over the uncertain cases")
     names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
     table.add_column("figure")
@@ -224,7 +210,7 @@ def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", w
                 f"{one.total:z.3f} ± {one.total_half:z.3f}",
             )  # fmt: skip
         out.print(shares)
-    out.print(f"Run the worst case again: {worst}", soft_wrap=True)
+    out.say(f"Run the worst case again: {worst}")
 
 
 def check_requirements(
@@ -238,8 +224,8 @@ def check_requirements(
     rows = read_requirements(path)
     setups = [row.setup() for row in rows]
     for setup in {setup.law_reference: setup for setup in setups}.values():
-        check_law(setup)
-    compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+        options.check_law(setup)
+    options.compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
     with (
         if_interrupted(), progress("requirements", len(rows)) as advance,
         local_pool(workers) as pool,
@@ -248,12 +234,12 @@ def check_requirements(
             found.append(check(pool, row))
             advance(len(found))
     for one in found:
-        out.print(styled(("holds", "green") if one.passed else ("FAILS", "bold red"),
-                         f"  {one.row.name}"), soft_wrap=True)  # fmt: skip
+        head = ("holds", "green") if one.passed else ("FAILS", "bold red")
+        out.say(styled(head, f"  {one.row.name}"))
         for sentence in (*one.fails, *one.holds):
-            out.print(f"    {sentence}", soft_wrap=True)
+            out.say(f"    {sentence}")
         if not one.passed:
-            out.print(f"    Reproduce: {one.command}", soft_wrap=True)
+            out.say(f"    Reproduce: {one.command}")
     failed = [one for one in found if not one.passed]
     out.print(f"{len(found) - len(failed)} of {len(found)} requirements hold")
     if junit_file is not None:
@@ -264,7 +250,7 @@ def check_requirements(
          "measured": one.measured, "command": one.command, "seconds": one.seconds}
         for one in found
     ]  # fmt: skip
-    write_json(json_file, {
+    options.write_json(json_file, {
         "requirements": rows_of, "passed": not failed, "failed": len(failed),
         "unstable": any(one.unstable for one in found),
     })  # fmt: skip
@@ -315,7 +301,7 @@ def print_budget(found: "Budget") -> None:
     from hertzloop.studies.margin.shown import margin_lines
 
     for line in effect_lines(found):
-        out.print(line, soft_wrap=True)
+        out.say(line)
     plants = _plants(found)
     out.print(_limits_table(plants))
     for name, plant in plants:
@@ -327,16 +313,16 @@ def print_budget(found: "Budget") -> None:
         for limit in plant.limits:
             if not limit.interval:
                 places = ", ".join(f"{x:.4g}" for x in limit.holds_again[:6])
-                out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
-                          "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
+                out.say(f"In {name} the goal is met again at {limit.quantity} = {places}: "
+                          "the tolerated values are not an interval.")  # fmt: skip
             if limit.reason:
                 says = _REASONS[limit.boundary].format(limit)
-                out.print(f"In {name} {says} {limit.reason}", soft_wrap=True)
+                out.say(f"In {name} {says} {limit.reason}")
     if found.margin is None:
         out.print("Linear margin: none, because the loop in flight is not linear under this law.")
     else:
         for line in margin_lines(found.margin):
-            out.print(line, soft_wrap=True)
+            out.say(line)
 
 
 def _trace_words(latencies: Sequence[float]) -> str:

@@ -41,23 +41,21 @@ def export(
     from hertzloop.views.labels import export_labels
 
     if out_file.suffix not in FORMATS:
-        fail(
-            f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.", 2
-        )
+        fail(f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.")
     if out_file.suffix == ".h5":
         need("h5py")
     if to_ms is not None and to_ms < from_ms:
-        fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.", 2)
+        fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.")
     options.check_output(out_file, overwrite, read=[file])
     recording = read_or_fail(file)
     for problem in recording.problems:
-        err.print(f"{file}: {problem}", soft_wrap=True)
+        err.say(f"{file}: {problem}")
     samples = Samples(recording, export_labels(scene_value(recording, "sensors", "quantity", "xi")))
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
         samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))
     write(samples, out_file)
-    out.print(f"written: {out_file}", soft_wrap=True)
+    out.say(f"written: {out_file}")
 
 
 CpuOption = Annotated[
@@ -93,14 +91,14 @@ def export_plant(
     It holds plant, actuator and sensor. The calling program gives the force.
     """
     if (sys.platform, _machine()) != ("linux", "x86_64"):
-        fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}", 2)
+        fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}")
     if (out_file is None) == (out_dir is None):
-        fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.", 2)
+        fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.")
     folder = out_dir is not None
     out_path = out_dir or out_file
     assert out_path is not None
     if not folder and out_path.suffix not in (".fmu", ".so"):
-        fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir", 2)
+        fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir")
     options.check_reachable(out_path)
     resolved = options.scene_from(scene, settings, seed)
     if not folder:
@@ -109,8 +107,7 @@ def export_plant(
         )
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(
-            f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite.",
-            2,
+            f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite."
         )
     from hertzloop.interop import fmu as library
     from hertzloop.interop.fmu import write_fmu
@@ -131,13 +128,12 @@ def export_plant(
     else:
         library.write_library(made, cpu, out_path)
     if resolved.scene.run.plate_model == "auto" and resolved.plate_model == "infinite":
-        err.print(
+        err.say(
             "the plate is infinite, as in this scene's runs, for the force of its own law; for any "
-            "force take --set run.plate_model=modal",
-            soft_wrap=True,
+            "force take --set run.plate_model=modal"
         )
     arrays = len(made.data) / 1000
-    out.print(f"written: {out_path}, for {cpu}, {arrays:z.0f} kB of it arrays", soft_wrap=True)
+    out.say(f"written: {out_path}, for {cpu}, {arrays:z.0f} kB of it arrays")
 
 
 def _machine() -> str:

@@ -6,23 +6,13 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    SceneArgument,
-    SetOption,
-    check_json,
-    check_output,
-    compile_first,
-    scene_from,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.whole_files import write_whole
 
 
 def fit(
-    scene: SceneArgument,
+    scene: options.SceneArgument,
     records: Annotated[
         list[Path] | None,
         typer.Argument(metavar="RECORD...", help="Files of measured records."),
@@ -75,9 +65,9 @@ def fit(
         Path | None,
         typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
     ] = None,
-    settings: SetOption = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    settings: options.SetOption = None,
+    json_file: options.JsonOption = None,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Fit keys of a scene to measured records.
 
@@ -95,23 +85,23 @@ def fit(
 
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
-            out.print("\n".join(shown(file)), soft_wrap=True, markup=False)
+            out.say("\n".join(shown(file)))
         return
-    setup = scene_from(scene, settings, None)
+    setup = options.scene_from(scene, settings, None)
     files = list(records or [])
     numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
     held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
     target = out_file or Path(f"{setup.name}-fitted.toml")
     if expect and not check:
-        fail("--expect: supposes a record, which cannot be fitted. Add --check.", 2)
+        fail("--expect: supposes a record, which cannot be fitted. Add --check.")
     if not check:
         read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
         own = out_file is None and _written_by_fit(target)
-        check_output(target, overwrite or own, read=read)
+        options.check_output(target, overwrite or own, read=read)
     for path, option in ((report_file, "--report"), (replay_file, "--replay")):
         if path is not None:
-            check_output(path, overwrite, option, read=[*files, *held])
-    check_json(json_file, target, report_file, replay_file)
+            options.check_output(path, overwrite, option, read=[*files, *held])
+    options.check_json(json_file, target, report_file, replay_file)
     keys = [fit_study.free_of(setup, text) for text in free or []]
     if not keys:
         raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
@@ -120,8 +110,8 @@ def fit(
     compared += numbers
     for one in (*measured, *compared):
         if isinstance(one, Record):
-            out.print(f"{one.name}: {one.source}.", soft_wrap=True, markup=False)
-    compile_first(setup)
+            out.say(f"{one.name}: {one.source}.")
+    options.compile_first(setup)
     if check:
         under = True if any(acts_by_law(key.key) for key in keys) else None
         measured += [
@@ -144,12 +134,12 @@ def fit(
             result = fit_study.fit(setup, measured, keys, others, tell, exact)
     out.print(fit_report.parameter_table(result))
     for sentence in fit_report.sentences(result):
-        out.print(sentence, soft_wrap=True)
+        out.say(sentence)
     data = fit_report.as_json(result)
     if result.setup is not None and result.identifiable:
         write_whole(target, fit_report.fitted_scene(result, target.stem))
         data["scene"] = str(target)
-        out.print(f"written: {target}", soft_wrap=True)
+        out.say(f"written: {target}")
     if report_file is not None:
         from hertzloop.studies.report.fitted import page
 
@@ -159,13 +149,13 @@ def fit(
                  *(["--exact"] if exact else [])]  # fmt: skip
         command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
         write_whole(report_file, page(result, command))
-        out.print(f"written: {report_file}", soft_wrap=True)
+        out.say(f"written: {report_file}")
     if replay_file is not None:
         from hertzloop.studies.report.fitted import write_replay
 
         write_replay(result, replay_file)
-        out.print(f"written: {replay_file}", soft_wrap=True)
-    write_json(json_file, data)
+        out.say(f"written: {replay_file}")
+    options.write_json(json_file, data)
     if not result.identifiable:
         raise typer.Exit(2)
     if result.model is Model.DOES_NOT_FIT:

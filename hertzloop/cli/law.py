@@ -9,19 +9,7 @@ import numpy as np
 import typer
 
 from hertzloop.analysis.recorded import law_ran
-from hertzloop.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    SetOption,
-    check_controller,
-    check_json,
-    check_output,
-    check_picture,
-    compile_first,
-    takes,
-    write_json,
-    write_new,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import BusOptions, RunOptions
@@ -60,8 +48,8 @@ def new(
 
     A law in C gets the header hertzloop_law.h beside it.
     """
-    write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check),
-              _next(file, with_check))  # fmt: skip
+    then = _next(file, with_check)
+    options.write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), then)
 
 
 def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
@@ -72,7 +60,7 @@ def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
     for name in ("requirements.toml", "workflow.yml") if with_check else ():
         beside = file.with_name(name)
         if beside.exists():
-            fail(f"{beside} exists. Move it, or omit --with-check.", 2)
+            fail(f"{beside} exists. Move it, or omit --with-check.")
         text = _resource(f"{name}.txt").replace('law = "FILE"', f'law = "{_runs(file).name}"')
         texts[beside] = text.replace("FILE", file.name)
     if file.suffix == ".c" and with_check:
@@ -101,12 +89,12 @@ def _next(file: Path, with_check: bool) -> str:
 def replay(
     file: Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")],
     law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
-    settings: SetOption = None,
+    settings: options.SetOption = None,
     picture: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
     ] = None,
-    overwrite: OverwriteOption = False,
-    json_file: JsonOption = None,
+    overwrite: options.OverwriteOption = False,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Feed a recording's samples to another law and show where the forces differ."""
     from hertzloop.recordings.reader import read
@@ -114,23 +102,23 @@ def replay(
     from hertzloop.studies import law_on as law_replay
 
     target = picture or file.with_name(f"{file.stem}-law.png")
-    check_picture(target)
-    check_output(target, overwrite, read=[file])
-    check_json(json_file, target)
+    options.check_picture(target)
+    options.check_output(target, overwrite, read=[file])
+    options.check_json(json_file, target)
     try:
         recording = read(file)
         keys = dict(_setting(text) for text in settings or [])
         setup = law_replay.scene_with(recording, law, keys)
         found = law_replay.law_on(recording, setup)
     except (RecordingError, SceneError) as error:
-        fail(str(error), 2)
+        fail(str(error))
     for problem in recording.problems:
-        err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
+        err.say(f"{file}: {problem}")
     ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
     law_replay.draw(found, (f"recorded: {ran}", parts.law_of(setup).name), target)
-    out.print(_difference(found, parts.law_of(setup).name), soft_wrap=True, markup=False)
-    out.print(f"written: {target}", soft_wrap=True)
-    write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
+    out.say(_difference(found, parts.law_of(setup).name))
+    out.say(f"written: {target}")
+    options.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 
 
 def _difference(found: "ForceComparison", name: str) -> str:
@@ -147,16 +135,14 @@ def _setting(text: str) -> tuple[str, object]:
     key, equals, value = text.partition("=")
     if not equals:
         fail(
-            f"--set = '{text}': invalid setting. Write table.key=value, as in "
-            "controller.kappa=0.5.",
-            2,
+            f"--set = '{text}': invalid setting. Write table.key=value, as in controller.kappa=0.5."
         )
     return key.strip(), toml_value(value)
 
 
-@takes(only=("controller", "name", "timeout_s", "wait_s"), name=BUS_NAME)
+@options.takes(only=("controller", "name", "timeout_s", "wait_s"), name=BUS_NAME)
 def controller_test(
-    options: RunOptions,
+    request: RunOptions,
     bus: BusOptions,
     script: Annotated[
         list[str] | None,
@@ -171,7 +157,7 @@ def controller_test(
             help="Play the samples of this recording and require its forces.", exists=True
         ),
     ] = None,
-    settings: SetOption = None,
+    settings: options.SetOption = None,
     port: Annotated[
         int | None,
         typer.Option(
@@ -190,25 +176,25 @@ def controller_test(
     from hertzloop.processes.conformance import Broken, Checks, Meeting
 
     if law and expect:
-        fail("--law: cannot be combined with --expect. Remove one of the two.", 2)
-    command = options.controller
-    check_controller(command)
+        fail("--law: cannot be combined with --expect. Remove one of the two.")
+    command = request.controller
+    options.check_controller(command)
     chosen = _chosen(script, law, expect, settings or [], everything=command is not None)
     checks = Checks()
     laws: set[str] = set()
     with meeting_endpoints(command or "", port) as endpoints:
-        meeting = Meeting(options.name or BUS_NAME, endpoints, options.timeout_s, bus.wait_s)
+        meeting = Meeting(request.name or BUS_NAME, endpoints, request.timeout_s, bus.wait_s)
         for one in chosen:
             try:
                 laws |= _played(one, meeting, command or "", checks)
             except Broken as error:
-                out.print(f"script '{one.name}': {error}", soft_wrap=True)
+                out.say(f"script '{one.name}': {error}")
                 raise typer.Exit(1) from None
             except OSError as error:
-                fail(f"--controller = '{command}': cannot be started: {error}", 2)
+                fail(f"--controller = '{command}': cannot be started: {error}")
     for text in sorted(laws):
         said = f"its law: {text}" if text else "it does not say which law ran (set_up.law)"
-        err.print(said, soft_wrap=True)
+        err.say(said)
     out.print(f"conforms: {checks.count:,} checks")
 
 
@@ -228,19 +214,16 @@ def _chosen(
         if expect:
             return [recorded(read(expect))]
         if law:
-            compile_first()
+            options.compile_first()
         known = {script.name: script for script in scripts(law, settings)}
     except (SceneError, RecordingError, ValueError) as error:
-        fail(str(error), 2)
+        fail(str(error))
     wanted = names or (list(known) if everything else ["touch"])
     for name in wanted:
         if name not in known:
-            fail(f"--script = '{name}': unknown script. Use one of {', '.join(known)}.", 2)
+            fail(f"--script = '{name}': unknown script. Use one of {', '.join(known)}.")
     if not everything and len(wanted) > 1:
-        fail(
-            "--script: a running controller plays one script. Use --controller 'CMD' for several.",
-            2,
-        )
+        fail("--script: a running controller plays one script. Use --controller 'CMD' for several.")
     return [known[name] for name in wanted]
 
 

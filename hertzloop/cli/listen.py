@@ -54,11 +54,11 @@ def listen(
     from hertzloop.views.replaying import scene_of
 
     if not at[2] > 0.0:
-        fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.", 2)
+        fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
     options.check_json(json_file)
     recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
-        err.print(f"{file}: {problem}", soft_wrap=True)
+        err.say(f"{file}: {problem}")
     options.make_folder(folder)
     try:
         data = heard_of(recording, scene_of(recording), folder, at, slow, tail, energy)
@@ -89,7 +89,7 @@ def _show(data: dict[str, Any]) -> None:
     for name, run in runs.items():
         _explain(name.replace("-", " "), run)
     for run in runs.values():
-        out.print(f"written: {run['file']}", soft_wrap=True)
+        out.say(f"written: {run['file']}")
 
 
 def _change(values: list[float], unit: str) -> str:
@@ -109,9 +109,8 @@ def _explain(name: str, run: dict[str, Any]) -> None:
     if min(energies) > 0.0:
         levels = [10.0 * math.log10(one) for one in energies]
         through, means, later = (levels[i] - levels[j] for i, j in ((0, 1), (2, 1), (3, 2)))
-        out.print(
+        out.say(
             f"{name}: the half sphere, by {DIRECTIONS} directions, has {through:+z.2f} dB against "
             f"the modes' own efficiencies, mean efficiencies {means:+z.2f} dB; what follows after "
-            f"the file (--tail) adds {later:z.2f} dB",
-            soft_wrap=True,
+            f"the file (--tail) adds {later:z.2f} dB"
         )

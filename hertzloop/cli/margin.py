@@ -63,12 +63,12 @@ def margin(
     lines = margin_lines(found)
     lines += contact_lines(contact) if contact else fact_lines(facts) if facts else []
     for line in lines:
-        out.print(line, soft_wrap=True)
+        out.say(line)
     at_hz = found.binding_frequency_hz
     if at_hz is not None:
         mode = binding_mode(setup, at_hz)
         data["binding_mode"] = None if mode is None else asdict(mode)
-        out.print(mode_line(mode, at_hz), soft_wrap=True)
+        out.say(mode_line(mode, at_hz))
     options.write_json(json_file, data)
     if folder is None:
         return
@@ -83,4 +83,4 @@ def margin(
     LinearSystem.of(setup).save(folder / "plant.npz")
     options.write_json(folder / "margin.json", data)
     for name in ("margin.png", "margin.json", "plant.npz"):
-        out.print(f"written: {folder / name}", soft_wrap=True)
+        out.say(f"written: {folder / name}")

@@ -10,17 +10,7 @@ import numpy as np
 import tomli_w
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    SetOption,
-    check_json,
-    check_output,
-    check_picture,
-    files_of,
-    scene_from,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
@@ -109,12 +99,12 @@ def modes(
         Path | None,
         typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
     ] = None,
-    settings: SetOption = None,
+    settings: options.SetOption = None,
     grid: Annotated[
         bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
     ] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    json_file: options.JsonOption = None,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write modes as a table that a scene can read: of a plate, or measured ones.
 
@@ -129,29 +119,31 @@ def modes(
                  "hold-out": hold_out}  # fmt: skip
         for option, value in given.items():
             if value is not None:
-                fail(f"--{option}: describes a measured structure. Add --from FILE.", 2)
+                fail(f"--{option}: describes a measured structure. Add --from FILE.")
         _of_scene(scene, out_file, settings or [], grid, overwrite, json_file)
         return
     if grid:
-        fail("--grid: measured modes have no shapes on a grid. Leave it out.", 2)
+        fail("--grid: measured modes have no shapes on a grid. Leave it out.")
     target = _target(out_file or Path(f"{Path(source).stem}-modes.csv"))
     beside = target.with_suffix(".toml")
     held = hold_out or []
     for path in (target, beside):
-        check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
+        options.check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
     if picture is not None:
-        check_picture(picture)
-        check_output(picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)])
-    check_json(json_file, target, beside, picture)
+        options.check_picture(picture)
+        options.check_output(
+            picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)]
+        )
+    options.check_json(json_file, target, beside, picture)
     if contact is None:
-        fail("--contact: is missing. Give the node of the contact point; of records, a name.", 2)
+        fail("--contact: is missing. Give the node of the contact point; of records, a name.")
     from hertzloop.studies.modal import universal as uff
 
     paths = list(map(Path, files))
     told: dict[str, Any] = {}
     if paths[0].suffix.lower() in uff.SUFFIXES:
         if len(paths) != 1:
-            fail(f"--from: {len(files)} files are given. Give one universal file.", 2)
+            fail(f"--from: {len(files)} files are given. Give one universal file.")
         points = uff.Points(
             uff.node_of("contact", contact),
             None if actuator is None else uff.node_of("actuator", actuator),
@@ -176,25 +168,23 @@ def modes(
         for option, value in {"actuator": actuator, "direction": direction, "kind": kind,
                               "reference": reference, "units": units}.items():  # fmt: skip
             if value is not None:
-                fail(f"--{option}: records do not have it. Remove the option.", 2)
+                fail(f"--{option}: records do not have it. Remove the option.")
         found = _of_hits(paths, held, sensor in (None, contact))
     if not from_modes:
         table = found.table
         _tell_check(found, told)
     elif held or picture is not None:
-        fail("--hold-out, --picture: modes have no measured response. Remove the option.", 2)
+        fail("--hold-out, --picture: modes have no measured response. Remove the option.")
     setup = _write(table, target, scene, settings or [])
     expected = model_error.expected_error(setup)
-    out.print(
+    out.say(
         f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz. "
-        f"Expected error of the first impact in this scene: {100 * expected:.2g} %.",
-        soft_wrap=True,
+        f"Expected error of the first impact in this scene: {100 * expected:.2g} %."
     )
-    out.print(
+    out.say(
         f"written: {target} and {beside}, which has striker, material of the plate "
         f"({setup.plate_material or 'own numbers'}) and law of {scene}. Next: hertzloop "
-        f"run {beside}",
-        soft_wrap=True,
+        f"run {beside}"
     )
     if picture is not None:
         from hertzloop.studies.modal.picture import draw
@@ -209,17 +199,16 @@ def modes(
         "expected_error": expected,
         "files": [str(target), str(beside)],
     }
-    write_json(json_file, told)
+    options.write_json(json_file, told)
 
 
 def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
     """The modes of a file, and what is to be said of them."""
     out.print(f"Direction {found.direction}, units of the file: {found.units.name}.")
     if found.most_complex:
-        out.print(
+        out.say(
             "The shapes are complex. The imaginary part of the nearest real shapes is at most "
-            f"{100 * found.most_complex:.2g} % of the largest value.",
-            soft_wrap=True,
+            f"{100 * found.most_complex:.2g} % of the largest value."
         )
     if found.undamped:
         out.print("The file has no damping. Give --loss-factor to set it.")
@@ -241,7 +230,7 @@ def _of_responses(
     from hertzloop.studies.modal.responses import responses_of_sets
 
     if len(held) > 1:
-        fail(f"--hold-out: {len(held)} files are given. Give one universal file.", 2)
+        fail(f"--hold-out: {len(held)} files are given. Give one universal file.")
     responses = responses_of_sets(sets, path, points, in_units, kind, reference)
     other = None
     for one in held:
@@ -249,11 +238,10 @@ def _of_responses(
         other = responses_of_sets(
             others, one, points, uff.units_of(others, one, units), kind, reference
         )
-    out.print(
+    out.say(
         f"{responses.kind.capitalize()} of the nodes {', '.join(map(str, responses.nodes))} to a "
         f"force at {responses.reference}, direction {responses.direction}, "
-        f"{responses.hz[0]:.5g} to {responses.hz[-1]:.5g} Hz.",
-        soft_wrap=True,
+        f"{responses.hz[0]:.5g} to {responses.hz[-1]:.5g} Hz."
     )
     with _progress() as tell:
         return modes_of_responses(responses, other, points, tell)
@@ -284,7 +272,7 @@ def _tell_check(found: "MeasuredModes", told: dict[str, Any]) -> None:
         table.add_row(one.name, str(one.modes), f"{100 * one.rms:.2f}", f"{100 * one.peak:.2f}")
     out.print(table)
     for note in found.notes:
-        out.print(note, soft_wrap=True)
+        out.say(note)
     told["held_out"] = [
         {"name": one.name, "modes": one.modes, "error": one.rms, "largest_error": one.peak}
         for one in found.held_out
@@ -294,7 +282,7 @@ def _tell_check(found: "MeasuredModes", told: dict[str, Any]) -> None:
 def _target(path: Path) -> Path:
     """The file to write; ends the command for one of another format."""
     if path.suffix not in SUFFIXES:
-        fail(f"--out = {path}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.", 2)
+        fail(f"--out = {path}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.")
     return path
 
 
@@ -309,7 +297,7 @@ def _scene_and_files(names: list[str], source: str | None) -> tuple[str, list[st
     if source is None:
         scenes, files = [*scenes, *files], []
     if len(scenes) > 1:
-        fail(f"SCENE = {', '.join(scenes)}: is more than one scene. Give one.", 2)
+        fail(f"SCENE = {', '.join(scenes)}: is more than one scene. Give one.")
     return scenes[0] if scenes else DEFAULT, [source, *files] if source is not None else []
 
 
@@ -336,23 +324,22 @@ def _of_scene(
     json_file: Path | None,
 ) -> None:  # fmt: skip
     """Write the modes of a scene's plate."""
-    resolved = scene_from(scene, settings, None)
+    resolved = options.scene_from(scene, settings, None)
     target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
     if grid and target.suffix != ".npz":
-        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.", 2)
-    check_output(target, overwrite, read=files_of(resolved, scene, *settings))
-    check_json(json_file, target)
+        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.")
+    options.check_output(target, overwrite, read=options.files_of(resolved, scene, *settings))
+    options.check_json(json_file, target)
     from hertzloop.analysis.deflection import modes_of_scene
 
     table = modes_of_scene(resolved, grid)
     write_whole(target, write_modes(target.suffix, table))
-    out.print(
+    out.say(
         f"{len(table.omega_rad_s)} modes up to {_hz(table, -1):.4g} Hz (modes "
         "of equal frequency merged, modes without participation dropped), and a residual "
-        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
-        soft_wrap=True,
+        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}"
     )
-    write_json(
+    options.write_json(
         json_file,
         {
             "modes": len(table.omega_rad_s),

@@ -17,19 +17,7 @@ import typer
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.wire import MessageError, reserved_ports
-from hertzloop.cli.options import (
-    LARGEST_PORT,
-    OverwriteOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    check_output,
-    check_pace,
-    check_recording,
-    make_folder,
-    scene_from,
-    takes,
-)
+from hertzloop.cli import options
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
@@ -78,7 +66,7 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         sentence = sentence or f"{role} was interrupted"
         tell(fault=sentence)
         if not machine:
-            err.print(sentence, markup=False)
+            err.print(sentence)
         raise typer.Exit(INTERRUPTED)
 
     raise_when_ended()
@@ -101,7 +89,7 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         clock.on_beat = lambda: None
 
 
-def bus_address(role: str, options: RunOptions, bus: BusOptions) -> "BusAddress":
+def bus_address(role: str, request: RunOptions, bus: BusOptions) -> "BusAddress":
     """Address from the options of a command, else from its configuration, else on loopback.
 
     Ends the command if an endpoint or the configuration is none.
@@ -121,20 +109,20 @@ def bus_address(role: str, options: RunOptions, bus: BusOptions) -> "BusAddress"
             for endpoint in endpoints_named(config):
                 _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
-        fail(f"--zenoh-config: {error}", 2)
+        fail(f"--zenoh-config: {error}")
     return BusAddress(
-        options.name or BUS_NAME, bus.listen or own, bus.connect or others, config,
-        options.timeout_s, bus.wait_s, bus.machine,
+        request.name or BUS_NAME, bus.listen or own, bus.connect or others, config,
+        request.timeout_s, bus.wait_s, bus.machine,
     )  # fmt: skip
 
 
 @contextmanager
 def playing(
-    role: str, options: RunOptions, bus: BusOptions
+    role: str, request: RunOptions, bus: BusOptions
 ) -> Iterator[tuple[Callable[..., None], "BusAddress"]]:
     """Frame of a role that meets the others: see `framed`; and where it does."""
     with framed(role, bus.machine) as tell:
-        address = bus_address(role, options, bus)
+        address = bus_address(role, request, bus)
         if not bus.machine:
             others = " and ".join(other for other in ROLES if other != role)
             err.print(f"{role} on {where(address)}: waiting for {others}")
@@ -149,17 +137,17 @@ def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
         found = _ENDPOINT.fullmatch(endpoint)
         if not found:
             example = f"tcp/127.0.0.1:{BASE_PORT}"
-            fail(f"{option} = '{endpoint}': invalid endpoint. Write it as {example}.", 2)
+            fail(f"{option} = '{endpoint}': invalid endpoint. Write it as {example}.")
         _check_port(f"{option} '{endpoint}'", endpoint)
         if too_long(endpoint):
-            fail(f"{option} = '{endpoint}': the path is too long. Use at most 107 bytes.", 2)
+            fail(f"{option} = '{endpoint}': the path is too long. Use at most 107 bytes.")
 
 
 def _check_port(named: str, endpoint: str) -> None:
     """End the command if an endpoint's port, if it has one, cannot be."""
     found = _PORT.search(endpoint)
-    if found and int(found["port"]) > LARGEST_PORT:
-        fail(f"{named} has no port up to {LARGEST_PORT}", 2)
+    if found and int(found["port"]) > options.LARGEST_PORT:
+        fail(f"{named} has no port up to {options.LARGEST_PORT}")
 
 
 def where(address: "BusAddress") -> str:
@@ -181,14 +169,14 @@ def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
     return report
 
 
-@takes(only=("name", "connect", "machine"), name=BUS_NAME)
+@options.takes(only=("name", "connect", "machine"), name=BUS_NAME)
 def watch(
-    options: RunOptions,
+    request: RunOptions,
     bus: BusOptions,
     save: Annotated[
         Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
     ] = None,
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Show a run in progress without delaying it.
 
@@ -201,14 +189,14 @@ def watch(
     from hertzloop.processes.observer import truth_blocks
     from hertzloop.recordings.replay import viewer
 
-    name, connect = options.name or BUS_NAME, bus.connect
+    name, connect = request.name or BUS_NAME, bus.connect
     check_endpoints("--connect", connect)
     if save is not None:
         if save.suffix != ".rrd":
-            fail(f"--save = {save}: must end in .rrd. Change the name.", 2)
-        check_output(save, overwrite, "--save")
+            fail(f"--save = {save}: must end in .rrd. Change the name.")
+        options.check_output(save, overwrite, "--save")
     elif not viewer.has_display():
-        fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.", 2)
+        fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.")
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
     raise_when_ended()
     ended: list[str] = []
@@ -228,10 +216,10 @@ def watch(
                 why, code = str(error), 1
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:
         fail(f"cannot watch: {error}", 1)
-    out.print(f"watched: {shown:,} samples", soft_wrap=True)
+    out.say(f"watched: {shown:,} samples")
     if why:
         kept = f"; what was seen until now is in {save}" if save else ""
-        err.print(f"{why}{kept}", soft_wrap=True)
+        err.say(f"{why}{kept}")
         raise typer.Exit(code)
 
 
@@ -256,16 +244,16 @@ def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]
 
 def say_profile(stats: dict[str, Any]) -> None:
     """One line on what was granted."""
-    err.print(f"real-time profile: {stats['realtime']}", soft_wrap=True, markup=False)
+    err.say(f"real-time profile: {stats['realtime']}")
 
 
-@takes(PLANT, name=BUS_NAME, realtime="auto")
+@options.takes(PLANT, name=BUS_NAME, realtime="auto")
 def plant(
-    options: RunOptions,
+    request: RunOptions,
     bus: BusOptions,
-    scene: SceneArgument = DEFAULT,
-    settings: SetOption = None,
-    seed: SeedOption = None,
+    scene: options.SceneArgument = DEFAULT,
+    settings: options.SetOption = None,
+    seed: options.SeedOption = None,
 ) -> None:
     """Run the plant as a separate process.
 
@@ -273,13 +261,13 @@ def plant(
     """
     from hertzloop.processes import roles
 
-    resolved = scene_from(scene, settings, seed, tried=bus.machine)
-    check_pace(resolved, options)
-    repeat = options.repeat
+    resolved = options.scene_from(scene, settings, seed, tried=bus.machine)
+    options.check_pace(resolved, request)
+    repeat = request.repeat
     repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
-    with playing(PLANT, options, bus) as (tell, address):
+    with playing(PLANT, request, bus) as (tell, address):
         stats = roles.run_plant(
-            resolved, replace(address, on_open=lambda: tell(open=True)), options,
+            resolved, replace(address, on_open=lambda: tell(open=True)), request,
             lambda: tell(ready=True), progress_reporter(tell), repeated,
         )  # fmt: skip
         tell(done=stats)
@@ -288,9 +276,9 @@ def plant(
             out.print(f"{resolved.steps:,} steps in {stats['wall_s']:z.3f} s")
 
 
-@takes(CONTROLLER, name=BUS_NAME, realtime="auto")
+@options.takes(CONTROLLER, name=BUS_NAME, realtime="auto")
 def controller(
-    options: RunOptions,
+    request: RunOptions,
     bus: BusOptions,
     law: Annotated[
         str | None,
@@ -303,16 +291,16 @@ def controller(
     """
     from hertzloop.processes import roles
 
-    with playing(CONTROLLER, options, bus) as (tell, address):
-        stats = roles.run_controller(address, options, lambda: tell(ready=True), law)
+    with playing(CONTROLLER, request, bus) as (tell, address):
+        stats = roles.run_controller(address, request, lambda: tell(ready=True), law)
         tell(done=stats)
         if not bus.machine:
             say_profile(stats)
 
 
-@takes(RECORDER, name=BUS_NAME, realtime="auto")
+@options.takes(RECORDER, name=BUS_NAME, realtime="auto")
 def recorder(
-    options: RunOptions,
+    request: RunOptions,
     bus: BusOptions,
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
@@ -324,9 +312,9 @@ def recorder(
     """
     from hertzloop.processes import roles
 
-    check_recording(out_file, options.overwrite)
-    with playing(RECORDER, options, bus) as (tell, address):
-        stats = roles.run_recorder(out_file, address, options, lambda: tell(ready=True))
+    options.check_recording(out_file, request.overwrite)
+    with playing(RECORDER, request, bus) as (tell, address):
+        stats = roles.run_recorder(out_file, address, request, lambda: tell(ready=True))
         tell(done=stats)
         if not bus.machine:
             out.print(f"recorded {out_file}")
@@ -370,10 +358,9 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
     if os.path.isdir(folder) and any(folder.iterdir()):
         fail(
             f"DIR = {folder}: the folder is not empty, and keys are never replaced. "
-            "Choose another folder.",
-            2,
+            "Choose another folder."
         )
-    make_folder(folder)
+    options.make_folder(folder)
     authority = Authority(days)
     texts = {
         f"{role}.json5": json.dumps(configuration, indent=1)
@@ -384,13 +371,10 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
     words = {PLANT: "plant SCENE", CONTROLLER: "controller", RECORDER: "recorder --out F.mcap"}
     out.print(f"Valid for {days} days. Copy one file to each host, and start there:")
     for role, (host, _) in places.items():
-        out.print(
-            f"  {host}: hertzloop node {words[role]} --zenoh-config {role}.json5", soft_wrap=True
-        )
-    out.print(
+        out.say(f"  {host}: hertzloop node {words[role]} --zenoh-config {role}.json5")
+    out.say(
         f"Who has one of these files is that role; {folder / 'authority.key'} can make more: it "
-        "stays here.",
-        soft_wrap=True,
+        "stays here."
     )
 
 
@@ -401,17 +385,15 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
     for word in hosts.split(","):
         role, _, where = word.strip().partition("=")
         if role not in ROLES:
-            fail(
-                f"--hosts = '{word}': invalid entry. Write ROLE=HOST for each role: {_EXAMPLE}.", 2
-            )
+            fail(f"--hosts = '{word}': invalid entry. Write ROLE=HOST for each role: {_EXAMPLE}.")
         if role in places:
-            fail(f"--hosts: the {role} is given twice. Remove one entry.", 2)
+            fail(f"--hosts: the {role} is given twice. Remove one entry.")
         places[role] = _place(role, where, BASE_PORT + ROLES.index(role))
     if missing := [role for role in ROLES if role not in places]:
-        fail(f"--hosts lacks the {' and the '.join(missing)}; write {_EXAMPLE}", 2)
+        fail(f"--hosts lacks the {' and the '.join(missing)}; write {_EXAMPLE}")
     ordered = {role: places[role] for role in ROLES}
     if len(set(ordered.values())) < len(ordered):
-        fail("--hosts: two roles have the same host and port. Give each role its own port.", 2)
+        fail("--hosts: two roles have the same host and port. Give each role its own port.")
     return ordered
 
 
@@ -427,16 +409,14 @@ def _place(role: str, where: str, port: int) -> tuple[str, int]:
     except ValueError:
         host, colon, digits = where.rpartition(":")
     if colon:
-        if not digits.isdecimal() or not 0 < int(digits) <= LARGEST_PORT:
-            said = f"it is a number to {LARGEST_PORT}"
-            fail(f"--hosts has the port '{digits}' for the {role}; {said}", 2)
+        if not digits.isdecimal() or not 0 < int(digits) <= options.LARGEST_PORT:
+            said = f"it is a number to {options.LARGEST_PORT}"
+            fail(f"--hosts has the port '{digits}' for the {role}; {said}")
         where, port = _bare(host), int(digits)
     try:
         return str(ipaddress.ip_address(where)), port
     except ValueError:
         pass
     if not _NAME.fullmatch(where) or where.replace(".", "").isdecimal():
-        fail(
-            f"--hosts = '{where}': invalid host for the {role}. Give an address or a host name.", 2
-        )
+        fail(f"--hosts = '{where}': invalid host for the {role}. Give an address or a host name.")
     return where, port

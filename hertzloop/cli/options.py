@@ -95,11 +95,11 @@ def _parameter(
     if get_origin(kind) is Sequence:
         kind = list[get_args(kind)[0]]  # type: ignore[misc]
     return inspect.Parameter(
-        field.name, inspect.Parameter.KEYWORD_ONLY, default=default,
-        annotation=Annotated[
-            kind, typer.Option(flag, help=about["help"], **about["typer"])
-        ],
-    )  # fmt: skip
+        field.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[kind, typer.Option(flag, help=about["help"], **about["typer"])],
+    )
 
 
 def scene_from(
@@ -113,7 +113,7 @@ def scene_from(
     if not anything_compiled():
         announce_compilation()
     if said := _build_words(setup.plant):
-        err.print(said, soft_wrap=True, markup=False)
+        err.say(said)
     if not tried:
         check_law(setup)
     return setup
@@ -135,8 +135,7 @@ def check_pace(setup: Setup, options: RunOptions) -> None:
     for name in given_that_need(options, LOCK_STEP):
         fail(
             f"--{name}: cannot be combined with --pace, which does not wait for forces. "
-            f"Remove one of the two.",
-            2,
+            f"Remove one of the two."
         )
     from hertzloop.loop.paced import check_pace as check
 
@@ -152,7 +151,7 @@ def check_controller(command: str | None) -> None:
     try:
         check_command(command)
     except ValueError as error:
-        fail(str(error), 2)
+        fail(str(error))
 
 
 def check_law(setup: Setup) -> None:
@@ -160,13 +159,13 @@ def check_law(setup: Setup) -> None:
     is slow. Raises SceneError."""
     if setup.law_reference in shipped_laws():
         if said := parts.law_of(setup).note(setup.scene.controller.keys):
-            err.print(said, soft_wrap=True, markup=False)
+            err.say(said)
         return
     from hertzloop.processes.law_trial import try_law
 
     note = try_law(setup)
     if note:
-        err.print(note, soft_wrap=True, markup=False)
+        err.say(note)
 
 
 def check_reachable(path: Path) -> None:
@@ -176,7 +175,7 @@ def check_reachable(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         pass
     except OSError as error:
-        fail(f"cannot write {path}: {error.strerror}", 2)
+        fail(f"cannot write {path}: {error.strerror}")
 
 
 def check_picture(path: Path) -> None:
@@ -185,7 +184,7 @@ def check_picture(path: Path) -> None:
     Raises ModuleNotFoundError where there is nothing to draw it with.
     """
     if path.suffix not in _PICTURES:
-        fail(f"{path}: unknown picture format. Use a name that ends in {', '.join(_PICTURES)}.", 2)
+        fail(f"{path}: unknown picture format. Use a name that ends in {', '.join(_PICTURES)}.")
     need("matplotlib")
 
 
@@ -197,11 +196,11 @@ def check_output(
     check_reachable(path)
     for file in read:
         if path.is_file() and os.path.exists(file) and path.samefile(file):
-            fail(f"{option} = {path}: is an input of this command. Choose another name.", 2)
+            fail(f"{option} = {path}: is an input of this command. Choose another name.")
     if path.exists() and not path.is_file() and not overwrite:
-        fail(f"cannot write {path}: not a regular file. Choose another name.", 2)
+        fail(f"cannot write {path}: not a regular file. Choose another name.")
     if path.is_file() and not overwrite:
-        fail(f"{path} exists. Choose another name with {option}, or add --overwrite.", 2)
+        fail(f"{path} exists. Choose another name with {option}, or add --overwrite.")
     check_folder(path)
 
 
@@ -211,7 +210,7 @@ def check_recording(
     """End the command unless `path` is the name of a recording that can be written."""
     check_output(path, overwrite, option, read)
     if path.suffix != ".mcap":
-        fail(f"{option} = {path}: a recording must end in .mcap. Change the name.", 2)
+        fail(f"{option} = {path}: a recording must end in .mcap. Change the name.")
 
 
 def files_of(setup: Setup, *named: str) -> list[Path]:
@@ -228,20 +227,19 @@ def check_folder(path: Path | None) -> None:
         return
     check_reachable(path)
     if path.is_dir():
-        fail(f"{path}: is a folder. Give the name of a file.", 2)
+        fail(f"{path}: is a folder. Give the name of a file.")
     if path.is_symlink() and not path.exists():
         fail(
             f"cannot write {path}: links to {os.readlink(path)}, which does not exist. Remove the "
-            "link, or choose another name.",
-            2,
+            "link, or choose another name."
         )
     if not path.parent.is_dir():
-        fail(f"cannot write {path}: the folder {path.parent} does not exist. Create it.", 2)
+        fail(f"cannot write {path}: the folder {path.parent} does not exist. Create it.")
     try:
         if not in_place(path):
             check_writable(path.resolve().parent if path.is_symlink() else path.parent)
     except NotWritten as error:
-        fail(f"{error}. Choose another name.", 2)
+        fail(f"{error}. Choose another name.")
 
 
 def check_json(path: Path | None, *outputs: Path | None) -> None:
@@ -255,9 +253,9 @@ def check_json(path: Path | None, *outputs: Path | None) -> None:
     if path is None:
         return
     if any(output is not None and output.resolve() == path.resolve() for output in outputs):
-        fail(f"--json = {path}: is another output of this command. Choose another name.", 2)
+        fail(f"--json = {path}: is another output of this command. Choose another name.")
     if not _of_json(path):
-        fail(f"--json = {path}: exists and was not written by --json. Choose another name.", 2)
+        fail(f"--json = {path}: exists and was not written by --json. Choose another name.")
 
 
 def _of_json(path: Path) -> bool:
@@ -277,18 +275,18 @@ def check_writable(folder: Path) -> None:
         # Tried, since permissions do not tell of read-only and special file systems.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}", 2)
+        fail(f"cannot write to the folder {folder}: {error.strerror}")
 
 
 def make_folder(folder: Path) -> None:
     """Make a folder for results; end the command unless files can be written into it, and for the
     name of a file."""
     if folder.suffix in _OF_FILES and not folder.is_dir():
-        fail(f"{folder}: must be a folder, not a file. Give a name without {folder.suffix}", 2)
+        fail(f"{folder}: must be a folder, not a file. Give a name without {folder.suffix}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        fail(f"cannot create the folder {folder}: {error.strerror}", 2)
+        fail(f"cannot create the folder {folder}: {error.strerror}")
     check_writable(folder)
 
 
@@ -298,7 +296,7 @@ def end_if_not_run(reasons: list[str], total: int) -> None:
         return
     counted = Counter(reasons).most_common()
     for reason, times in counted[:3]:
-        err.print(f"{times} times: {reason}" if times > 1 else reason, soft_wrap=True)
+        err.say(f"{times} times: {reason}" if times > 1 else reason)
     if len(counted) > 3:
         err.print(f"... and {len(counted) - 3} more reasons")
     fail(f"{len(reasons)} of {total} cases failed", 1)
@@ -353,11 +351,11 @@ def write_new(
         then: The next command.
     """
     if file.suffix not in endings:
-        fail(f"{file}: a {kind} must end in {' or '.join(endings)}. Change the name.", 2)
+        fail(f"{file}: a {kind} must end in {' or '.join(endings)}. Change the name.")
     check_folder(file)
     written = texts()
     for path in written:
         if path.exists():
-            fail(f"{path} exists. Choose another name.", 2)
+            fail(f"{path} exists. Choose another name.")
     write_together(written)
-    out.print(f"written: {', '.join(map(str, written))}. Next: {then}", soft_wrap=True)
+    out.say(f"written: {', '.join(map(str, written))}. Next: {then}")

@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop.cli.options import (
-    DetailsOption,
-    JsonOption,
-    OverwriteOption,
-    check_json,
-    check_output,
-    check_recording,
-    make_folder,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
@@ -37,7 +28,7 @@ def read_or_fail(path: Path, keep: bool = False) -> "Recording":
     try:
         return read(path, keep)
     except RecordingError as error:
-        fail(str(error), 2)
+        fail(str(error))
 
 
 def scene_to_run(recording: "Recording") -> "Setup":
@@ -46,7 +37,7 @@ def scene_to_run(recording: "Recording") -> "Setup":
         return parse(recording.scene_toml)
     except SceneError as error:
         words = f"the scene of {recording.path} cannot be simulated here: {error}"
-        fail(words + recording.other_version, 2)
+        fail(words + recording.other_version)
 
 
 def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
@@ -56,10 +47,10 @@ def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
 
     try:
         if to_toml(setup.scene) != recording.scene_toml:
-            fail(f"{recording.path}: recorded with a different scene{recording.other_version}", 2)
+            fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
         return repeat_of(recording)
     except RecordingError as error:
-        fail(str(error), 2)
+        fail(str(error))
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]
@@ -67,7 +58,7 @@ FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar
 
 def inspect(
     file: FileArgument,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
     law_file: Annotated[
         Path | None,
         typer.Option(
@@ -82,8 +73,8 @@ def inspect(
             metavar="DIR",
         ),
     ] = None,
-    overwrite: OverwriteOption = False,
-    details: DetailsOption = False,
+    overwrite: options.OverwriteOption = False,
+    details: options.DetailsOption = False,
 ) -> None:
     """Check a recording and print its figures.
 
@@ -91,7 +82,7 @@ def inspect(
     """
     from hertzloop.views import inspection
 
-    check_json(json_file, law_file)
+    options.check_json(json_file, law_file)
     recording = read_or_fail(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
@@ -99,7 +90,7 @@ def inspect(
     inspection.show(out, found, details)
     if responses is not None:
         _draw_responses(recording, responses)
-    write_json(json_file, inspection.summary(found))
+    options.write_json(json_file, inspection.summary(found))
     if found.problems:
         raise typer.Exit(1)
 
@@ -112,13 +103,13 @@ def _draw_responses(recording: "Recording", folder: Path) -> None:
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
-        fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.", 2)
-    make_folder(folder)
+        fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.")
+    options.make_folder(folder)
     law_replay.draw_response(folder / "response.png", responses, found)
     law_replay.write_table(folder / "response.csv", responses)
     for sentence in pacing_sentences(found):
-        out.print(sentence, soft_wrap=True)
-    out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)
+        out.say(sentence)
+    out.say(f"written: {folder}/response.png and .csv")
 
 
 def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
@@ -126,12 +117,12 @@ def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.views.provenance import text_of_law
 
-    check_output(file, overwrite, "--law", [recording.path])
+    options.check_output(file, overwrite, "--law", [recording.path])
     try:
         write_whole(file, text_of_law(recording))
     except RecordingError as error:
-        fail(f"--law {file}: {error}", 2)
-    err.print(f"written: {file}", soft_wrap=True)
+        fail(f"--law {file}: {error}")
+    err.say(f"written: {file}")
 
 
 def compare(
@@ -153,7 +144,7 @@ def compare(
             help="Print the figures of both runs and their change instead of comparing bytes.",
         ),
     ] = False,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Compare the bytes or the figures of two recordings.
 
@@ -162,28 +153,27 @@ def compare(
     from hertzloop.recordings.compare import first_difference
 
     if json_file and not figures:
-        fail(f"--json = {json_file}: there are no figures to write. Add --figures.", 2)
+        fail(f"--json = {json_file}: there are no figures to write. Add --figures.")
     if tolerance and figures:
-        fail("--tolerance: cannot be combined with --figures. Remove one of the two.", 2)
-    check_json(json_file, a, b)
+        fail("--tolerance: cannot be combined with --figures. Remove one of the two.")
+    options.check_json(json_file, a, b)
     left, right = read_or_fail(a), read_or_fail(b)
     for recording in (left, right):
         for problem in recording.problems:
-            err.print(f"{recording.path}: {problem}", soft_wrap=True)
+            err.say(f"{recording.path}: {problem}")
     if figures:
         _compare_figures(left, right, json_file)
         return
     until = _horizon(left, tolerance) if tolerance else None
     difference = first_difference(left, right, tolerance, until)
     if difference:
-        out.print(difference, soft_wrap=True)
+        out.say(difference)
         raise typer.Exit(1)
     within = f" within {tolerance:g} of the largest" if tolerance else ""
     if until is not None:
-        out.print(
+        out.say(
             f"Compared up to {until * left.truth.step_ns * 1e-6:.6g} ms: from there on the run "
-            f"depends on rounding by more than {tolerance:g}, so that processors may differ.",
-            soft_wrap=True,
+            f"depends on rounding by more than {tolerance:g}, so that processors may differ."
         )
     out.print(
         f"the same{within}: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
@@ -204,15 +194,13 @@ def _compare_figures(left: "Recording", right: "Recording", json_file: Path | No
             why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no figures: {why}", 1)
         figures.append(RunFigures(one.ran.figures.first_impact, one.ran.figures.whole_run))
-        out.print(
+        out.say(
             f"{'AB'[len(figures) - 1]}: {recording.path}, scene "
-            f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}",
-            soft_wrap=True, markup=False,
-        )  # fmt: skip
+            f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}")  # fmt: skip
     found = compared(*figures)
     out.print(inspection.comparison_table(found))
     named = {"a": str(left.path), "b": str(right.path)}
-    write_json(json_file, {**named, "figures": comparison_as_json(found)})
+    options.write_json(json_file, {**named, "figures": comparison_as_json(found)})
 
 
 def _horizon(recording: "Recording", tolerance: float) -> int | None:
@@ -223,8 +211,7 @@ def _horizon(recording: "Recording", tolerance: float) -> int | None:
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)
     except SceneError as error:
-        err.print(f"compared to the end, as the run cannot be repeated here: {error}",
-                  soft_wrap=True)  # fmt: skip
+        err.say(f"compared to the end, as the run cannot be repeated here: {error}")
         return None
 
 
@@ -250,7 +237,7 @@ def replay(
     alone: Annotated[
         bool, typer.Option("--alone", help="Show the recording without a comparison.")
     ] = False,
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Watch a recording in slow motion beside the run without control.
 
@@ -260,10 +247,10 @@ def replay(
     for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
             if output.suffix != ending:
-                fail(f"{option} = {output}: must end in {ending}. Change the name.", 2)
-            check_output(output, overwrite, option, [file])
+                fail(f"{option} = {output}: must end in {ending}. Change the name.")
+            options.check_output(output, overwrite, option, [file])
     if alone and other is not None:
-        fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.", 2)
+        fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.")
     recording = read_or_fail(file, keep=True)
     compared = read_or_fail(other, keep=True) if other else None
 
@@ -273,16 +260,15 @@ def replay(
     if save is None and screenshot is None and not replaying.has_display():
         fail(
             "no screen is available. Write a picture with --screenshot F.png, or a file for the "
-            "Rerun viewer with --save F.rrd.",
-            2,
+            "Rerun viewer with --save F.rrd."
         )
     for one in (recording, compared) if compared else (recording,):
         for problem in one.problems:
-            err.print(f"{one.path}: {problem}", soft_wrap=True)
+            err.say(f"{one.path}: {problem}")
     replaying.replay(recording, save, screenshot, compared, alone)
     for output in (save, screenshot):
         if output is not None:
-            out.print(f"written: {output}", soft_wrap=True)
+            out.say(f"written: {output}")
 
 
 def repair(
@@ -291,7 +277,7 @@ def repair(
         Path | None,
         typer.Option("--out", "-o", help="Write the repaired file here; default: F-repaired.mcap."),
     ] = None,
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Recover a complete file from a truncated recording.
 
@@ -302,15 +288,15 @@ def repair(
     from hertzloop.views.inspection import without_checksum
 
     whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
-    check_recording(whole, overwrite, read=[file])
+    options.check_recording(whole, overwrite, read=[file])
     try:
         messages, others, unchecked = recover_file(file, whole, overwrite)
     except RecordingError as error:
-        fail(str(error), 2)
+        fail(str(error))
     left = f"; ignored: {others:,} of other topics" if others else ""
-    out.print(f"repaired: {messages:,} messages are in {whole}{left}", soft_wrap=True)
+    out.say(f"repaired: {messages:,} messages are in {whole}{left}")
     if unchecked:
-        err.print(f"{file}: {without_checksum(unchecked)}.", soft_wrap=True)
+        err.say(f"{file}: {without_checksum(unchecked)}.")
 
 
 def report(
@@ -325,7 +311,7 @@ def report(
         Path,
         typer.Option("--out-dir", "-o", help="Write the page into this folder.", metavar="DIR"),
     ],
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write an HTML report on a recording, a sweep or a tuning.
 
@@ -346,7 +332,7 @@ def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
     recording = read_or_fail(file, keep=True)
     page = _page(file, folder, overwrite)
     for problem in recording.problems:
-        err.print(f"{file}: {problem}", soft_wrap=True)
+        err.say(f"{file}: {problem}")
     from hertzloop.studies.report.page import page_of
 
     try:
@@ -362,18 +348,18 @@ def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
         results = results_in(source)
         text = page_of_results(results)
     except (ValueError, SceneError) as error:
-        fail(str(error), 2)
+        fail(str(error))
     _write(_page(results, folder, overwrite), text)
 
 
 def _page(source: Path, folder: Path, overwrite: bool) -> Path:
     """Where the page goes; ends the command if it cannot."""
-    make_folder(folder)
+    options.make_folder(folder)
     page = folder / f"{source.stem}.html"
-    check_output(page, overwrite, read=[source])
+    options.check_output(page, overwrite, read=[source])
     return page
 
 
 def _write(page: Path, text: str) -> None:
     write_whole(page, text)
-    out.print(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)", soft_wrap=True)
+    out.say(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)")

@@ -10,22 +10,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli.options import (
-    DetailsOption,
-    JsonOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    check_controller,
-    check_json,
-    check_pace,
-    check_recording,
-    compile_first,
-    files_of,
-    scene_from,
-    takes,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport, given_that_need
@@ -35,16 +20,16 @@ from hertzloop.setup import parts
 from hertzloop.views.format import styled
 
 
-@takes(realtime="auto")
+@options.takes(realtime="auto")
 def run(
-    options: RunOptions,
-    scene: SceneArgument = DEFAULT,
+    request: RunOptions,
+    scene: options.SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
     ] = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    json_file: JsonOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    json_file: options.JsonOption = None,
     port: Annotated[
         int | None,
         typer.Option(
@@ -56,35 +41,34 @@ def run(
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
     ] = False,
-    details: DetailsOption = False,
+    details: options.DetailsOption = False,
 ) -> None:
     """Run and record a scene, and compare it with the same run without control."""
     raise_when_ended()
-    repeat = options.repeat
+    repeat = request.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
-        fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.", 2)
+        fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.")
     repeated = read_or_fail(repeat) if repeat else None
-    resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
+    resolved = scene_to_run(repeated) if repeated else options.scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
-    inputs = [repeat] if repeat else files_of(resolved, scene, *(settings or []))
-    check_recording(recording, options.overwrite, read=inputs)
-    check_json(json_file, recording)
-    if options.verify:
+    inputs = [repeat] if repeat else options.files_of(resolved, scene, *(settings or []))
+    options.check_recording(recording, request.overwrite, read=inputs)
+    options.check_json(json_file, recording)
+    if request.verify:
         from hertzloop.analysis.trust import check_verifiable
 
         check_verifiable(resolved)
-    needing = [*(["live"] if live else []), *given_that_need(options, PROCESSES)]
-    for option in needing if options.transport is not Transport.ZENOH else ():
+    needing = [*(["live"] if live else []), *given_that_need(request, PROCESSES)]
+    for option in needing if request.transport is not Transport.ZENOH else ():
         fail(
-            f"--{option}: not available with --transport {options.transport}. Use --transport "
-            "zenoh.",
-            2,
+            f"--{option}: not available with --transport {request.transport}. Use --transport "
+            "zenoh."
         )
-    check_controller(options.controller)
-    check_pace(resolved, options)
+    options.check_controller(request.controller)
+    options.check_pace(resolved, request)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
-    compile_first(resolved, paced=options.pace is not None)
+    options.compile_first(resolved, paced=request.pace is not None)
 
     from hertzloop.bus.sockets import on_loopback, own_endpoints
     from hertzloop.processes import fork_server
@@ -93,10 +77,10 @@ def run(
     from hertzloop.views import run as run_view
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
-    held, name = ExitStack(), options.name
-    if options.controller:
-        endpoints = held.enter_context(meeting_endpoints(options.controller, port))
-        name = name or (None if "{name}" in options.controller else BUS_NAME)
+    held, name = ExitStack(), request.name
+    if request.controller:
+        endpoints = held.enter_context(meeting_endpoints(request.controller, port))
+        name = name or (None if "{name}" in request.controller else BUS_NAME)
     observer: AbstractContextManager[object] = nullcontext()
     if live:
         from hertzloop.processes.observer import observer_beside  # imports zenoh, 5 ms
@@ -104,9 +88,9 @@ def run(
         endpoints = endpoints or held.enter_context(own_endpoints())
         name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
         observer = observer_beside(name, endpoints)
-    options = replace(options, endpoints=endpoints, name=name)
+    request = replace(request, endpoints=endpoints, name=name)
     started_s = time.time()
-    if options.transport is Transport.ZENOH:
+    if request.transport is Transport.ZENOH:
         parts.check(resolved)  # so that the roles inherit what it loads
         fork_server.prepare()  # before anything starts a thread
     with (
@@ -115,10 +99,10 @@ def run(
         observer,
         progress(resolved.name, resolved.steps) as advance,
     ):
-        report = run_view.run_of(resolved, recording, options, advance)
+        report = run_view.run_of(resolved, recording, request, advance)
     growth = warning = None
     if (
-        resolved.has_law and not parts.law_of(resolved).not_linear and not options.controller
+        resolved.has_law and not parts.law_of(resolved).not_linear and not request.controller
     ):  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of
         from hertzloop.studies.margin.shown import unstable_line
@@ -133,6 +117,6 @@ def run(
         warning = styled((head, "bold red"), f" {unstable_line(growth)}")
     run_view.print_run(out, report, details, warning)
     linear = {"linear_loop": None if growth is None else asdict(growth)}
-    write_json(json_file, run_view.run_as_json(report) | linear)
+    options.write_json(json_file, run_view.run_as_json(report) | linear)
     if report.differs:
         raise typer.Exit(1)

@@ -5,17 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli.options import (
-    JsonOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    check_json,
-    compile_first,
-    scene_from,
-    write_json,
-    write_new,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
@@ -30,7 +20,7 @@ def list_scenes() -> None:
     """
     for one in shipped():
         note = " (default)" if one == DEFAULT else ""
-        out.print(styled((one, "bold"), f"{note}\n    {load(one).scene.shows}"), soft_wrap=True)
+        out.say(styled((one, "bold"), f"{note}\n    {load(one).scene.shows}"))
 
 
 def show(
@@ -41,7 +31,7 @@ def show(
     Redirect the output to a file to start a scene of your own from it.
     """
     if name not in shipped():
-        fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.", 2)
+        fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.")
     print(shipped_text(name), end="")
 
 
@@ -49,7 +39,9 @@ def new(
     file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.toml")],
 ) -> None:
     """Write a commented scene that runs without changes."""
-    write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}")
+    options.write_new(
+        file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}"
+    )
 
 
 _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
@@ -85,7 +77,7 @@ def keys(
     found = all_keys.keys() if law is None else all_keys.keys_of(law)
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
-        fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys", 2)
+        fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys")
     table = Table("key", "value", "meaning")
     for key in chosen:
         unit = f" ({key.unit})" if key.unit else ""
@@ -96,18 +88,18 @@ def keys(
 
 
 def check(
-    scene: SceneArgument = DEFAULT,
-    settings: SetOption = None,
-    seed: SeedOption = None,
-    json_file: JsonOption = None,
+    scene: options.SceneArgument = DEFAULT,
+    settings: options.SetOption = None,
+    seed: options.SeedOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """List the physical effects that a scene neglects, and the size of each.
 
     Every indicator comes with its threshold and formula.
     """
-    resolved = scene_from(scene, settings, seed)
-    check_json(json_file)
-    compile_first(resolved)
+    resolved = options.scene_from(scene, settings, seed)
+    options.check_json(json_file)
+    options.compile_first(resolved)
 
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
     from hertzloop.views.run import effects_as_json, not_evaluated, show_neglected, table_of
@@ -123,7 +115,7 @@ def check(
         show_neglected(out, neglected.findings)
         for one in neglected.findings:
             if one.state == EffectState.NOT_KNOWN:
-                out.print(f"Unknown: {one.sentence}.", soft_wrap=True)
+                out.say(f"Unknown: {one.sentence}.")
         if lacking := not_evaluated(neglected):
-            out.print(lacking, soft_wrap=True)
-    write_json(json_file, {"scene": resolved.name, **found})
+            out.say(lacking)
+    options.write_json(json_file, {"scene": resolved.name, **found})

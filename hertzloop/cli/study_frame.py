@@ -39,11 +39,9 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
             path = finished.journal.path
             on = f"finished cases are kept in {path}. Run the same command again to continue"
             if finished.found:
-                err.print(f"Continuing with {finished.found} finished cases of {path}.",
-                          soft_wrap=True)  # fmt: skip
+                err.say(f"Continuing with {finished.found} finished cases of {path}.")
             for line in finished.journal.damaged:
-                err.print(f"line {line} of {path} was damaged. Its case is run again.",
-                          soft_wrap=True)  # fmt: skip
+                err.say(f"line {line} of {path} was damaged. Its case is run again.")
             try:
                 with if_interrupted(lambda: on):
                     yield finished

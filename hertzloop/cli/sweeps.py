@@ -10,25 +10,7 @@ import numpy as np
 import typer
 
 from hertzloop.analysis.cases import SHOWN
-from hertzloop.cli.options import (
-    LARGEST_PORT,
-    JsonOption,
-    OverwriteOption,
-    SceneArgument,
-    SeedOption,
-    SetOption,
-    TransportName,
-    check_json,
-    check_law,
-    check_output,
-    check_writable,
-    compile_first,
-    end_if_not_run,
-    files_of,
-    scene_from,
-    takes,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -37,17 +19,17 @@ from hertzloop.studies.requests import SweepRequest
 from hertzloop.views.format import Table, styled
 
 
-@takes()
+@options.takes()
 def sweep(
     request: SweepRequest,
-    scene: SceneArgument = DEFAULT,
+    scene: options.SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
     ] = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    overwrite: OverwriteOption = False,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    overwrite: options.OverwriteOption = False,
     verify: Annotated[
         Path | None,
         typer.Option(
@@ -57,9 +39,9 @@ def sweep(
         ),
     ] = None,
     transport: Annotated[
-        TransportName, typer.Option(help="Use this transport for --verify.")
+        options.TransportName, typer.Option(help="Use this transport for --verify.")
     ] = "zenoh",
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys.
 
@@ -75,12 +57,12 @@ def sweep(
     from hertzloop.studies.sweeps.design import grouped, planned_by
     from hertzloop.studies.sweeps.sweep import counted
 
-    resolved = scene_from(scene, settings, seed)
+    resolved = options.scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
-        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.", 2)
+        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
     if not SCHEMES[resolved.scheme].conserves:
-        fail(NO_CASE_OF_THESIS, 2)
+        fail(NO_CASE_OF_THESIS)
     if request.dask is not None:
         _check_scheduler(request.dask)
     planned, uncertain = planned_by(resolved, request), request.uncertain
@@ -91,29 +73,29 @@ def sweep(
         planned = with_draws(resolved, planned, drawn_from, request.points)
     for axis in planned.axes:
         for law in axis.values if axis.key == "controller.law" else ():
-            check_law(resolved.vary({"controller.law": law}))
+            options.check_law(resolved.vary({"controller.law": law}))
     complete = None if overwrite else sweep_study.finished(resolved, planned, span, target)
-    check_output(
+    options.check_output(
         target, overwrite or complete is not None,
-        read=files_of(resolved, scene, *(settings or [])),
+        read=options.files_of(resolved, scene, *(settings or [])),
     )  # fmt: skip
-    check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
+    # For what is unfinished, even where a file may be replaced.
+    options.check_writable(target.parent)
     beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
-    check_json(json_file, target, *beside)
+    options.check_json(json_file, target, *beside)
     total = len(planned.cases())
     on = "finished cases are kept. Run the same command again to continue"
     if complete is not None:
         found = complete
-        err.print(f"{target} has the results of this sweep. --overwrite runs it again.",
-                  soft_wrap=True)  # fmt: skip
+        err.say(f"{target} has the results of this sweep. --overwrite runs it again.")
     else:
-        compile_first(resolved)
+        options.compile_first(resolved)
         try:
             with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
                 found = sweep_study.sweep(
                     resolved, planned, span, target, workers=request.workers, dask=request.dask,
                     on_progress=advance,
-                    on_wait=lambda sentence: err.print(f"{sentence}.", soft_wrap=True),
+                    on_wait=lambda sentence: err.say(f"{sentence}."),
                 )  # fmt: skip
         except sweep_study.SweepFailed as error:
             fail(f"{error}; {on}.", 1)
@@ -122,9 +104,8 @@ def sweep(
             fail(f"cannot write {error.filename or target}: {why}; {on}.", 1)
     keys = planned.keys
     for line in found.damaged:
-        err.print(
-            f"line {line} of {sweep_study.journal_of(target)} was damaged. Its case was run again.",
-            soft_wrap=True,
+        err.say(
+            f"line {line} of {sweep_study.journal_of(target)} was damaged. Its case was run again."
         )
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
@@ -139,7 +120,7 @@ def sweep(
         other = run_case(resolved, OTHER[span], 0, {key: best[key] for key in keys})
         hint = f"--span {OTHER[span]} sweeps the other."
         for said in spans_differ(best["plate_energy_db"], other["plate_energy_db"], span, hint):
-            out.print(f"At the least plate energy: {said}", soft_wrap=True)
+            out.say(f"At the least plate energy: {said}")
     if uncertain is not None and figureless < total:
         out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
     phased = PHASE in keys and design == "grid" and uncertain is None
@@ -147,29 +128,25 @@ def sweep(
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
-    out.print(
+    out.say(
         f"{found.ran} of {total} cases run in {found.wall_s:z.2f} s: {rate:z.0f} cases/s. "
-        f"Results: {target}",
-        soft_wrap=True,
+        f"Results: {target}"
     )
     beyond = counted(found.rows, "out_of_range")
     if beyond:
         words = ", ".join(f"{name} in {times} of {total} cases" for name, times in beyond.items())
-        out.print(styled(("OUT OF RANGE:", "bold red"), f" {words}"),
-                  soft_wrap=True)  # fmt: skip
+        out.say(styled(("OUT OF RANGE:", "bold red"), f" {words}"))
     if found.unstable:
         out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
     growing = found.growing
     if growing:
         most = max((one for one in growing if not math.isnan(one)), default=math.nan)
         size = "" if math.isnan(most) else f"; the loop grows up to {most:.4g}/s"
-        out.print(
+        out.say(
             styled(("Linear loop unstable", "bold red"),
                    f" in {len(growing)} of {total} cases that are too short to show it{size} "
-                   "(column growth_per_s)."),
-            soft_wrap=True,
-        )  # fmt: skip
-    write_json(
+                   "(column growth_per_s)."))  # fmt: skip
+    options.write_json(
         json_file,
         {
             "cases": total,
@@ -191,7 +168,7 @@ def sweep(
     )
     if figureless == total:
         out.print(f"No case of {total} has figures.")
-    end_if_not_run([row["status"] for row in found.not_run], total)
+    options.end_if_not_run([row["status"] for row in found.not_run], total)
     if figureless == total:
         raise typer.Exit(1)
 
@@ -207,9 +184,9 @@ def _check_scheduler(address: str) -> None:
     need("distributed")
     found = _SCHEDULER.fullmatch(address)
     if not found:
-        fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.", 2)
-    if not 0 < int(found["port"]) <= LARGEST_PORT:
-        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {LARGEST_PORT}.", 2)
+        fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.")
+    if not 0 < int(found["port"]) <= options.LARGEST_PORT:
+        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {options.LARGEST_PORT}.")
 
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
@@ -262,26 +239,26 @@ def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
 
 
 def _verify(
-    results: Path, cases: int, transport: TransportName, seed: int, json_file: Path | None
+    results: Path, cases: int, transport: options.TransportName, seed: int, json_file: Path | None
 ) -> None:
     """Run cases of a sweep again as real processes, and compare all bytes."""
     from hertzloop.studies.sweeps.evaluate import not_run
     from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
     from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
 
-    check_json(json_file)
+    options.check_json(json_file)
     try:
         rows, header = read_results(results)
         check_laws(header)
     except ValueError as error:
-        fail(str(error), 2)
+        fail(str(error))
     most = sum(not row["status"] for row in rows)
     if not most:
-        fail(f"{results}: no case has figures to verify. Run the sweep with other ranges.", 2)
+        fail(f"{results}: no case has figures to verify. Run the sweep with other ranges.")
     cases = min(cases, most)
     if header["versions"] != code_version():
-        err.print(f"{results}: written by {header['versions']}; bits may differ", soft_wrap=True)
-    compile_first()
+        err.say(f"{results}: written by {header['versions']}; bits may differ")
+    options.compile_first()
     found: list[RepeatedCase] = []
     with progress(f"{cases} cases", cases) as advance:
         for checked in replay_cases(rows, header, cases, transport, seed):
@@ -294,10 +271,10 @@ def _verify(
         without = f"{len(rows) - most} of {len(rows)} cases have no figures to verify"
         out.print(without)
     if differing:
-        out.print(f"different: case {', '.join(map(str, differing))}", soft_wrap=True)
+        out.say(f"different: case {', '.join(map(str, differing))}")
     lacking = [row["status"] for row in not_run(rows)]  # in the results already
     reasons = [f"case {checked.case}: {checked.not_run}" for checked in found if checked.not_run]
-    write_json(
+    options.write_json(
         json_file,
         {
             "same": len(ran) - len(differing),
@@ -308,6 +285,6 @@ def _verify(
             "out_of_range": counted(rows, "out_of_range"),
         },
     )
-    end_if_not_run([*reasons, *lacking], len(found) + len(lacking))
+    options.end_if_not_run([*reasons, *lacking], len(found) + len(lacking))
     if differing:
         raise typer.Exit(1)

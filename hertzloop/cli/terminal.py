@@ -39,6 +39,10 @@ class Terminal(Console):
             text, style, control = segment
             yield segment if control else Segment(visible(text), style)
 
+    def say(self, sentence: str | Text) -> None:
+        """Print a sentence on one line, which the terminal breaks where it has to."""
+        self.print(sentence, soft_wrap=True)
+
 
 out = Terminal()
 err = Terminal(stderr=True)
@@ -49,9 +53,9 @@ def be_quiet() -> None:
     out.quiet = True
 
 
-def fail(sentence: str, code: int) -> NoReturn:
-    """Print an error and end the command with this exit code."""
-    err.print(Text.assemble(("error:", "red"), f" {sentence}"), soft_wrap=True)
+def fail(sentence: str, code: int = 2) -> NoReturn:
+    """Print an error and end the command; exit code 2 says that the mistake is the user's."""
+    err.say(Text.assemble(("error:", "red"), f" {sentence}"))
     raise typer.Exit(code)
 
 
@@ -60,7 +64,7 @@ def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
     """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
 
     def end(_: str) -> NoReturn:
-        err.print(f"interrupted; {explain()}" if explain else "interrupted", soft_wrap=True)
+        err.say(f"interrupted; {explain()}" if explain else "interrupted")
         raise typer.Exit(INTERRUPTED)
 
     with on_interrupt(end):
@@ -80,7 +84,7 @@ def explained() -> Iterator[None]:
         sentence = sentence_on(error.name)
         if sentence is None:
             raise
-        fail(sentence, 2)
+        fail(sentence)
     except Exception as error:
         if not hasattr(error, "exit_status"):
             raise
@@ -120,6 +124,6 @@ def progress(
                 return
             left_s = (total - completed) * (now - said) / (completed - before)
             before, said = completed, now
-            err.print(f"{about}, about {left_s:.0f} s left", soft_wrap=True)
+            err.say(f"{about}, about {left_s:.0f} s left")
 
         yield advance

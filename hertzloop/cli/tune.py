@@ -13,20 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hertzloop.analysis.cases import OBJECTIVES
-from hertzloop.cli.options import (
-    JsonOption,
-    SeedOption,
-    SetOption,
-    check_json,
-    check_law,
-    check_writable,
-    compile_first,
-    end_if_not_run,
-    make_folder,
-    scene_from,
-    takes,
-    write_json,
-)
+from hertzloop.cli import options
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
@@ -48,7 +35,7 @@ _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 
 
-@takes()
+@options.takes()
 def tune(
     search: TuneRequest,
     scenes: Annotated[
@@ -78,15 +65,15 @@ def tune(
     at_most: Annotated[
         list[str] | None, typer.Option(help="Limit a figure, for example rebound_percent=120.")
     ] = None,
-    settings: SetOption = None,
-    seed: SeedOption = None,
+    settings: options.SetOption = None,
+    seed: options.SeedOption = None,
     folder: Annotated[
         Path | None,
         typer.Option(
             "--out-dir", "-o", help="Write chart and settings into this folder.", metavar="DIR"
         ),
     ] = None,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Search for the law and the parameters with the best figures in a scene.
 
@@ -101,10 +88,10 @@ def tune(
     from hertzloop.studies.sweeps.sweep import code_version
     from hertzloop.studies.tuning import LAWS, Tuned
 
-    check_json(json_file)
-    bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
+    options.check_json(json_file)
+    bases = [options.scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
     if any(not SCHEMES[base.scheme].conserves for base in bases):
-        fail(NO_CASE_OF_THESIS, 2)
+        fail(NO_CASE_OF_THESIS)
     search = replace(
         search, objectives=tuple(search.objectives), at_most=_limits(at_most or []),
         seed=1 if seed is None else seed,
@@ -112,32 +99,29 @@ def tune(
     objectives = search.objectives
     for figure in (*objectives, *search.at_most):
         if figure not in OBJECTIVES:
-            fail(
-                f"--minimise = '{figure}': unknown figure. Use one of {', '.join(OBJECTIVES)}.",
-                2,
-            )
+            fail(f"--minimise = '{figure}': unknown figure. Use one of {', '.join(OBJECTIVES)}.")
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
     given = tuple(parse_axis(text) for text in ranges or [])
     check_keys(given, "--vary")
     around = _cases_of(over or [])
     for axis in given:
         if axis.key in around[0]:
-            fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.", 2)
+            fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.")
     tried = [base.vary(case) for base in bases for case in around]
     speed = tuning.fastest_m_s(tried)
     for law in chosen:
         for base, case in product(bases, around):  # the law may not have a key of the case
             of_law = {**case, "controller.law": law}
-            check_law(base.vary(of_law))
+            options.check_law(base.vary(of_law))
             for axis in given:
                 for value in axis.values or (axis.low, axis.high):
                     base.vary({**of_law, axis.key: value})
         tuning.axes_of(law, given, speed)
     if folder is not None:
-        make_folder(folder)
+        options.make_folder(folder)
     else:
-        check_writable(Path())  # for what is unfinished
-    compile_first(*bases)
+        options.check_writable(Path())  # for what is unfinished
+    options.compile_first(*bases)
     tally = CaseTally()
     names = [base.name for base in bases]
     header = tuning.header_of(tried, tuple(chosen), given, search)
@@ -158,7 +142,7 @@ def tune(
         if best:
             out.print(_table(best, reference, objectives))
             for line in verdict:
-                out.print(line, soft_wrap=True)
+                out.say(line)
             chosen_one = _winner(best, reference, objectives) or best[0]
             best_scenes = [base.vary(chosen_one.values) for base in bases]
             repeats = [
@@ -169,7 +153,7 @@ def tune(
             _say_unstable(growths, growths[best.index(chosen_one)])
             out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:
-                out.print(f"  {line}", soft_wrap=True)
+                out.say(f"  {line}")
             default = search.objectives == TuneRequest.objectives
             lists = [("minimise", [] if default else objectives), ("law", laws), ("vary", ranges),
                      ("over", over), ("at-most", at_most), ("set", settings)]  # fmt: skip
@@ -183,7 +167,7 @@ def tune(
                 _write(folder, names, tuned, best_scenes)
     not_run = [row["status"] for row in tally.not_run]
     if not best:
-        end_if_not_run(not_run, tally.cases)
+        options.end_if_not_run(not_run, tally.cases)
         fail(
             "no setting has all figures within --at-most, or meets --require-stable: the loop may "
             "be unstable, or the sphere may not rebound. Try --span run or other ranges.",
@@ -193,12 +177,12 @@ def tune(
         asdict(f) | {"unstable_loop": None if g is None else asdict(g)}
         for f, g in zip(best, growths, strict=True)
     ]
-    write_json(
+    options.write_json(
         json_file,
         {"front": front, "published": asdict(reference), "verdict": verdict,
          "cases": tally.cases, "ran": finished.ran, "failed": len(not_run)},
     )  # fmt: skip
-    end_if_not_run(not_run, tally.cases)
+    options.end_if_not_run(not_run, tally.cases)
 
 
 def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> None:
@@ -207,13 +191,10 @@ def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> N
 
     unstable = sum(growth is not None for growth in growths)
     if unstable:
-        out.print(
-            styled(("Linear loop unstable", "bold red"),
-                   f" in {unstable} of {len(growths)} settings. --require-stable refuses these."),
-            soft_wrap=True,
-        )  # fmt: skip
+        said = f" in {unstable} of {len(growths)} settings. --require-stable refuses these."
+        out.say(styled(("Linear loop unstable", "bold red"), said))
     if of_best is not None:
-        out.print(f"The loop of the best setting {unstable_line(of_best)}", soft_wrap=True)
+        out.say(f"The loop of the best setting {unstable_line(of_best)}")
 
 
 def _file_name(names: list[str]) -> str:
@@ -271,10 +252,9 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
     draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
     for setup in best_scenes:
         write_whole(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
-    out.print(
+    out.say(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
-        + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),
-        soft_wrap=True,
+        + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes)
     )
 
 
@@ -302,8 +282,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
                 found[match[1]] = float(match[2])
                 continue
         fail(
-            f"--at-most = '{text}': invalid limit. Write figure=number, as in rebound_percent=120.",
-            2,
+            f"--at-most = '{text}': invalid limit. Write figure=number, as in rebound_percent=120."
         )
     return found
 

@@ -813,11 +813,11 @@ def noise_rows(
             factor, unit = energy_unit(values)
         wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
         cells = [
-            "not defined" if math.isnan(value) else _with_unit(
-                known_digits(value * factor, ".4g", error * factor), unit
-            )
+            "not defined"
+            if math.isnan(value)
+            else _with_unit(known_digits(value * factor, ".4g", error * factor), unit)
             for value, error in zip(values, wrong, strict=True)
-        ]  # fmt: skip
+        ]
         if compare:
             cells.append(_change(row, *values, *wrong))
         rows.append([row.words, *cells])
