@@ -158,6 +158,16 @@ class PlantSpec:
         return self.plate.local_plate
 
 
+def common_fields(spec: PlantSpec) -> dict[str, Any]:
+    """The fields that sphere and contact decide in the model of any scheme, by name."""
+    sphere, contact = spec.sphere, spec.contact
+    return {
+        "mass_kg": sphere.mass_kg, "gravity_m_s2": sphere.gravity_m_s2, "hand": sphere.hand,
+        "stiffness": contact.stiffness, "viscous_n_s_m": contact.viscous_n_s_m,
+        "hunt_crossley_s_m": contact.hunt_crossley_s_m,
+    }  # fmt: skip
+
+
 NO_IMPEDANCE = (
     "the impedance of an infinite plate is not known for plate.modes alone; give "
     "plate.thickness_m, if the structure is a plate at the contact point"
@@ -275,9 +285,10 @@ class Plant(ABC):
     def _empty_state(self) -> Any:
         """The state at the start of a run, but for the sphere."""
 
-    @abstractmethod
     def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J."""
+        """Energy stored in the contact at the present step, J: `contact_energy` of the kernels."""
+        energy = self.kernels.contact_energy
+        return float(getattr(energy, "py_func", energy)(self.model, self.state))
 
     def at_start(self, touch_phase: float = 0.5) -> Self:
         """The same plant at the start of a run: model shared, state new."""

@@ -381,14 +381,19 @@ def _compiled_added(sums, w, t, force, damping, slope, by_gap, by_slope):
     return added
 
 
-def at_nodes(gains: np.ndarray, step_s: float) -> np.ndarray:
-    """Gap at the nodes by F_0 and by F_1 (m/N), shape (2 nodes,): `gains` from NODE0 on."""
-    x, d, mean = np.array(BY_X1), step_s * np.array(BY_D1), np.array(BY_MEAN)
-    start = step_s * np.array(BY_D0)
-    return np.concatenate([
-        x * gains[X0] + d * gains[V0] + mean * gains[M0] + start * gains[START0],
-        x * gains[X1] + d * gains[V1] + mean * gains[M1] + start * gains[START1],
-    ])  # fmt: skip
+def add_sphere(gains: np.ndarray, step_s: float, mass_kg: float) -> None:
+    """Complete the gains of a structure by the motion of a sphere, in place: of the gap at the
+    end, of its velocity, of its mean, and of the gap at the nodes; m/N, m/(N s)."""
+    h, m = step_s, mass_kg
+    gains[X0] = gains[PX0] + h * h / (2.0 * m)
+    gains[X1] = gains[PX1] - h * h / (6.0 * m)
+    gains[V0], gains[V1] = gains[PV0] + h / m, gains[PV1]
+    gains[M0] = gains[PM0] + h * h / (6.0 * m)
+    gains[M1] = gains[PM1] - h * h / (12.0 * m)
+    x, d, mean, start = np.array(BY_X1), h * np.array(BY_D1), np.array(BY_MEAN), h * np.array(BY_D0)
+    for node, of in ((NODE0, (X0, V0, M0, START0)), (NODE1, (X1, V1, M1, START1))):
+        by = gains[list(of)]
+        gains[node : node + NODES] = x * by[0] + d * by[1] + mean * by[2] + start * by[3]
 
 
 @kernel(inline=True, borrowed=True, fused=True)

@@ -2,14 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 
-FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
 # Means F_0 and first moments F_1 of x^0 ... x^3 over the steps [-1, 0] and [0, 1], where over
 # each step F is F_0 + F_1 P, P from -1 to 1: F_1 is 3 times the mean of F P.
@@ -42,17 +40,6 @@ class Impact:
     peak_force_n: float
     plate_energy_j: float
     plate_speed_max_m_s: float
-
-
-def sphere_speed_m_s(
-    way_m: FloatOrArray, f_c: FloatOrArray, f_c1: FloatOrArray, mass_kg: float, step_s: float
-) -> FloatOrArray:
-    """Speed of the sphere at the start of a step in which it moves by `way_m`, up positive.
-
-    Exact for a force F + F_1 (2 t/h - 1): v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2.
-    """
-    held = (f_c - f_c1 / 3.0) / mass_kg - GRAVITY_M_S2
-    return way_m / step_s - 0.5 * held * step_s
 
 
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:

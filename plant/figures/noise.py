@@ -248,11 +248,6 @@ def audible_alone(modes: Oscillators) -> Oscillators:
     )  # fmt: skip
 
 
-def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:
-    """Sum of the oscillators' energies up to 20 kHz, each times its radiation efficiency, J."""
-    return float(np.sum((shares_j * efficiency)[: audible(modes)]))
-
-
 def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
     """eta_rad/(eta + eta_rad): what an oscillator radiates of its energy until it is at rest."""
     total = material_eta + air_eta

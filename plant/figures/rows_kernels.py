@@ -276,7 +276,8 @@ def _crossing(xi, before, dent):
 
 @kernel(inline=True, borrowed=True)
 def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
-    """See plant.figures.impacts.sphere_speed_m_s."""
+    """Speed at the start of a step, up positive (m/s), exact for a force F + F_1 (2 t/h - 1):
+    v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2."""
     held = (f_c[at] - f_c1[at] / 3.0) / mass - gravity
     return (xi_s[at + 1] - xi_s[at]) / step_s - 0.5 * held * step_s
 

@@ -13,7 +13,7 @@ from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import aligned, damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
-from hertzloop.plant.plant import NO_IMPEDANCE, Plant, PlantSpec, air_eta
+from hertzloop.plant.plant import NO_IMPEDANCE, Plant, PlantSpec, air_eta, common_fields
 from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -32,13 +32,6 @@ _TAIL_NODES_PER_RADIAN = 0.75
 # one complex mode. Its real part is Y w^4/|q^2 + ...|^2: with y'' + (pi/2) w_c y' + 3 w_c^2 y = F
 # it loses the power Y y''^2 and holds
 # Y ((3/pi + pi/4) w_c y'^2 + 3 w_c^2 y y' + (9/pi) w_c^3 y^2).
-
-
-def tail_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np.ndarray:
-    """Y_t at angular frequencies (rad/s); m/(N s), same shape."""
-    q = 1j * np.asarray(omega)
-    below = q * q + 0.5 * math.pi * omega_c * q + 3.0 * omega_c**2
-    return np.asarray(mobility_m_ns * q * (q + 6.0 * omega_c / math.pi) / below)
 
 
 def tail_limit(mobility_m_ns: float, flexibility_m_n: float) -> float:
@@ -151,40 +144,22 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
         return float(np.sum(weight_c * drive * (z.real - rho * z.imag)))
 
     gains = np.zeros(elastic.GAINS)
-    gains[elastic.PX0], gains[elastic.PX1] = (
-        moves(weight_c, drive_c, z) for z in (constant, linear)
-    )
-    gains[elastic.PV0], gains[elastic.PV1] = (speeds(drive_c, z) for z in (constant, linear))
-    gains[elastic.PM0], gains[elastic.PM1] = (
-        moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear)
-    )
-    gains[elastic.CA], gains[elastic.VA] = (
-        moves(weight_c, drive_a, constant),
-        speeds(drive_a, constant),
-    )
-    gains[elastic.MA] = moves(weight_c, drive_a, mean_constant)
-    gains[elastic.AC0], gains[elastic.AC1] = (
-        moves(weight_a, drive_c, z) for z in (constant, linear)
-    )
-    gains[elastic.AA] = moves(weight_a, drive_a, constant)
-    gains[elastic.CA1], gains[elastic.VA1] = (
-        moves(weight_c, drive_a, linear),
-        speeds(drive_a, linear),
-    )
-    gains[elastic.MA1], gains[elastic.AA1] = (
-        moves(weight_c, drive_a, mean_linear), moves(weight_a, drive_a, linear)
-    )  # fmt: skip
-    gains[elastic.MAC0], gains[elastic.MAC1] = (
-        moves(weight_a, drive_c, z) for z in (mean_constant, mean_linear)
-    )
-    gains[elastic.MAA], gains[elastic.MAA1] = (
-        moves(weight_a, drive_a, z) for z in (mean_constant, mean_linear)
-    )
+    # By each force: displacement, velocity, mean at the contact, displacement and mean beside it.
+    held, risen = (constant, mean_constant), (linear, mean_linear)
+    for drive, (by, mean), (at_x, at_v, at_mean, at_y, at_y_mean) in (
+        (drive_c, held, (elastic.PX0, elastic.PV0, elastic.PM0, elastic.AC0, elastic.MAC0)),
+        (drive_c, risen, (elastic.PX1, elastic.PV1, elastic.PM1, elastic.AC1, elastic.MAC1)),
+        (drive_a, held, (elastic.CA, elastic.VA, elastic.MA, elastic.AA, elastic.MAA)),
+        (drive_a, risen, (elastic.CA1, elastic.VA1, elastic.MA1, elastic.AA1, elastic.MAA1)),
+    ):
+        gains[at_x], gains[at_v] = moves(weight_c, drive, by), speeds(drive, by)
+        gains[at_mean] = moves(weight_c, drive, mean)
+        gains[at_y], gains[at_y_mean] = moves(weight_a, drive, by), moves(weight_a, drive, mean)
     tail, of_tail = damped_tail(spec)
     flexibility = flexibility_m_n(spec)
     for index, share in of_tail.items():
         gains[index] += share
-    _add_sphere(gains, h, m)
+    elastic.add_sphere(gains, h, m)
     # Oscillators are sorted by frequency. `swing` is for modes of one rho.
     slow = int(np.searchsorted(theta * h, _SLOW)) if isinstance(rho, float) else len(theta)
     gains[elastic.SWING0], gains[elastic.SWING1] = (
@@ -192,7 +167,6 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
     )
     if isinstance(rho, float):
         gains[elastic.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
-    gains[elastic.NODE0 :] = elastic.at_nodes(gains, h)
 
     # Means from z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
     back = phi(1, -x)
@@ -227,30 +201,28 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
     table = aligned(
         np.stack([columns.get(i, np.zeros_like(theta)) for i in range(modal_k.COLUMNS)])
     )
-    limit, stiffness = spec.contact.limit, spec.contact.stiffness
-    law = None if limit is None else yielding(limit, stiffness)
     return modal_k.CollocationModel(
         step_s=h,
-        mass_kg=m,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-        stiffness=stiffness,
         flexibility_m_n=flexibility,
-        viscous_n_s_m=spec.contact.viscous_n_s_m,
-        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
         same_point=same,
         damped=damped,
         rho=rho,
         slow=slow,
-        law=law,
         actuator=actuator.build_model(spec.actuator, h),
         tail=tail,
         air=_air(spec, modes, gains, table, *lost),
-        power=spec.contact.power,
-        hand=spec.sphere.hand,
         probe=_probe(modes, same, rho, drive_c, drive_a, constant, linear),
         gains=gains,
         table=table,
+        **_of_contact(spec),
     )
+
+
+def _of_contact(spec: PlantSpec) -> dict[str, Any]:
+    """The fields of a model that sphere and contact decide, but for its gains."""
+    contact = spec.contact
+    law = None if contact.limit is None else yielding(contact.limit, contact.stiffness)
+    return common_fields(spec) | {"power": contact.power, "law": law}
 
 
 def _probe(
@@ -289,15 +261,6 @@ def _air(
     return modal_k.Air(gains, table)
 
 
-def _add_sphere(gains: np.ndarray, h: float, m: float) -> None:
-    """Add the motion of a sphere of mass `m` (kg) to the gains of the structure, in place."""
-    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
-    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
-    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
-    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
-    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
-
-
 def with_contact(model: modal_k.CollocationModel, spec: PlantSpec) -> modal_k.CollocationModel:
     """Return the model of the same structure with the sphere and the contact of `spec`.
 
@@ -310,21 +273,8 @@ def with_contact(model: modal_k.CollocationModel, spec: PlantSpec) -> modal_k.Co
     if model.air is not None:
         raise ValueError("a structure that radiates needs a new model for another sphere")
     gains = model.gains.copy()
-    _add_sphere(gains, spec.step_s, spec.sphere.mass_kg)
-    gains[elastic.NODE0 :] = elastic.at_nodes(gains, spec.step_s)
-    contact = spec.contact
-    limit = contact.limit
-    return model._replace(
-        mass_kg=spec.sphere.mass_kg,
-        stiffness=contact.stiffness,
-        viscous_n_s_m=contact.viscous_n_s_m,
-        hunt_crossley_s_m=contact.hunt_crossley_s_m,
-        law=None if limit is None else yielding(limit, contact.stiffness),
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-        power=contact.power,
-        hand=spec.sphere.hand,
-        gains=gains,
-    )
+    elastic.add_sphere(gains, spec.step_s, spec.sphere.mass_kg)
+    return model._replace(gains=gains, **_of_contact(spec))
 
 
 def flexibility_m_n(spec: PlantSpec) -> float:
@@ -451,7 +401,3 @@ class CollocationPlant(Plant):
         if law is not None:
             state.body[pk.DEEPEST], state.body[pk.CURVE] = law.delta_m, self.model.stiffness
         return state
-
-    def contact_energy_j(self) -> float:
-        """Energy stored in the contact and the spring of the modes left out, J."""
-        return float(self.state.body[modal_k.STORED])

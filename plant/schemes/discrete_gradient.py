@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.numerics import damped_frequency, phi
-from hertzloop.plant.plant import Plant, PlantSpec
+from hertzloop.plant.plant import Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes import discrete_gradient_kernels as gradient_k
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -73,12 +73,6 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
     }
     return gradient_k.PlantModel(
         step_s=h,
-        mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-        stiffness=spec.contact.stiffness,
-        viscous_n_s_m=spec.contact.viscous_n_s_m,
-        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
-        hand=spec.sphere.hand,
         same_point=same,
         damped=eta > 0.0,
         rho=rho,
@@ -92,6 +86,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
         table=np.stack(
             [_rows(columns[c], float(c == gradient_k.THETA)) for c in range(gradient_k.COLUMNS)]
         ),
+        **common_fields(spec),
     )
 
 
@@ -129,8 +124,3 @@ class DiscreteGradientPlant(Plant):
         )
         state.counts[pk.ROWS] = rows
         return state
-
-    def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J."""
-        penetration = max(-float(self.state.body[pk.XI]), 0.0)
-        return float(0.4 * self.model.stiffness * penetration**2.5)

@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.plant import NO_IMPEDANCE, NO_MODES, Plant, PlantSpec
+from hertzloop.plant.plant import NO_IMPEDANCE, NO_MODES, Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes import infinite_kernels as infinite_k
 from hertzloop.plant.structures.plate import Plate
 
@@ -33,31 +33,21 @@ def build_model(spec: PlantSpec) -> infinite_k.InfiniteModel:
         raise ValueError(NO_IMPEDANCE)
     h, m, z = spec.step_s, spec.sphere.mass_kg, impedance_n_s_m(plate)
     gains = np.zeros(elastic.GAINS)
-    # Displacement, velocity and mean displacement of plate, then gap, by F_0 and F_1.
+    # Displacement, velocity and mean displacement of the plate by F_0 and F_1.
     gains[elastic.PX0], gains[elastic.PX1] = h / z, 0.0
     gains[elastic.PV0], gains[elastic.PV1] = 1.0 / z, 1.0 / z
     gains[elastic.PM0], gains[elastic.PM1] = h / (2.0 * z), -h / (6.0 * z)
-    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
-    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
-    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
-    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
-    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
     gains[elastic.CA], gains[elastic.VA], gains[elastic.MA] = h / z, 1.0 / z, h / (2.0 * z)
-    gains[elastic.NODE0 :] = elastic.at_nodes(gains, h)
+    elastic.add_sphere(gains, h, m)
     return infinite_k.InfiniteModel(
         step_s=h,
-        mass_kg=m,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-        stiffness=spec.contact.stiffness,
         flexibility_m_n=0.0,
-        viscous_n_s_m=spec.contact.viscous_n_s_m,
-        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
         same_point=True,
         impedance_n_s_m=z,
         tail=None,
         power=spec.contact.power,
-        hand=spec.sphere.hand,
         gains=gains,
+        **common_fields(spec),
     )
 
 
@@ -84,7 +74,3 @@ class InfinitePlant(Plant):
             balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
-
-    def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J."""
-        return float(self.state.body[infinite_k.STORED])

@@ -9,20 +9,19 @@ from importlib import resources
 
 # Speed of sound sqrt(E/rho) of a solid, m/s; outside, a number has another unit than it should.
 _SLOWEST, _FASTEST = 10.0, 4e4
-_NAMES = {
-    "young_pa": "youngs_modulus_pa",
-    "density_kg_m3": "density_kg_m3",
-    "poisson": "poisson_ratio",
-    "young_x_pa": "young_x_pa",
-    "young_y_pa": "young_y_pa",
-    "young_z_pa": "young_z_pa",
-    "shear_pa": "shear_pa",
-    "poisson_xy": "poisson_xy",
-    "loss_factor": "loss_factor",
-    "restitution": "restitution",
-    "yield_pa": "yield_pa",
-    "hardness_pa": "hardness_pa",
-    "strength_spread": "strength_spread",
+_FIELDS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}  # others have one name
+# Least and largest value, and both in words.
+_MODULUS = (1e3, 1e13, "1e3 to 1e13 Pa")
+_SHARE = (0.0, 1.0, "0 to 1")
+_LIMITS = {
+    "young_pa": _MODULUS,
+    "density_kg_m3": (1.0, 1e5, "1 to 1e5 kg/m3"),
+    "poisson": (0.0, math.nextafter(0.5, 0.0), "at least 0 and below 0.5"),
+    **dict.fromkeys(("young_x_pa", "young_y_pa", "young_z_pa", "shear_pa"), _MODULUS),
+    "poisson_xy": (0.0, 10.0, "0 to 10"),
+    **dict.fromkeys(("loss_factor", "restitution"), _SHARE),
+    **dict.fromkeys(("yield_pa", "hardness_pa"), _MODULUS),
+    "strength_spread": _SHARE,
 }
 _NEEDED = ("young_pa", "density_kg_m3", "poisson")
 _ORTHOTROPIC = ("young_x_pa", "young_y_pa", "shear_pa", "poisson_xy")
@@ -78,9 +77,9 @@ class Material:
 def material_of(where: str, table: Mapping[str, object]) -> Material:
     """A material from its table. Raises ValueError with one sentence; `where` names the table."""
     for key in table:
-        if key not in _NAMES:
+        if key not in _LIMITS:
             raise ValueError(
-                f"{where}.{key} is not a property of a material. Use {', '.join(_NAMES)}"
+                f"{where}.{key} is not a property of a material. Use {', '.join(_LIMITS)}"
             )
     needed: tuple[str, ...] = _NEEDED
     if directed := [key for key in (*_ORTHOTROPIC, "young_z_pa") if key in table]:
@@ -101,7 +100,7 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             known = isinstance(value, float) or abs(value) < 10**20  # others have no :g
             given = f"{value:g}" if known else "a number of that size"
             raise ValueError(f"{where}.{key} = {given}: must be {words}")
-    values = {_NAMES[key]: float(table[key]) for key in table}  # type: ignore[arg-type]
+    values = {_FIELDS.get(key, key): float(table[key]) for key in table}  # type: ignore[arg-type]
     if directed:
         x, y, nu = (values[key] for key in ("young_x_pa", "young_y_pa", "poisson_xy"))
         if not nu * nu * y < x:
@@ -124,24 +123,6 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             "has; they are in Pa and kg/m3"
         )
     return found
-
-
-# Least and largest value.
-_LIMITS = {
-    "young_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "density_kg_m3": (1.0, 1e5, "1 to 1e5 kg/m3"),
-    "young_x_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "young_y_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "young_z_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "shear_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "poisson_xy": (0.0, 10.0, "0 to 10"),
-    "poisson": (0.0, math.nextafter(0.5, 0.0), "at least 0 and below 0.5"),
-    "loss_factor": (0.0, 1.0, "0 to 1"),
-    "restitution": (0.0, 1.0, "0 to 1"),
-    "yield_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "hardness_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
-    "strength_spread": (0.0, 1.0, "0 to 1"),
-}
 
 
 def materials_of(text: str, where: str) -> dict[str, dict[str, object]]:

@@ -124,15 +124,6 @@ class Branches:
         return float(scipy.integrate.quad(integrand, start, end, epsrel=1e-6, limit=200)[0])
 
 
-def compliance(x: np.ndarray | float, poisson_ratio: float) -> np.ndarray:
-    """Deflection of a face per pressure on it, a wave of k h = x, in units of h/mu; a half space's
-    is (1 - nu)/x."""
-    x = np.asarray(x, dtype=float)
-    # Over cosh^2: the functions themselves overflow.
-    tanh, second = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0)) ** 2
-    return (1.0 - poisson_ratio) / x * (tanh + x * second) / (tanh * tanh - x * x * second)
-
-
 @lru_cache(maxsize=16)
 def branches(poisson_ratio: float) -> Branches:
     """The table of a Poisson ratio; takes half a second."""

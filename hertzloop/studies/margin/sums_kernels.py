@@ -9,29 +9,9 @@ from hertzloop.jit import kernel
 
 
 @kernel(borrowed=True, fused=True, reordered=True, released=True)
-def pole_sums(z_re, z_im, p_re, p_im, r_re, r_im, value, slope):
-    """Add sum of r/(z - p) to `value`, shape (2, points), and its derivative to `slope`."""
-    for i in range(z_re.size):
-        x, y = z_re[i], z_im[i]
-        a = b = c = d = 0.0
-        for j in range(p_re.size):
-            dx, dy = x - p_re[j], y - p_im[j]
-            q = 1.0 / (dx * dx + dy * dy)
-            w, v = dx * q, -dy * q
-            t, u = r_re[j] * w - r_im[j] * v, r_re[j] * v + r_im[j] * w
-            a += t
-            b += u
-            c += t * w - u * v
-            d += t * v + u * w
-        value[0, i] += a
-        value[1, i] += b
-        slope[0, i] -= c
-        slope[1, i] -= d
-
-
-@kernel(borrowed=True, fused=True, reordered=True, released=True)
 def far_sums(theta, first, last, poles, residues, count, value, slope):
-    """Write, at the nodes of every box, the sums of `pole_sums` over the poles far from it.
+    """Write, at the nodes of every box, the sum of r/(z - p) over the poles p far from it, and its
+    derivative.
 
     Args:
         theta: angles of the nodes, shape (boxes, nodes).
@@ -62,8 +42,8 @@ def far_sums(theta, first, last, poles, residues, count, value, slope):
 
 @kernel(borrowed=True, fused=True, reordered=True, released=True)
 def circle_sums(theta, box, edges, first, last, poles, residues, far, value, slope):
-    """Write the sums of `pole_sums` at points of the unit circle: near poles one by one, far ones
-    by Chebyshev series.
+    """Write the sum of r/(z - p) over all poles, and its derivative, at points of the unit circle:
+    near poles one by one, far ones by Chebyshev series.
 
     Args:
         theta, box: angles, and in which box each is, shape (points,).

@@ -21,11 +21,20 @@ ALUMINIUM, STEEL = MATERIALS["aluminium"], MATERIALS["steel"]
 NU = ALUMINIUM.poisson_ratio
 
 
+def compliance(x: np.ndarray | float, poisson_ratio: float) -> np.ndarray:
+    """Deflection of a face per pressure on it, a wave of k h = x, in units of h/mu; a half space's
+    is (1 - nu)/x."""
+    x = np.asarray(x, dtype=float)
+    # Over cosh^2: the functions themselves overflow.
+    tanh, second = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0)) ** 2
+    return (1.0 - poisson_ratio) / x * (tanh + x * second) / (tanh * tanh - x * x * second)
+
+
 def test_all_branches_together_are_the_static_layer() -> None:
     """Loaded on one face: S(k) in closed form."""
     table = lamb.branches(NU)
     known = table.x >= 0.08  # below, rounding spoils A0
-    exact = lamb.compliance(table.x, NU)
+    exact = compliance(table.x, NU)
     assert np.all(abs(table.static / exact - 1.0)[known] < 1e-5)
 
 
@@ -33,8 +42,8 @@ def test_long_waves_bend_a_thin_plate_and_short_ones_a_half_space() -> None:
     for x in (1e-2, 3e-2):
         # 1/(B' k^4) in units of h/mu, and the first correction, of order x^2.
         thin = 6.0 * (1.0 - NU) / x**3 / x
-        assert float(lamb.compliance(x, NU)) == pytest.approx(thin, rel=1.0 * x * x)
-    assert float(lamb.compliance(20.0, NU)) == pytest.approx((1.0 - NU) / 20.0, rel=1e-10)
+        assert float(compliance(x, NU)) == pytest.approx(thin, rel=1.0 * x * x)
+    assert float(compliance(20.0, NU)) == pytest.approx((1.0 - NU) / 20.0, rel=1e-10)
     table = lamb.branches(NU)
     rayleigh = float(table.omegas(np.array([24.0]))[0, 0]) / 24.0
     assert rayleigh == pytest.approx((0.862 + 1.14 * NU) / (1.0 + NU), rel=2e-3)
