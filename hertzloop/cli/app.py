@@ -5,14 +5,16 @@ them. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's mist
 interrupted.
 """
 
+import inspect
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -191,8 +193,29 @@ def loaded(leaf: Leaf) -> Any:
     module, _, name = leaf.function.partition(":")
     function = getattr(import_module(f"hertzloop.cli.{module}"), name)
     one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    one.command(leaf.words.split()[-1], epilog=f"Example: hertzloop {leaf.example}")(function)
+    about = _with_helps(function)
+    one.command(
+        leaf.words.split()[-1], help=about, epilog=f"Example: hertzloop {leaf.example}"
+    )(function)  # fmt: skip
     return typer.main.get_command(one)
+
+
+def _with_helps(function: Any) -> str:
+    """Give a command's options the help that the section Args of its docstring has; returns the
+    docstring without it. What is listed there and not annotated is an option, a bool a switch."""
+    about, _, listed = (inspect.getdoc(function) or "").partition("\n\nArgs:\n")
+    helps = dict(re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, re.MULTILINE))
+    shown = dict(inspect.signature(function, eval_str=True).parameters)
+    for name, words in helps.items():
+        kind = shown[name].annotation
+        option: Any = typer.Option(*[f"--{name.replace('_', '-')}"] * (kind is bool))
+        if get_origin(kind) is Annotated:
+            kind, option = get_args(kind)
+        option.help = " ".join(words.split())
+        shown[name] = shown[name].replace(annotation=Annotated[kind, option])
+    function.__signature__ = inspect.Signature(list(shown.values()))
+    function.__annotations__ = {name: one.annotation for name, one in shown.items()}
+    return about
 
 
 class Commands(TyperGroup):

@@ -1,9 +1,6 @@
 """The command that measures how fast a scene runs on this machine."""
 
 from dataclasses import asdict
-from typing import Annotated
-
-import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import out, progress
@@ -20,12 +17,15 @@ _CALLED = {
 def bench(
     scene: options.SceneArgument = DEFAULT,
     settings: options.SetOption = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Measure fewer rounds and cases.")] = False,
+    quick: bool = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Measure how fast this computer runs a scene.
 
     It times the loop in each transport, and the cases of a small sweep on one core.
+
+    Args:
+        quick: Measure fewer rounds and cases.
     """
     options.check_json(json_file)
     resolved = options.scene_from(scene, settings, None)

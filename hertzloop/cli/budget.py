@@ -29,37 +29,14 @@ if TYPE_CHECKING:
 def budget(
     request: BudgetRequest,
     scene: options.SceneArgument = DEFAULT,
-    law: Annotated[
-        str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
-    ] = None,
+    law: str | None = None,
     settings: options.SetOption = None,
     seed: options.SeedOption = None,
-    trace: Annotated[
-        Path | None,
-        typer.Option(
-            help="Latencies by sample in place of controller.latency_us: a CSV file, or a "
-            "recording of a paced run (.mcap)."
-        ),
-    ] = None,
-    uncertain_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--uncertain",
-            help="Compute the probability of the goal for the distributions in this TOML file, "
-            "or in the tables [uncertain] and [fit] of this scene.",
-        ),
-    ] = None,
-    requirements: Annotated[
-        Path | None,
-        typer.Option("--check", help="Check the requirements in this file instead of searching."),
-    ] = None,
-    junit_file: Annotated[
-        Path | None,
-        typer.Option("--junit", help="Write the results of --check to this file as JUnit XML."),
-    ] = None,
-    folder: Annotated[
-        Path | None, typer.Option("--out-dir", "-o", help="Folder for the results as a page.")
-    ] = None,
+    trace: Path | None = None,
+    uncertain_file: Annotated[Path | None, typer.Option("--uncertain")] = None,
+    requirements: Annotated[Path | None, typer.Option("--check")] = None,
+    junit_file: Annotated[Path | None, typer.Option("--junit")] = None,
+    folder: Annotated[Path | None, typer.Option("--out-dir", "-o")] = None,
     json_file: options.JsonOption = None,
 ) -> None:
     """Find how much latency and how few bits a law tolerates.
@@ -67,6 +44,16 @@ def budget(
     It also searches jitter, noise, sampling period, and the bandwidth and mass of the actuator.
 
     The same command continues an interrupted search.
+
+    Args:
+        law: Law: a shipped name or a file; the scene's if not given.
+        trace: Latencies by sample in place of controller.latency_us: a CSV file, or a recording of
+            a paced run (.mcap).
+        uncertain_file: Compute the probability of the goal for the distributions in this TOML file,
+            or in the tables [uncertain] and [fit] of this scene.
+        requirements: Check the requirements in this file instead of searching.
+        junit_file: Write the results of --check to this file as JUnit XML.
+        folder: Folder for the results as a page.
     """
     from hertzloop.studies.budget import budget as budget_study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal

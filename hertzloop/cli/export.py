@@ -17,23 +17,19 @@ from hertzloop.jit.object_code import outline
 
 def export(
     file: FileArgument,
-    out_file: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", help="Write this .mcap, .parquet, .csv, .npz or .h5 file.", metavar="F"
-        ),
-    ],
-    from_ms: Annotated[
-        float, typer.Option("--from", min=0.0, help="Start at this simulated time, ms.")
-    ] = 0.0,
-    to_ms: Annotated[
-        float | None, typer.Option("--to", min=0.0, help="Stop at this simulated time, ms.")
-    ] = None,
+    out_file: Annotated[Path, typer.Option("--out", "-o", metavar="F")],
+    from_ms: Annotated[float, typer.Option("--from", min=0.0)] = 0.0,
+    to_ms: Annotated[float | None, typer.Option("--to", min=0.0)] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
 
     An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot.
+
+    Args:
+        out_file: Write this .mcap, .parquet, .csv, .npz or .h5 file.
+        from_ms: Start at this simulated time, ms.
+        to_ms: Stop at this simulated time, ms.
     """
     from hertzloop.recordings.export import FORMATS, Samples
     from hertzloop.recordings.export import export as write
@@ -68,20 +64,10 @@ CpuOption = Annotated[
 
 def export_plant(
     scene: options.SceneArgument,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="F", help="Write this .fmu or .so file."),
-    ] = None,
-    out_dir: Annotated[
-        Path | None,
-        typer.Option(
-            "--out-dir",
-            metavar="DIR",
-            help="Write the C library, its header and an example into this folder.",
-        ),
-    ] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o", metavar="F")] = None,
+    out_dir: Annotated[Path | None, typer.Option("--out-dir", metavar="DIR")] = None,
     cpu: CpuOption = "x86-64-v3",
-    fmi: Annotated[Literal["2", "3"], typer.Option(help="Use this version of FMI for .fmu.")] = "3",
+    fmi: Literal["2", "3"] = "3",
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
@@ -89,6 +75,11 @@ def export_plant(
     """Write the plant for other programs: an FMU or a C library.
 
     It holds plant, actuator and sensor. The calling program gives the force.
+
+    Args:
+        out_file: Write this .fmu or .so file.
+        out_dir: Write the C library, its header and an example into this folder.
+        fmi: Use this version of FMI for .fmu.
     """
     if (sys.platform, _machine()) != ("linux", "x86_64"):
         fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}")

@@ -13,58 +13,21 @@ from hertzloop.whole_files import write_whole
 
 def fit(
     scene: options.SceneArgument,
-    records: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="RECORD...", help="Files of measured records."),
-    ] = None,
+    records: Annotated[list[Path] | None, typer.Argument(metavar="RECORD...")] = None,
     free: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--free",
-            metavar="KEY[=LOW:HIGH][±PRIOR]",
-            help="Fit this scene key, within a range, with a prior standard deviation in its unit "
-            "or in %.",
-        ),
+        list[str] | None, typer.Option("--free", metavar="KEY[=LOW:HIGH][±PRIOR]")
     ] = None,
     hold_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--hold-out",
-            metavar="RECORD|HIT|none",
-            help="Compare this record, or the hit of this number, with the result; do not fit it. "
-            "Of several hits the last one is held out.",
-        ),
+        list[str] | None, typer.Option("--hold-out", metavar="RECORD|HIT|none")
     ] = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check",
-            help="Report what the records can tell; do not fit. Without a scene, show what is read "
-            "of them.",
-        ),
-    ] = False,
+    check: bool = False,
     expect: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--expect",
-            metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]",
-            help="With --check, suppose a record of this kind, before the experiment.",
-        ),
+        list[str] | None, typer.Option("--expect", metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]")
     ] = None,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Take the model as exact: only noise spoils a record.")
-    ] = False,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
-    ] = None,
-    report_file: Annotated[
-        Path | None, typer.Option("--report", help="Write an HTML page of the fit to this file.")
-    ] = None,
-    replay_file: Annotated[
-        Path | None,
-        typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
-    ] = None,
+    exact: bool = False,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    report_file: Annotated[Path | None, typer.Option("--report")] = None,
+    replay_file: Annotated[Path | None, typer.Option("--replay")] = None,
     settings: options.SetOption = None,
     json_file: options.JsonOption = None,
     overwrite: options.OverwriteOption = False,
@@ -75,6 +38,20 @@ def fit(
 
     Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
     key that the records cannot identify.
+
+    Args:
+        records: Files of measured records.
+        free: Fit this scene key, within a range, with a prior standard deviation in its unit or in
+            %.
+        hold_out: Compare this record, or the hit of this number, with the result; do not fit it. Of
+            several hits the last one is held out.
+        check: Report what the records can tell; do not fit. Without a scene, show what is read of
+            them.
+        expect: With --check, suppose a record of this kind, before the experiment.
+        exact: Take the model as exact: only noise spoils a record.
+        out_file: Fitted scene to write; SCENE-fitted.toml if left out.
+        report_file: Write an HTML page of the fit to this file.
+        replay_file: Write measured over simulated values to this .rrd file.
     """
     from hertzloop.studies.fit import fit as fit_study
     from hertzloop.studies.fit import report as fit_report

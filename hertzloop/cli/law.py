@@ -35,18 +35,16 @@ def list_laws() -> None:
 
 
 def new(
-    file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.py|F.c")],
-    with_check: Annotated[
-        bool,
-        typer.Option(
-            "--with-check",
-            help="Write requirements.toml and a workflow for continuous integration beside it.",
-        ),
-    ] = False,
+    file: Annotated[Path, typer.Argument(metavar="F.py|F.c")],
+    with_check: bool = False,
 ) -> None:
     """Write a commented law in Python or C that runs without changes.
 
     A law in C gets the header hertzloop_law.h beside it.
+
+    Args:
+        file: Write this new file.
+        with_check: Write requirements.toml and a workflow for continuous integration beside it.
     """
     then = _next(file, with_check)
     options.write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), then)
@@ -87,16 +85,20 @@ def _next(file: Path, with_check: bool) -> str:
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")],
-    law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
+    file: Annotated[Path, typer.Argument(metavar="F.mcap")],
+    law: str,
     settings: options.SetOption = None,
-    picture: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     overwrite: options.OverwriteOption = False,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Feed a recording's samples to another law and show where the forces differ."""
+    """Feed a recording's samples to another law and show where the forces differ.
+
+    Args:
+        file: Recording to read.
+        law: Feed the recorded samples to this law.
+        picture: Write the picture here; default: F-law.png.
+    """
     from hertzloop.recordings.reader import read
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies import law_on as law_replay
@@ -144,34 +146,23 @@ def _setting(text: str) -> tuple[str, object]:
 def controller_test(
     request: RunOptions,
     bus: BusOptions,
-    script: Annotated[
-        list[str] | None,
-        typer.Option(help="Play this script; repeatable; default with --controller: all."),
-    ] = None,
-    law: Annotated[
-        str | None, typer.Option(help="Require the forces of this law, byte for byte.")
-    ] = None,
-    expect: Annotated[
-        Path | None,
-        typer.Option(
-            help="Play the samples of this recording and require its forces.", exists=True
-        ),
-    ] = None,
+    script: list[str] | None = None,
+    law: str | None = None,
+    expect: Annotated[Path | None, typer.Option(exists=True)] = None,
     settings: options.SetOption = None,
-    port: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=65533,
-            help="First of three ports: plant's, controller's, recorder's. Default: free ones "
-            "if CMD has {listen}, else those from 7450 on.",
-        ),
-    ] = None,
+    port: Annotated[int | None, typer.Option(min=1, max=65533)] = None,
 ) -> None:
     """Test your own controller program against the wire protocol.
 
     It plays a plant to the controller, and prints the first thing that is wrong. Without
     --controller it waits for a program that runs already, and plays one script.
+
+    Args:
+        script: Play this script; repeatable; default with --controller: all.
+        law: Require the forces of this law, byte for byte.
+        expect: Play the samples of this recording and require its forces.
+        port: First of three ports: plant's, controller's, recorder's. Default: free ones if CMD has
+            {listen}, else those from 7450 on.
     """
     from hertzloop.processes.conformance import Broken, Checks, Meeting
 

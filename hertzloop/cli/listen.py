@@ -22,32 +22,24 @@ _ENERGIES = {
 
 def listen(
     file: FileArgument,
-    folder: Annotated[
-        Path,
-        typer.Option("--out-dir", "-o", help="Write the sounds into this folder.", metavar="DIR"),
-    ],
-    at: Annotated[
-        tuple[float, float, float],
-        typer.Option(
-            "--at", help="Place the listener at x, y from the plate centre and this height, m."
-        ),
-    ] = (0.0, 0.0, 1.0),
-    slow: Annotated[
-        float, typer.Option(min=1.0, max=1000.0, help="Slow the sound down by this factor.")
-    ] = 1.0,
-    tail: Annotated[
-        float,
-        typer.Option(min=0.0, max=10.0, help="Let the plate ring for this time after the run, s."),
-    ] = 0.3,
-    energy: Annotated[
-        bool, typer.Option("--energy", help="Compute the sound energy through a half sphere.")
-    ] = False,
+    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")],
+    at: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    slow: Annotated[float, typer.Option(min=1.0, max=1000.0)] = 1.0,
+    tail: Annotated[float, typer.Option(min=0.0, max=10.0)] = 0.3,
+    energy: bool = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Write the sound of a run, with and without control, as WAV.
 
     It is the sound pressure at a listener's point, from the plate's modes in a rigid baffle, up to
     20 kHz. All files have the same scale.
+
+    Args:
+        folder: Write the sounds into this folder.
+        at: Place the listener at x, y from the plate centre and this height, m.
+        slow: Slow the sound down by this factor.
+        tail: Let the plate ring for this time after the run, s.
+        energy: Compute the sound energy through a half sphere.
     """
     from hertzloop.analysis.listening import heard_of
     from hertzloop.recordings.writer import RecordingError

@@ -15,17 +15,9 @@ from hertzloop.scenes.scene import DEFAULT
 
 def margin(
     scene: options.SceneArgument = DEFAULT,
-    law: Annotated[
-        str | None, typer.Option("--law", help="Use this law instead of the scene's.")
-    ] = None,
+    law: str | None = None,
     settings: options.SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out-dir", "-o",
-            help="Folder for margin.png, margin.json, and the plant as plant.npz.",
-        ),
-    ] = None,
+    folder: Annotated[Path | None, typer.Option("--out-dir", "-o")] = None,
     json_file: options.JsonOption = None,
 ) -> None:  # fmt: skip
     """Tell how stable a linear law's loop is in flight.
@@ -33,6 +25,10 @@ def margin(
     It prints growth, latency limit, stable windows, gain margin, and the frequency and mode that
     limit the loop. For a law on the contact force it prints the loop in contact, and for a law that
     is not linear when its first force acts.
+
+    Args:
+        law: Use this law instead of the scene's.
+        folder: Folder for margin.png, margin.json, and the plant as plant.npz.
     """
     from hertzloop.studies.margin.binding import binding_mode, mode_line
     from hertzloop.studies.margin.contact import contact_margin, impact_facts

@@ -27,82 +27,22 @@ if TYPE_CHECKING:
 
 
 def modes(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[SCENE] [FILE]...",
-            help="Name of a shipped scene, or a .toml file; more files of --from.",
-        ),
-    ] = None,
-    source: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="FILE",
-            help="Read measured modes or frequency responses (UFF, UNV), or records of hits.",
-        ),
-    ] = None,
-    contact: Annotated[
-        str | None,
-        typer.Option(metavar="NODE", help="Node of the contact point; of records, a name."),
-    ] = None,
-    actuator: Annotated[
-        str | None,
-        typer.Option(metavar="NODE", help="Node of the actuator; default: the contact point."),
-    ] = None,
-    sensor: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NODE",
-            help="Node of the sensor; of records, a name of its place; default: the contact point.",
-        ),
-    ] = None,
-    direction: Annotated[
-        Literal["x", "y", "z"] | None,
-        typer.Option(help="Direction of force and motion; default: the only one of the file."),
-    ] = None,
-    reference: Annotated[
-        int | None,
-        typer.Option(metavar="NODE", help="Node of the force of frequency responses."),
-    ] = None,
-    kind: Annotated[
-        Literal["modes", "receptance", "mobility", "accelerance"] | None,
-        typer.Option(help="What to take of a file that holds several, or does not say."),
-    ] = None,
-    units: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LENGTH,FORCE",
-            help="Units of the file, such as mm,N; default: those that the file states.",
-        ),
-    ] = None,
-    unit_mass: Annotated[
-        bool,
-        typer.Option("--unit-modal-mass", help="Take the shapes of the file as mass-normalised."),
-    ] = False,
-    loss_factor: Annotated[
-        float | None,
-        typer.Option(min=0.0, max=1.0, help="Loss factor of every mode of a file without damping."),
-    ] = None,
-    hold_out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--hold-out",
-            help="Predict this measurement; default: each hit in turn, every fifth line.",
-        ),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(help="Draw measured and modelled response to this file."),
-    ] = None,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
-    ] = None,
+    names: Annotated[list[str] | None, typer.Argument(metavar="[SCENE] [FILE]...")] = None,
+    source: Annotated[str | None, typer.Option("--from", metavar="FILE")] = None,
+    contact: Annotated[str | None, typer.Option(metavar="NODE")] = None,
+    actuator: Annotated[str | None, typer.Option(metavar="NODE")] = None,
+    sensor: Annotated[str | None, typer.Option(metavar="NODE")] = None,
+    direction: Literal["x", "y", "z"] | None = None,
+    reference: Annotated[int | None, typer.Option(metavar="NODE")] = None,
+    kind: Literal["modes", "receptance", "mobility", "accelerance"] | None = None,
+    units: Annotated[str | None, typer.Option(metavar="LENGTH,FORCE")] = None,
+    unit_mass: Annotated[bool, typer.Option("--unit-modal-mass")] = False,
+    loss_factor: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
+    hold_out: list[Path] | None = None,
+    picture: Path | None = None,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     settings: options.SetOption = None,
-    grid: Annotated[
-        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
-    ] = False,
+    grid: bool = False,
     json_file: options.JsonOption = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
@@ -110,6 +50,23 @@ def modes(
 
     The key plate.modes of a scene takes this file. With --from, a scene with these modes in the
     place of the plate of SCENE is written beside it.
+
+    Args:
+        names: Name of a shipped scene, or a .toml file; more files of --from.
+        source: Read measured modes or frequency responses (UFF, UNV), or records of hits.
+        contact: Node of the contact point; of records, a name.
+        actuator: Node of the actuator; default: the contact point.
+        sensor: Node of the sensor; of records, a name of its place; default: the contact point.
+        direction: Direction of force and motion; default: the only one of the file.
+        reference: Node of the force of frequency responses.
+        kind: What to take of a file that holds several, or does not say.
+        units: Units of the file, such as mm,N; default: those that the file states.
+        unit_mass: Take the shapes of the file as mass-normalised.
+        loss_factor: Loss factor of every mode of a file without damping.
+        hold_out: Predict this measurement; default: each hit in turn, every fifth line.
+        picture: Draw measured and modelled response to this file.
+        out_file: Write this .csv, .parquet or .npz file.
+        grid: Add mode shapes on a grid for the replay; .npz only.
     """
     scene, files = _scene_and_files(names or [], source)
     if source is None:

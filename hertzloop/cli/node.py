@@ -173,14 +173,15 @@ def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
 def watch(
     request: RunOptions,
     bus: BusOptions,
-    save: Annotated[
-        Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
-    ] = None,
+    save: Annotated[Path | None, typer.Option(metavar="F.rrd")] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Show a run in progress without delaying it.
 
     It shows a few samples of every millisecond, and drops what it cannot take in time.
+
+    Args:
+        save: Write an .rrd file instead.
     """
     import rerun as rr
     import zenoh
@@ -280,14 +281,14 @@ def plant(
 def controller(
     request: RunOptions,
     bus: BusOptions,
-    law: Annotated[
-        str | None,
-        typer.Option(help="Load the law from this file; default: controller.law of the scene."),
-    ] = None,
+    law: str | None = None,
 ) -> None:
     """Run the controller as a separate process.
 
     It takes the scene from the plant, then answers the plant's samples.
+
+    Args:
+        law: Load the law from this file; default: controller.law of the scene.
     """
     from hertzloop.processes import roles
 
@@ -302,13 +303,14 @@ def controller(
 def recorder(
     request: RunOptions,
     bus: BusOptions,
-    out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
-        "run.mcap"
-    ),
+    out_file: Annotated[Path, typer.Option("--out", "-o")] = Path("run.mcap"),
 ) -> None:
     """Run the recorder as a separate process.
 
     It writes every stream of a run into one MCAP file.
+
+    Args:
+        out_file: Recording to write.
     """
     from hertzloop.processes import roles
 
@@ -321,25 +323,19 @@ def recorder(
 
 
 def keys(
-    folder: Annotated[Path, typer.Argument(help="New folder for the certificates.", metavar="DIR")],
-    hosts: Annotated[
-        str,
-        typer.Option(
-            help="Assign a host to each role, with or without a port.",
-            metavar="plant=A,controller=B,recorder=C",
-        ),
-    ],
-    days: Annotated[
-        int,
-        typer.Option(
-            min=1, max=36500, help="Limit the validity of the certificates to this time, days."
-        ),
-    ] = 365,
+    folder: Annotated[Path, typer.Argument(metavar="DIR")],
+    hosts: Annotated[str, typer.Option(metavar="plant=A,controller=B,recorder=C")],
+    days: Annotated[int, typer.Option(min=1, max=36500)] = 365,
 ) -> None:
     """Write certificates for a run on several hosts.
 
     The folder gets a configuration for each role, with certificates that keep everybody else off
     the bus.
+
+    Args:
+        folder: New folder for the certificates.
+        hosts: Assign a host to each role, with or without a port.
+        days: Limit the validity of the certificates to this time, days.
     """
     write_keys(folder, hosts, days)
 

@@ -59,26 +59,18 @@ FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar
 def inspect(
     file: FileArgument,
     json_file: options.JsonOption = None,
-    law_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--law", help="Write the text of the law that ran to this file.", metavar="OUT.py"
-        ),
-    ] = None,
-    responses: Annotated[
-        Path | None,
-        typer.Option(
-            "--responses",
-            help="Draw the response times of a paced run into this folder.",
-            metavar="DIR",
-        ),
-    ] = None,
+    law_file: Annotated[Path | None, typer.Option("--law", metavar="OUT.py")] = None,
+    responses: Annotated[Path | None, typer.Option("--responses", metavar="DIR")] = None,
     overwrite: options.OverwriteOption = False,
     details: options.DetailsOption = False,
 ) -> None:
     """Check a recording and print its figures.
 
     The exit code is 1 if a message is missing or damaged.
+
+    Args:
+        law_file: Write the text of the law that ran to this file.
+        responses: Draw the response times of a paced run into this folder.
     """
     from hertzloop.views import inspection
 
@@ -128,27 +120,18 @@ def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A.mcap")],
     b: Annotated[Path, typer.Argument(metavar="B.mcap")],
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            max=1.0,
-            help="Allow this difference relative to the largest value of a field; for different "
-            "processors, for example 1e-9.",
-        ),
-    ] = 0.0,
-    figures: Annotated[
-        bool,
-        typer.Option(
-            "--figures",
-            help="Print the figures of both runs and their change instead of comparing bytes.",
-        ),
-    ] = False,
+    tolerance: Annotated[float, typer.Option(min=0.0, max=1.0)] = 0.0,
+    figures: bool = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Compare the bytes or the figures of two recordings.
 
     The exit code is 0 if every compared stream has the same bytes, else 1.
+
+    Args:
+        tolerance: Allow this difference relative to the largest value of a field; for different
+            processors, for example 1e-9.
+        figures: Print the figures of both runs and their change instead of comparing bytes.
     """
     from hertzloop.recordings.compare import first_difference
 
@@ -217,32 +200,22 @@ def _horizon(recording: "Recording", tolerance: float) -> int | None:
 
 def replay(
     file: FileArgument,
-    other: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Compare with this recording; default: the run without control.",
-            metavar="[B.mcap]",
-            show_default=False,
-        ),
-    ] = None,
-    save: Annotated[
-        Path | None, typer.Option(help="Write an .rrd file for the Rerun viewer.", metavar="F.rrd")
-    ] = None,
-    screenshot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a picture of the first contact; needs no screen.", metavar="F.png"
-        ),
-    ] = None,
-    alone: Annotated[
-        bool, typer.Option("--alone", help="Show the recording without a comparison.")
-    ] = False,
+    other: Annotated[Path | None, typer.Argument(metavar="[B.mcap]", show_default=False)] = None,
+    save: Annotated[Path | None, typer.Option(metavar="F.rrd")] = None,
+    screenshot: Annotated[Path | None, typer.Option(metavar="F.png")] = None,
+    alone: bool = False,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Watch a recording in slow motion beside the run without control.
 
     The replay shows plate, forces, energies and events. It opens a window unless --save or
     --screenshot is given. A second recording replaces the run without control.
+
+    Args:
+        other: Compare with this recording; default: the run without control.
+        save: Write an .rrd file for the Rerun viewer.
+        screenshot: Write a picture of the first contact; needs no screen.
+        alone: Show the recording without a comparison.
     """
     for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
@@ -273,15 +246,15 @@ def replay(
 
 def repair(
     file: FileArgument,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Write the repaired file here; default: F-repaired.mcap."),
-    ] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Recover a complete file from a truncated recording.
 
     Every MCAP tool opens the new file.
+
+    Args:
+        out_file: Write the repaired file here; default: F-repaired.mcap.
     """
     from hertzloop.recordings.reader import recover as recover_file
     from hertzloop.recordings.writer import RecordingError
@@ -300,17 +273,8 @@ def repair(
 
 
 def report(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Recording, results of a sweep or of tune, or a folder with them.",
-            metavar="F.mcap|RESULTS",
-        ),
-    ],
-    folder: Annotated[
-        Path,
-        typer.Option("--out-dir", "-o", help="Write the page into this folder.", metavar="DIR"),
-    ],
+    source: Annotated[Path, typer.Argument(metavar="F.mcap|RESULTS")],
+    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")],
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write an HTML report on a recording, a sweep or a tuning.
@@ -318,6 +282,10 @@ def report(
     The page needs no other file. For a run it has figures, charts, an animation of the plate,
     sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of
     cases and the scene.
+
+    Args:
+        source: Recording, results of a sweep or of tune, or a folder with them.
+        folder: Write the page into this folder.
     """
     need("matplotlib", "jinja2")
     if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):

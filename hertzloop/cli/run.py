@@ -24,26 +24,21 @@ from hertzloop.views.format import styled
 def run(
     request: RunOptions,
     scene: options.SceneArgument = DEFAULT,
-    out_file: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
-    ] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     json_file: options.JsonOption = None,
-    port: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=65533,
-            help="Use this and the next two ports on loopback; by default, use private sockets.",
-        ),
-    ] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
-    ] = False,
+    port: Annotated[int | None, typer.Option(min=1, max=65533)] = None,
+    live: bool = False,
     details: options.DetailsOption = False,
 ) -> None:
-    """Run and record a scene, and compare it with the same run without control."""
+    """Run and record a scene, and compare it with the same run without control.
+
+    Args:
+        out_file: Write the recording to this file.
+        port: Use this and the next two ports on loopback; by default, use private sockets.
+        live: Show the run in a viewer while it is in progress.
+    """
     raise_when_ended()
     repeat = request.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):

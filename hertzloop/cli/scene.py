@@ -24,11 +24,14 @@ def list_scenes() -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a shipped scene.", metavar="NAME")],
+    name: Annotated[str, typer.Argument(metavar="NAME")],
 ) -> None:
     """Print a shipped scene as TOML.
 
     Redirect the output to a file to start a scene of your own from it.
+
+    Args:
+        name: Name of a shipped scene.
     """
     if name not in shipped():
         fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.")
@@ -36,9 +39,13 @@ def show(
 
 
 def new(
-    file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.toml")],
+    file: Annotated[Path, typer.Argument(metavar="F.toml")],
 ) -> None:
-    """Write a commented scene that runs without changes."""
+    """Write a commented scene that runs without changes.
+
+    Args:
+        file: Write this new file.
+    """
     options.write_new(
         file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}"
     )
@@ -64,11 +71,17 @@ def scene_name(file: Path) -> str:
 
 
 def keys(
-    part: Annotated[str, typer.Argument(help="List only keys that contain this text.")] = "",
-    law: Annotated[str | None, typer.Option(help="List the keys of this law only.")] = None,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown page.")] = False,
+    part: Annotated[str, typer.Argument()] = "",
+    law: str | None = None,
+    markdown: bool = False,
 ) -> None:
-    """List the keys of a scene: values, unit, default, meaning."""
+    """List the keys of a scene: values, unit, default, meaning.
+
+    Args:
+        part: List only keys that contain this text.
+        law: List the keys of this law only.
+        markdown: Print a Markdown page.
+    """
     from hertzloop.scenes import keys as all_keys
 
     if markdown:

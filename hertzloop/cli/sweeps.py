@@ -23,29 +23,23 @@ from hertzloop.views.format import Table, styled
 def sweep(
     request: SweepRequest,
     scene: options.SceneArgument = DEFAULT,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
-    ] = None,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
-    verify: Annotated[
-        Path | None,
-        typer.Option(
-            help="Repeat --cases cases of these results over --transport and compare all bytes; "
-            "exit code 1 if any differ.",
-            metavar="RESULTS",
-        ),
-    ] = None,
-    transport: Annotated[
-        options.TransportName, typer.Option(help="Use this transport for --verify.")
-    ] = "zenoh",
+    verify: Annotated[Path | None, typer.Option(metavar="RESULTS")] = None,
+    transport: options.TransportName = "zenoh",
     json_file: options.JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys.
 
     The results have a row for every case. A killed sweep goes on with the same command.
+
+    Args:
+        out_file: Write the results to this .parquet or .csv file.
+        verify: Repeat --cases cases of these results over --transport and compare all bytes; exit
+            code 1 if any differ.
+        transport: Use this transport for --verify.
     """
     cases, span, design = request.cases, request.span, request.design
     if verify is not None:

@@ -38,47 +38,28 @@ _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 @options.takes()
 def tune(
     search: TuneRequest,
-    scenes: Annotated[
-        list[str] | None,
-        typer.Argument(help="Names of scenes or .toml files; the worst result counts."),
-    ] = None,
-    laws: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--law", help="Tune this law, or all; repeatable; default: the law of the scene."
-        ),
-    ] = None,
-    ranges: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--vary",
-            help="Search a scene key over key=low:high or key=a,b,c; default: the ranges of the "
-            "law.",
-        ),
-    ] = None,
-    over: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Require robustness over these values, for example sphere.radius_m=0.002,0.004."
-        ),
-    ] = None,
-    at_most: Annotated[
-        list[str] | None, typer.Option(help="Limit a figure, for example rebound_percent=120.")
-    ] = None,
+    scenes: Annotated[list[str] | None, typer.Argument()] = None,
+    laws: Annotated[list[str] | None, typer.Option("--law")] = None,
+    ranges: Annotated[list[str] | None, typer.Option("--vary")] = None,
+    over: list[str] | None = None,
+    at_most: list[str] | None = None,
     settings: options.SetOption = None,
     seed: options.SeedOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out-dir", "-o", help="Write chart and settings into this folder.", metavar="DIR"
-        ),
-    ] = None,
+    folder: Annotated[Path | None, typer.Option("--out-dir", "-o", metavar="DIR")] = None,
     json_file: options.JsonOption = None,
 ) -> None:
     """Search for the law and the parameters with the best figures in a scene.
 
     The search respects the scene's latency, bits and force limit. A killed search goes on with the
     same command.
+
+    Args:
+        scenes: Names of scenes or .toml files; the worst result counts.
+        laws: Tune this law, or all; repeatable; default: the law of the scene.
+        ranges: Search a scene key over key=low:high or key=a,b,c; default: the ranges of the law.
+        over: Require robustness over these values, for example sphere.radius_m=0.002,0.004.
+        at_most: Limit a figure, for example rebound_percent=120.
+        folder: Write chart and settings into this folder.
     """
     need("matplotlib", "pymoo")
     from hertzloop.studies import tuning
