@@ -38,19 +38,7 @@ from hertzloop.bus import streams
 from hertzloop.bus.events import MODES, Fact, fact_of
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
-from hertzloop.recordings.writer import (
-    EXPORT_LIBRARY,
-    LAW_ATTACHMENT,
-    LIBRARY,
-    RESULT_METADATA,
-    RUN_METADATA,
-    SCENE_ATTACHMENT,
-    TOPICS,
-    NotRecorded,
-    RecordingError,
-    RecordingWriter,
-    described_by,
-)
+from hertzloop.recordings import writer
 from hertzloop.whole_files import whole_file
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -125,7 +113,7 @@ class Walk:
     @property
     def is_ours(self) -> bool:
         """Whether hertzloop wrote the file, which leaves no checksum out, or nobody knows."""
-        return self.library in ("", LIBRARY)
+        return self.library in ("", writer.LIBRARY)
 
     def left_out(self, at: int) -> None:
         """Note that the record at a byte has no checksum. Raises Damaged where it must have one."""
@@ -670,7 +658,7 @@ class Track:
                     count += len(next(iter(arrays.values())))
                     yield arrays
             if count != self.samples:
-                raise RecordingError(
+                raise writer.RecordingError(
                     f"stream '{self.name}' had {self.samples} samples and now has {count}: the "
                     "recording changed while it was read"
                 )
@@ -682,7 +670,9 @@ MOST_EVENTS = 1_000_000  # a sphere at rest: 130 000 in 20 million steps
 MOST_TEXT = 200_000_000  # characters of all events together
 _MOST_PROBLEMS = 40
 _NAMELESS = "events"  # of a publisher that is no role
-_KINDS = {topic: next(s for s in streams.STREAMS.values() if s.topic == topic) for topic in TOPICS}
+_KINDS = {
+    topic: next(s for s in streams.STREAMS.values() if s.topic == topic) for topic in writer.TOPICS
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -764,9 +754,9 @@ class Intake:
             self.problems.append("and more problems of this kind")
 
     def _attachment(self, attachment: Attachment) -> None:
-        if attachment.name == LAW_ATTACHMENT:
+        if attachment.name == writer.LAW_ATTACHMENT:
             self.law_source = self.law_source or attachment.data.decode(errors="replace")
-        if attachment.name != SCENE_ATTACHMENT:
+        if attachment.name != writer.SCENE_ATTACHMENT:
             return
         if self.scene_toml:
             self._problem("there is a second scene; the first is used")
@@ -777,7 +767,7 @@ class Intake:
             raise Damaged("the scene is not text") from error
 
     def _metadata(self, metadata: Metadata) -> None:
-        if metadata.name == RUN_METADATA:
+        if metadata.name == writer.RUN_METADATA:
             if self.metadata is None:
                 self.metadata = dict(metadata.metadata)
                 try:
@@ -786,7 +776,7 @@ class Intake:
                     self._problem("the run's id cannot be read")
             elif not any("a second scene" in problem for problem in self.problems):
                 self._problem("there is a second description of the run; the first is used")
-        elif metadata.name == RESULT_METADATA:
+        elif metadata.name == writer.RESULT_METADATA:
             if self.result is not None:
                 self._problem("there is a second result of the run; the first is used")
             else:
@@ -947,7 +937,7 @@ class Intake:
         hello = self.hello
         if hello is None:
             return
-        described = described_by(hello)
+        described = writer.described_by(hello)
         if not self.scene_toml:
             self._problem("the scene is that of the hello: the file has no other")
             self.scene_toml = hello.scene_toml
@@ -1101,7 +1091,7 @@ class Source:
         status = os.fstat(self._handle)
         if not stat.S_ISREG(status.st_mode):
             kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-            raise RecordingError(f"cannot read {path}: {kind}")
+            raise writer.RecordingError(f"cannot read {path}: {kind}")
         self.size = status.st_size
         self._places: list[Place] = []
         self._channels: dict[int, str] = {}
@@ -1117,7 +1107,9 @@ class Source:
         except OSError as error:
             absent = isinstance(error, FileNotFoundError)
             remedy = ". Give the path of a recording." if absent else ""
-            raise RecordingError(f"cannot read {self.path}: {error.strerror}{remedy}") from error
+            raise writer.RecordingError(
+                f"cannot read {self.path}: {error.strerror}{remedy}"
+            ) from error
 
     def messages(self, intake: Intake, records: Iterable[McapRecord]) -> Iterator[Taken]:
         """All messages in `records` that belong to the run; `intake` knows then what else is
@@ -1147,7 +1139,7 @@ class Source:
             # The record that names them is lost, or comes later. The summary repeats it; without
             # one, our writer's order is the best guess, and what a message is shows when it is
             # decoded.
-            guessed = walk.late_channels or dict(enumerate(TOPICS, 1))
+            guessed = walk.late_channels or dict(enumerate(writer.TOPICS, 1))
             named = intake.unknown_channels <= set(intake.channels)
             again = Intake(guessed | intake.channels, unnamed_channels=not named, keep=keep)
             intake = self._drained(again, self.records())
@@ -1180,7 +1172,9 @@ class Source:
         try:
             return walk.again(place.record)
         except Damaged as error:
-            raise RecordingError(f"{self.path} changed while it was read ({error})") from error
+            raise writer.RecordingError(
+                f"{self.path} changed while it was read ({error})"
+            ) from error
 
     def again(self, stream: str, run_id: int) -> Iterator[Arrays]:
         """The blocks of a stream once more, after `look`."""
@@ -1204,19 +1198,19 @@ def read(path: Path, keep: bool = False) -> Recording:
 
 def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intake]:
     source = Source(path)
-    if source.walk().library == EXPORT_LIBRARY:
-        raise RecordingError(
+    if source.walk().library == writer.EXPORT_LIBRARY:
+        raise writer.RecordingError(
             f"{path} is an export of a recording, with one message a sample. Give the recording"
         )
     intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise RecordingError(
+            raise writer.RecordingError(
                 f"{path}: is not an MCAP recording of hertzloop. Its exports cannot be read back"
             )
         why = f" ({walk.damage[0]})" if walk.damage else ""
-        raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
+        raise writer.RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
     if len(damage) > _DAMAGES_NAMED:
         damage[_DAMAGES_NAMED:] = [f"... and in {len(damage) - _DAMAGES_NAMED} more places"]
@@ -1255,7 +1249,7 @@ def holds_a_run(path: Path) -> bool:
     try:
         source = Source(path)
         return source.names_a_scene()
-    except RecordingError:
+    except writer.RecordingError:
         return False
 
 
@@ -1277,28 +1271,28 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     """
     try:
         old, source, seen = _looked_at(path)
-    except RecordingError as error:
-        raise RecordingError(f"nothing to recover: {error}") from error
+    except writer.RecordingError as error:
+        raise writer.RecordingError(f"nothing to recover: {error}") from error
     if whole.exists() and whole.samefile(path):
-        raise RecordingError(f"{path} cannot be recovered into itself. Choose another name.")
+        raise writer.RecordingError(f"{path} cannot be recovered into itself. Choose another name.")
     fault = old.result.get("fault", "")
     if old.problems and not fault:
         fault = f"recovered from {path.name}, which is cut off or damaged ({old.problems[0]})"
     if not seen.counters:
-        raise RecordingError(f"{path} holds no message of a run: nothing to recover")
+        raise writer.RecordingError(f"{path} holds no message of a run: nothing to recover")
     copied = 0
     again = Intake(channels=dict(seen.channels))
     with whole_file(whole) as unfinished, ExitStack() as locked:
         if unfinished != whole:
-            locked.callback(RecordingWriter(whole, overwrite).finish, {})
+            locked.callback(writer.RecordingWriter(whole, overwrite).finish, {})
         try:
-            writer = RecordingWriter(unfinished, overwrite)
-            writer.scene(old.scene_toml, old.metadata)
+            new = writer.RecordingWriter(unfinished, overwrite)
+            new.scene(old.scene_toml, old.metadata)
             for taken in source.messages(again, source.records()):
                 message = taken.message
-                writer.write(taken.stream, message.data, message.sequence, message.log_time)
+                new.write(taken.stream, message.data, message.sequence, message.log_time)
                 copied += 1
-            writer.finish({"complete": "no" if fault else "yes", "fault": fault})
-        except NotRecorded as error:
+            new.finish({"complete": "no" if fault else "yes", "fault": fault})
+        except writer.NotRecorded as error:
             raise error.reason from error  # `whole_file` names the file
     return Recovered(copied, old.others, old.unchecked)

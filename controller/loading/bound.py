@@ -12,23 +12,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
-from hertzloop.controller.loading.callbacks import (
-    KnownSamples,
-    UnknownSample,
-    plain,
-    python_functions,
-    state_view,
-    uncompiled,
-)
-from hertzloop.controller.loading.compiled import (
-    FUNCTIONS,
-    UNCOMPILED,
-    PackedRecord,
-    compiling,
-    entries_of,
-    pack,
-    state_of,
-)
+from hertzloop.controller.loading import callbacks, compiled
 
 
 class LawFault(RuntimeError):
@@ -48,13 +32,13 @@ class BoundLaw:
         self,
         name: str,
         addresses: Mapping[str, int],
-        constants: PackedRecord,
-        state: PackedRecord,
+        constants: compiled.PackedRecord,
+        state: compiled.PackedRecord,
         held: Any,
         ended: list[BaseException],
     ) -> None:
         self.name, self.trouble, self.ended = name, "", ended
-        at: list[Any] = [addresses.get(function, 0) for function in FUNCTIONS]
+        at: list[Any] = [addresses.get(function, 0) for function in compiled.FUNCTIONS]
         self.model = LawModel(*[*at, constants.data])
         self._state, self._held = state, (constants, held)
 
@@ -88,20 +72,20 @@ class BoundPython(BoundLaw):
         self, name: str, digest: str, home: Any, constants: Any, ahead: bool = True
     ) -> None:
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
-        packed, state = pack(fields), state_of(home)
+        packed, state = compiled.pack(fields), compiled.state_of(home)
         # Python sees numbers, and arrays instead of tuples.
         arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
         self._home, self._constants = home, constants._replace(**arrays) if arrays else constants
-        wanted = tuple(FUNCTIONS) if ahead else ("command",)
+        wanted = tuple(compiled.FUNCTIONS) if ahead else ("command",)
         addresses: dict[str, int] = {}
         held: Any = None
         trouble, ended = "", list[BaseException]()
-        if not UNCOMPILED:
-            with compiling:
-                held = entries_of(name, digest, home, packed.dtype, state.dtype)
+        if not compiled.UNCOMPILED:
+            with compiled.compiling:
+                held = compiled.entries_of(name, digest, home, packed.dtype, state.dtype)
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
-            held = python_functions(home, self._constants, state.dtype, wanted, ended)
+            held = callbacks.python_functions(home, self._constants, state.dtype, wanted, ended)
             addresses = {
                 key: ctypes.cast(function, ctypes.c_void_p).value or 0
                 for key, function in held.items()
@@ -125,18 +109,20 @@ class BoundPython(BoundLaw):
         """One sentence on a sample that the law reads but is not given, from running it in Python;
         empty if there is none."""
         for i, force in self._in_python(samples):
-            if isinstance(force, UnknownSample):
+            if isinstance(force, callbacks.UnknownSample):
                 return f"the law {self.name}, at sample {i}, failed: {_said(force)}"
         return ""
 
     def _in_python(self, samples: np.ndarray) -> Iterator[tuple[int, Any]]:
         """Every sample with the command, or with what the law raised, which is the last."""
-        state = state_view(self.new_state(), self._state.dtype)
-        command = uncompiled(self._home.command)
+        state = callbacks.state_view(self.new_state(), self._state.dtype)
+        command = callbacks.uncompiled(self._home.command)
         for i in range(len(samples)):
             try:
                 with np.errstate(all="ignore"):  # what comes of it is said elsewhere
-                    force = command(self._constants, state, samples[: i + 1].view(KnownSamples), i)
+                    force = command(
+                        self._constants, state, samples[: i + 1].view(callbacks.KnownSamples), i
+                    )
             except (Exception, SystemExit) as error:
                 yield i, error
                 return
@@ -144,7 +130,10 @@ class BoundPython(BoundLaw):
 
     def cost_us(self, samples: np.ndarray) -> float:
         """What a sample costs, us; measured with samples that it is known to take."""
-        state, command = state_view(self.new_state(), self._state.dtype), plain(self._home.command)
+        state, command = (
+            callbacks.state_view(self.new_state(), self._state.dtype),
+            callbacks.plain(self._home.command),
+        )
         started = time.perf_counter()
         for i in range(len(samples)):
             command(self._constants, state, samples[: i + 1], i)
@@ -155,7 +144,9 @@ def _said(error: BaseException) -> str:
     """An exception, with its line."""
     trace = traceback.extract_tb(error.__traceback__)
     frames = [
-        frame for frame in trace if frame.filename != KnownSamples.__getitem__.__code__.co_filename
+        frame
+        for frame in trace
+        if frame.filename != callbacks.KnownSamples.__getitem__.__code__.co_filename
     ]
     at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""
     return f"{type(error).__name__}: {error}{at}"

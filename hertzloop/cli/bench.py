@@ -4,7 +4,9 @@ from dataclasses import asdict
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import out, progress
+from hertzloop.processes import fork_server
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.studies import bench as bench_study
 from hertzloop.views.format import Table
 
 _CALLED = {
@@ -30,9 +32,6 @@ def bench(
     options.check_json(json_file)
     resolved = options.scene_from(scene, settings, None)
     options.compile_first(resolved)
-
-    from hertzloop.processes import fork_server
-    from hertzloop.studies import bench as bench_study
 
     fork_server.prepare()  # before anything starts a thread
     with progress("bench", 100) as advance:

@@ -16,13 +16,27 @@ from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.studies.budget import budget as budget_study
+from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
+from hertzloop.studies.budget.limits import NAMES, BudgetLimit
+from hertzloop.studies.budget.probability import (
+    Probability,
+    Sensitivity,
+    probability,
+    sensitivities,
+)
+from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.studies.requests import BudgetRequest
+from hertzloop.studies.sweeps.design import Design
+from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.sweep import work_of
+from hertzloop.studies.sweeps.uncertain import read_uncertain
 from hertzloop.views.format import Table, styled
+from hertzloop.views.run import spans_differ
 
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget, InPlant
-    from hertzloop.studies.budget.limits import BudgetLimit
-    from hertzloop.studies.budget.probability import Probability, Sensitivity
 
 
 @options.takes()
@@ -55,14 +69,6 @@ def budget(
         junit_file: Write the results of --check to this file as JUnit XML.
         folder: Folder for the results as a page.
     """
-    from hertzloop.studies.budget import budget as budget_study
-    from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
-    from hertzloop.studies.budget.limits import NAMES
-    from hertzloop.studies.budget.probability import probability, sensitivities
-    from hertzloop.studies.sweeps.design import Design
-    from hertzloop.studies.sweeps.pool import local_pool
-    from hertzloop.studies.sweeps.sweep import work_of
-    from hertzloop.studies.sweeps.uncertain import read_uncertain
 
     options.check_json(json_file)
     options.check_folder(junit_file)
@@ -118,7 +124,7 @@ def budget(
         )  # fmt: skip
         mapped = None
         if folder is not None:
-            from hertzloop.studies.budget.page import map_of
+            from hertzloop.studies.budget.page import map_of  # of an extra
 
             mapped = map_of(finished.of(pool), resolved, wanted, of, found.ideal, quick)
         likely, indices = None, []
@@ -153,7 +159,7 @@ def budget(
     total += sobol * (len(uncertain.parts) + 2) if uncertain and sobol else 0
     out.print(f"{total} cases in {time.perf_counter() - began_s:z.1f} s")
     if folder is not None:
-        from hertzloop.studies.budget.page import write_page
+        from hertzloop.studies.budget.page import write_page  # of an extra
 
         lines = effect_lines(found)
         if likely:
@@ -176,7 +182,7 @@ def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]
     return shlex.join(["hertzloop", "run", scene, *given, *seeded])
 
 
-def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", worst: str) -> None:
+def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst: str) -> None:
     """Print how likely the goals are met."""
     out.say(probability_line(likely))
     table = Table(title="Quantiles over the uncertain cases")
@@ -204,8 +210,6 @@ def check_requirements(
     path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
 ) -> None:
     """Check a file of requirements; end with exit code 1 if one fails."""
-    from hertzloop.studies.budget.requirements import check, junit, read_requirements
-    from hertzloop.studies.sweeps.pool import local_pool
 
     found = []
     rows = read_requirements(path)
@@ -245,7 +249,7 @@ def check_requirements(
         raise typer.Exit(1)
 
 
-def probability_line(likely: "Probability") -> str:
+def probability_line(likely: Probability) -> str:
     """Return how likely the goals are met, in a sentence."""
     low, high = likely.interval
     return (
@@ -263,7 +267,6 @@ def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
 
 def effect_lines(found: "Budget") -> list[str]:
     """Return the goal, and what the law does in each plant, in sentences."""
-    from hertzloop.views.run import spans_differ
 
     goal = " and ".join(map(str, found.goals))
     lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
@@ -285,7 +288,6 @@ def effect_lines(found: "Budget") -> list[str]:
 
 def print_budget(found: "Budget") -> None:
     """Print a budget on one screen."""
-    from hertzloop.studies.margin.shown import margin_lines
 
     for line in effect_lines(found):
         out.say(line)
@@ -345,7 +347,7 @@ def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
     return table
 
 
-def limit_words(limit: "BudgetLimit") -> str:
+def limit_words(limit: BudgetLimit) -> str:
     """Return a limit in words."""
     if limit.value is not None:
         least = limit.quantity in _MOST

@@ -8,6 +8,12 @@ import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.studies.fit import fit as fit_study
+from hertzloop.studies.fit import report as fit_report
+from hertzloop.studies.fit.hits import shown
+from hertzloop.studies.fit.loop_model import acts_by_law
+from hertzloop.studies.fit.records import Record, holds_records, read_records
+from hertzloop.studies.fit.verdicts import Model
 from hertzloop.whole_files import write_whole
 
 
@@ -53,12 +59,6 @@ def fit(
         report_file: Write an HTML page of the fit to this file.
         replay_file: Write measured over simulated values to this .rrd file.
     """
-    from hertzloop.studies.fit import fit as fit_study
-    from hertzloop.studies.fit import report as fit_report
-    from hertzloop.studies.fit.hits import shown
-    from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import Record, holds_records, read_records
-    from hertzloop.studies.fit.verdicts import Model
 
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
@@ -118,7 +118,7 @@ def fit(
         data["scene"] = str(target)
         out.say(f"written: {target}")
     if report_file is not None:
-        from hertzloop.studies.report.fitted import page
+        from hertzloop.studies.report.fitted import page  # of an extra
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
@@ -128,7 +128,7 @@ def fit(
         write_whole(report_file, page(result, command))
         out.say(f"written: {report_file}")
     if replay_file is not None:
-        from hertzloop.studies.report.fitted import write_replay
+        from hertzloop.studies.report.fitted import write_replay  # of an extra
 
         write_replay(result, replay_file)
         out.say(f"written: {replay_file}")

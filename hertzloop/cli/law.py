@@ -13,14 +13,16 @@ from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.processes.conformance import Broken, Checks, Meeting, Script, play, recorded, scripts
 from hertzloop.processes.program import BUS_NAME, meeting_endpoints
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import toml_value
 from hertzloop.setup import parts
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
-    from hertzloop.processes.conformance import Checks, Meeting, Script
     from hertzloop.studies.law_on import ForceComparison
 
 
@@ -99,9 +101,7 @@ def replay(
         law: Feed the recorded samples to this law.
         picture: Write the picture here; default: F-law.png.
     """
-    from hertzloop.recordings.reader import read
-    from hertzloop.recordings.writer import RecordingError
-    from hertzloop.studies import law_on as law_replay
+    from hertzloop.studies import law_on as law_replay  # of an extra
 
     target = picture or file.with_name(f"{file.stem}-law.png")
     options.check_picture(target)
@@ -164,7 +164,6 @@ def controller_test(
         port: First of three ports: plant's, controller's, recorder's. Default: free ones if CMD has
             {listen}, else those from 7450 on.
     """
-    from hertzloop.processes.conformance import Broken, Checks, Meeting
 
     if law and expect:
         fail("--law: cannot be combined with --expect. Remove one of the two.")
@@ -195,11 +194,8 @@ def _chosen(
     expect: Path | None,
     settings: list[str],
     everything: bool,
-) -> list["Script"]:
+) -> list[Script]:
     """The scripts to play; ends the command where there are none such."""
-    from hertzloop.processes.conformance import recorded, scripts
-    from hertzloop.recordings.reader import read
-    from hertzloop.recordings.writer import RecordingError
 
     try:
         if expect:
@@ -218,12 +214,11 @@ def _chosen(
     return [known[name] for name in wanted]
 
 
-def _played(script: "Script", meeting: "Meeting", command: str, checks: "Checks") -> set[str]:
+def _played(script: Script, meeting: Meeting, command: str, checks: Checks) -> set[str]:
     """Play a script at each of its horizons, once without `command`; the laws that ran.
 
     Raises Broken and OSError as `conformance.play`.
     """
-    from hertzloop.processes.conformance import play
 
     laws, before = set(), None
     for horizon in script.horizons if command else script.horizons[-1:]:

@@ -6,11 +6,15 @@ from typing import Annotated, Any
 
 import typer
 
+from hertzloop.analysis.listening import heard_of
 from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
+from hertzloop.plant.figures.sound import DIRECTIONS
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.views.format import Table
+from hertzloop.views.replaying import scene_of
 
 _ENERGIES = {
     "sound_energy_j": "sound energy, half sphere",
@@ -41,9 +45,6 @@ def listen(
         tail: Let the plate ring for this time after the run, s.
         energy: Compute the sound energy through a half sphere.
     """
-    from hertzloop.analysis.listening import heard_of
-    from hertzloop.recordings.writer import RecordingError
-    from hertzloop.views.replaying import scene_of
 
     if not at[2] > 0.0:
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
@@ -95,7 +96,6 @@ def _change(values: list[float], unit: str) -> str:
 
 def _explain(name: str, run: dict[str, Any]) -> None:
     """Why the energies of a run differ, and by how much."""
-    from hertzloop.plant.figures.sound import DIRECTIONS
 
     energies = [run.get(key, 0.0) for key in _ENERGIES]
     if min(energies) > 0.0:

@@ -11,6 +11,11 @@ from hertzloop.cli.terminal import out
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.studies.margin.binding import binding_mode, mode_line
+from hertzloop.studies.margin.contact import contact_margin, impact_facts
+from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.shown import contact_lines, fact_lines, margin_lines
+from hertzloop.studies.margin.system import LinearSystem
 
 
 def margin(
@@ -30,10 +35,6 @@ def margin(
         law: Use this law instead of the scene's.
         folder: Folder for margin.png, margin.json, and the plant as plant.npz.
     """
-    from hertzloop.studies.margin.binding import binding_mode, mode_line
-    from hertzloop.studies.margin.contact import contact_margin, impact_facts
-    from hertzloop.studies.margin.margin import margin_of
-    from hertzloop.studies.margin.shown import contact_lines, fact_lines, margin_lines
 
     options.check_json(json_file)
     if folder is not None:
@@ -71,9 +72,9 @@ def margin(
     if not found.applicable:
         options.write_json(folder / "margin.json", data)
         return
+    # Of an extra.
     from hertzloop.studies import pictures
     from hertzloop.studies.margin.picture import draw
-    from hertzloop.studies.margin.system import LinearSystem
 
     pictures.save(draw(setup, found), folder / "margin.png")
     LinearSystem.of(setup).save(folder / "plant.npz")

@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 import typer
 
+from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.cli import options
 from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
@@ -18,11 +19,14 @@ from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_mode
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.parts import check_reach
+from hertzloop.studies.modal import universal as uff
+from hertzloop.studies.modal.hits import read_hits
+from hertzloop.studies.modal.modes import MeasuredModes, Tell, modes_of_hits, modes_of_responses
+from hertzloop.studies.modal.responses import responses_of_sets
 from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
-    from hertzloop.studies.modal.modes import MeasuredModes, Tell
     from hertzloop.studies.modal.universal import FileUnits, Points, UniversalModes
 
 
@@ -94,7 +98,6 @@ def modes(
     options.check_json(json_file, target, beside, picture)
     if contact is None:
         fail("--contact: is missing. Give the node of the contact point; of records, a name.")
-    from hertzloop.studies.modal import universal as uff
 
     paths = list(map(Path, files))
     told: dict[str, Any] = {}
@@ -144,7 +147,7 @@ def modes(
         f"run {beside}"
     )
     if picture is not None:
-        from hertzloop.studies.modal.picture import draw
+        from hertzloop.studies.modal.picture import draw  # of an extra
 
         draw(found, picture)
         out.print(f"written: {picture}")
@@ -181,10 +184,7 @@ def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
 def _of_responses(
     path: Path, sets: list[dict[str, Any]], points: "Points", in_units: "FileUnits | None",
     kind: str | None, reference: int | None, held: list[Path], units: str | None,
-) -> "MeasuredModes":  # fmt: skip
-    from hertzloop.studies.modal import universal as uff
-    from hertzloop.studies.modal.modes import modes_of_responses
-    from hertzloop.studies.modal.responses import responses_of_sets
+) -> MeasuredModes:  # fmt: skip
 
     if len(held) > 1:
         fail(f"--hold-out: {len(held)} files are given. Give one universal file.")
@@ -204,9 +204,7 @@ def _of_responses(
         return modes_of_responses(responses, other, points, tell)
 
 
-def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> "MeasuredModes":
-    from hertzloop.studies.modal.hits import read_hits
-    from hertzloop.studies.modal.modes import modes_of_hits
+def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> MeasuredModes:
 
     hits, predicted = read_hits(paths), read_hits(held) if held else []
     with _progress() as tell:
@@ -214,7 +212,7 @@ def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> "Measured
 
 
 @contextmanager
-def _progress() -> Iterator["Tell"]:
+def _progress() -> Iterator[Tell]:
     """Shows what is held out, the number of modes, and the error."""
     with progress("modes", 1, lines=True) as advance:
         yield lambda name, count, error: advance(
@@ -222,7 +220,7 @@ def _progress() -> Iterator["Tell"]:
         )
 
 
-def _tell_check(found: "MeasuredModes", told: dict[str, Any]) -> None:
+def _tell_check(found: MeasuredModes, told: dict[str, Any]) -> None:
     """Say how well what was held out is predicted."""
     table = Table("held out", "modes", "error / rms, %", "largest error / peak, %")
     for one in found.held_out:
@@ -287,7 +285,6 @@ def _of_scene(
         fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.")
     options.check_output(target, overwrite, read=options.files_of(resolved, scene, *settings))
     options.check_json(json_file, target)
-    from hertzloop.analysis.deflection import modes_of_scene
 
     table = modes_of_scene(resolved, grid)
     write_whole(target, write_modes(target.suffix, table))

@@ -14,28 +14,36 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+import zenoh
 
+from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+from hertzloop.bus.process_clock import clock
+from hertzloop.bus.sockets import too_long
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.wire import MessageError, reserved_ports
+from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.processes import roles
+from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
+from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import (
     INTERRUPTED,
     end_with_the_launcher,
     on_interrupt,
     raise_when_ended,
 )
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.whole_files import write_together, write_whole
 
 if TYPE_CHECKING:
     import rerun as rr
 
-    from hertzloop.processes.roles import BusAddress
 
 # Of the kinds that zenoh comes with here.
 _ENDPOINT = re.compile(
@@ -53,9 +61,6 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     which roles were missing (`lost`), and when that was found (`at_s`). While the process runs, it
     says so again and again (`beat`).
     """
-    from hertzloop.bus.port import BusError, EndedByOther, PeerLost
-    from hertzloop.bus.process_clock import clock
-    from hertzloop.recordings.writer import RecordingError
 
     def tell(**what: object) -> None:
         if machine:
@@ -89,14 +94,11 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         clock.on_beat = lambda: None
 
 
-def bus_address(role: str, request: RunOptions, bus: BusOptions) -> "BusAddress":
+def bus_address(role: str, request: RunOptions, bus: BusOptions) -> BusAddress:
     """Address from the options of a command, else from its configuration, else on loopback.
 
     Ends the command if an endpoint or the configuration is none.
     """
-    from hertzloop.bus.port import BusError
-    from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
-    from hertzloop.processes.roles import BusAddress, default_endpoints
 
     check_endpoints("--listen", bus.listen)
     check_endpoints("--connect", bus.connect)
@@ -119,7 +121,7 @@ def bus_address(role: str, request: RunOptions, bus: BusOptions) -> "BusAddress"
 @contextmanager
 def playing(
     role: str, request: RunOptions, bus: BusOptions
-) -> Iterator[tuple[Callable[..., None], "BusAddress"]]:
+) -> Iterator[tuple[Callable[..., None], BusAddress]]:
     """Frame of a role that meets the others: see `framed`; and where it does."""
     with framed(role, bus.machine) as tell:
         address = bus_address(role, request, bus)
@@ -131,7 +133,6 @@ def playing(
 
 def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
     """End the command if what an option gives is no endpoint."""
-    from hertzloop.bus.sockets import too_long
 
     for endpoint in endpoints:
         found = _ENDPOINT.fullmatch(endpoint)
@@ -150,7 +151,7 @@ def _check_port(named: str, endpoint: str) -> None:
         fail(f"{named} has no port up to {options.LARGEST_PORT}")
 
 
-def where(address: "BusAddress") -> str:
+def where(address: BusAddress) -> str:
     """Where a role listens, in words."""
     return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
 
@@ -183,11 +184,8 @@ def watch(
     Args:
         save: Write an .rrd file instead.
     """
-    import rerun as rr
-    import zenoh
+    import rerun as rr  # 0.5 s, as the next line
 
-    from hertzloop.bus.port import PeerLost
-    from hertzloop.processes.observer import truth_blocks
     from hertzloop.recordings.replay import viewer
 
     name, connect = request.name or BUS_NAME, bus.connect
@@ -227,7 +225,7 @@ def watch(
 @contextlib.contextmanager
 def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
     """A file, or a viewer that stays open when the run has ended."""
-    from hertzloop.recordings.replay import viewer
+    from hertzloop.recordings.replay import viewer  # 0.5 s
 
     if save is not None:
         memory = stream.memory_recording()
@@ -260,7 +258,6 @@ def plant(
 
     It waits for controller and recorder, then runs the scene.
     """
-    from hertzloop.processes import roles
 
     resolved = options.scene_from(scene, settings, seed, tried=bus.machine)
     options.check_pace(resolved, request)
@@ -290,7 +287,6 @@ def controller(
     Args:
         law: Load the law from this file; default: controller.law of the scene.
     """
-    from hertzloop.processes import roles
 
     with playing(CONTROLLER, request, bus) as (tell, address):
         stats = roles.run_controller(address, request, lambda: tell(ready=True), law)
@@ -312,7 +308,6 @@ def recorder(
     Args:
         out_file: Recording to write.
     """
-    from hertzloop.processes import roles
 
     options.check_recording(out_file, request.overwrite)
     with playing(RECORDER, request, bus) as (tell, address):

@@ -20,6 +20,9 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, given_that_need, options_and_flags
 from hertzloop.plant.plant import PlantSpec
+from hertzloop.processes.law_trial import try_law
+from hertzloop.processes.program import check_command
+from hertzloop.processes.warmup import anything_compiled, ensure_compiled
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
 from hertzloop.setup.stages import TOLD_S, build_s
@@ -88,7 +91,7 @@ def takes(
 
 
 def _parameter(
-    field: "Field[Any]", kind: Any, flag: str, defaults: dict[str, Any]
+    field: Field[Any], kind: Any, flag: str, defaults: dict[str, Any]
 ) -> inspect.Parameter:
     """An option of a command."""
     default, about = defaults.get(field.name, field.default), field.metadata
@@ -108,7 +111,6 @@ def scene_from(
     """Return the resolved scene; end the command if it cannot be simulated. `tried`: whether the
     caller has already tried the law."""
     setup = resolve(load_scene(source, settings or (), seed))
-    from hertzloop.processes.warmup import anything_compiled
 
     if not anything_compiled():
         announce_compilation()
@@ -137,7 +139,7 @@ def check_pace(setup: Setup, options: RunOptions) -> None:
             f"--{name}: cannot be combined with --pace, which does not wait for forces. "
             f"Remove one of the two."
         )
-    from hertzloop.loop.paced import check_pace as check
+    from hertzloop.loop.paced import check_pace as check  # 0.05 s of what records nothing
 
     check(setup, options.pace, options.timeout_s)
 
@@ -146,7 +148,6 @@ def check_controller(command: str | None) -> None:
     """End the command for a command line of a controller that cannot be started."""
     if command is None:
         return
-    from hertzloop.processes.program import check_command
 
     try:
         check_command(command)
@@ -161,7 +162,6 @@ def check_law(setup: Setup) -> None:
         if said := parts.law_of(setup).note(setup.scene.controller.keys):
             err.say(said)
         return
-    from hertzloop.processes.law_trial import try_law
 
     note = try_law(setup)
     if note:
@@ -326,7 +326,6 @@ def _strict(data: Any) -> Any:
 
 def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
-    from hertzloop.processes.warmup import ensure_compiled
 
     ensure_compiled(announce_compilation, *scenes, paced=paced)
 

@@ -10,13 +10,19 @@ from typing import Annotated
 
 import typer
 
+from hertzloop.analysis.trust import check_verifiable
+from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport, given_that_need
+from hertzloop.processes import fork_server
+from hertzloop.processes.launcher import what_is_kept
+from hertzloop.processes.program import BUS_NAME, meeting_endpoints
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import parts
+from hertzloop.views import run as run_view
 from hertzloop.views.format import styled
 
 
@@ -50,8 +56,6 @@ def run(
     options.check_recording(recording, request.overwrite, read=inputs)
     options.check_json(json_file, recording)
     if request.verify:
-        from hertzloop.analysis.trust import check_verifiable
-
         check_verifiable(resolved)
     needing = [*(["live"] if live else []), *given_that_need(request, PROCESSES)]
     for option in needing if request.transport is not Transport.ZENOH else ():
@@ -64,12 +68,6 @@ def run(
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
     options.compile_first(resolved, paced=request.pace is not None)
-
-    from hertzloop.bus.sockets import on_loopback, own_endpoints
-    from hertzloop.processes import fork_server
-    from hertzloop.processes.launcher import what_is_kept
-    from hertzloop.processes.program import BUS_NAME, meeting_endpoints
-    from hertzloop.views import run as run_view
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held, name = ExitStack(), request.name

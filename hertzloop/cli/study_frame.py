@@ -3,19 +3,18 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hertzloop.cli.options import compile_first, make_folder
 from hertzloop.cli.terminal import err, fail, if_interrupted
-
-if TYPE_CHECKING:
-    from hertzloop.studies.sweeps.journal import Kept
+from hertzloop.processes.warmup import of_scheme
+from hertzloop.studies.sweeps.journal import Kept, kept
+from hertzloop.studies.sweeps.pool import SweepFailed
 
 
 @contextmanager
 def results_in(folder: Path, *schemes: str) -> Iterator[None]:
     """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
-    from hertzloop.processes.warmup import of_scheme
 
     make_folder(folder)
     for scheme in schemes:
@@ -27,11 +26,9 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
 
 
 @contextmanager
-def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Kept]:
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
-    from hertzloop.studies.sweeps.journal import kept
-    from hertzloop.studies.sweeps.pool import SweepFailed
 
     on = "no case is finished"
     try:

@@ -9,14 +9,30 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from hertzloop.analysis.cases import SHOWN
+from hertzloop.analysis.cases import OTHER, SHOWN
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.studies.requests import SweepRequest
+from hertzloop.studies.sweeps import sweep as sweep_study
+from hertzloop.studies.sweeps.design import KEY as PHASE
+from hertzloop.studies.sweeps.design import grouped, planned_by
+from hertzloop.studies.sweeps.evaluate import not_run, run_case
+from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
+from hertzloop.studies.sweeps.sweep import (
+    check_laws,
+    code_version,
+    counted,
+    extremes,
+    known,
+    read_results,
+    short,
+)
+from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 from hertzloop.views.format import Table, styled
+from hertzloop.views.run import spans_differ
 
 
 @options.takes()
@@ -46,10 +62,6 @@ def sweep(
         _verify(verify, 10 if cases is None else cases, transport, 1 if seed is None else seed,
                 json_file)  # fmt: skip
         return
-    from hertzloop.studies.sweeps import sweep as sweep_study
-    from hertzloop.studies.sweeps.design import KEY as PHASE
-    from hertzloop.studies.sweeps.design import grouped, planned_by
-    from hertzloop.studies.sweeps.sweep import counted
 
     resolved = options.scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
@@ -61,8 +73,6 @@ def sweep(
         _check_scheduler(request.dask)
     planned, uncertain = planned_by(resolved, request), request.uncertain
     if uncertain is not None:
-        from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
-
         drawn_from = read_uncertain(uncertain, resolved)
         planned = with_draws(resolved, planned, drawn_from, request.points)
     for axis in planned.axes:
@@ -106,10 +116,6 @@ def sweep(
         out.print(_extremes(found.rows, keys))
     having = sweep_study.known(found.rows, "plate_energy_db")
     if having and uncertain is None:
-        from hertzloop.analysis.cases import OTHER
-        from hertzloop.studies.sweeps.evaluate import run_case
-        from hertzloop.views.run import spans_differ
-
         best = min(having, key=lambda row: row["plate_energy_db"])
         other = run_case(resolved, OTHER[span], 0, {key: best[key] for key in keys})
         hint = f"--span {OTHER[span]} sweeps the other."
@@ -185,7 +191,6 @@ def _check_scheduler(address: str) -> None:
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Where each figure is least and largest."""
-    from hertzloop.studies.sweeps.sweep import extremes
 
     table = Table(title="Against no control")
     for heading in ("figure", "least", "at", "largest", "at"):
@@ -197,7 +202,6 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
-    from hertzloop.studies.sweeps.sweep import known, short
 
     # So many that their names fit side by side in 80 columns.
     names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
@@ -220,7 +224,6 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
-    from hertzloop.studies.sweeps.sweep import short
 
     table = Table(title="Over touch phases: mean (least to most)")
     for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
@@ -236,9 +239,6 @@ def _verify(
     results: Path, cases: int, transport: options.TransportName, seed: int, json_file: Path | None
 ) -> None:
     """Run cases of a sweep again as real processes, and compare all bytes."""
-    from hertzloop.studies.sweeps.evaluate import not_run
-    from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
-    from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
 
     options.check_json(json_file)
     try:

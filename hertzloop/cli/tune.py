@@ -23,7 +23,12 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
+from hertzloop.studies.margin.shown import unstable_line
 from hertzloop.studies.requests import TuneRequest
+from hertzloop.studies.sweeps.design import Design, DesignError, check_keys, parse_axis
+from hertzloop.studies.sweeps.evaluate import CaseTally
+from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.sweep import code_version
 from hertzloop.views.format import Table, styled
 from hertzloop.whole_files import write_whole
 
@@ -62,11 +67,7 @@ def tune(
         folder: Write chart and settings into this folder.
     """
     need("matplotlib", "pymoo")
-    from hertzloop.studies import tuning
-    from hertzloop.studies.sweeps.design import check_keys, parse_axis
-    from hertzloop.studies.sweeps.evaluate import CaseTally
-    from hertzloop.studies.sweeps.pool import local_pool
-    from hertzloop.studies.sweeps.sweep import code_version
+    from hertzloop.studies import tuning  # of an extra
     from hertzloop.studies.tuning import LAWS, Tuned
 
     options.check_json(json_file)
@@ -168,7 +169,6 @@ def tune(
 
 def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> None:
     """Print which settings have an unstable linear loop, and how that of the best one grows."""
-    from hertzloop.studies.margin.shown import unstable_line
 
     unstable = sum(growth is not None for growth in growths)
     if unstable:
@@ -184,7 +184,7 @@ def _file_name(names: list[str]) -> str:
 
 
 def _command(
-    scenes: list[str], lists: "list[tuple[str, Sequence[str] | None]]", search: TuneRequest
+    scenes: list[str], lists: list[tuple[str, Sequence[str] | None]], search: TuneRequest
 ) -> str:
     """The line that finds the same settings."""
     line = ["hertzloop", "tune", *scenes]
@@ -241,7 +241,6 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
 
 def _cases_of(over: list[str]) -> list[dict[str, Any]]:
     """All combinations of the values to be robust over. Raises DesignError."""
-    from hertzloop.studies.sweeps.design import Design, DesignError, check_keys, parse_axis
 
     axes = tuple(parse_axis(text) for text in over)
     check_keys(axes)

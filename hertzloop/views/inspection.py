@@ -25,25 +25,8 @@ from hertzloop.analysis.verdict import verdict as verdict_of
 from hertzloop.recordings.reader import JoinedStream, Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
+from hertzloop.views import run as run_view
 from hertzloop.views.format import Table, styled
-from hertzloop.views.run import (
-    demand_words,
-    figures_as_json,
-    figures_table,
-    impacts_table,
-    law_line,
-    noise_table,
-    pacing_as_json,
-    predictability_as_json,
-    show_neglected,
-    show_next,
-    show_pacing,
-    show_verdict,
-    show_warnings,
-    verdict_sentences,
-    why_not_words,
-    yield_words,
-)
 
 
 @dataclass(frozen=True)
@@ -77,7 +60,7 @@ def inspected(recording: Recording) -> Inspected:
                     saturation=saturation_of(recording.events),
                 )  # fmt: skip
                 known = predictability(setup, ran, None, why_not_again(recording))
-                verdict = verdict_sentences(verdict_of(ran, known=known))
+                verdict = run_view.verdict_sentences(verdict_of(ran, known=known))
                 return replace(bare, ran=ran, known=known, verdict=verdict)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
@@ -138,11 +121,11 @@ def summary(found: Inspected) -> dict[str, Any]:
             "energy": recording.books.energy_residual,
         }
         data["yield"] = asdict(found.yielded) if found.yielded else None
-    data["pacing"] = pacing_as_json(found.pacing)
+    data["pacing"] = run_view.pacing_as_json(found.pacing)
     if found.ran is None or known is None:
         return data | _NO_FIGURES | {"verdict": []}
-    figures = figures_as_json(found.ran.figures)
-    known_as_json = predictability_as_json(known)
+    figures = run_view.figures_as_json(found.ran.figures)
+    known_as_json = run_view.predictability_as_json(known)
     return data | figures | {"predictability": known_as_json, "verdict": list(found.verdict)}
 
 
@@ -182,24 +165,24 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
     if recording.unchecked:
         console.print(f"Not checked: {without_checksum(recording.unchecked)}.", soft_wrap=True)
     if ran and known:
-        show_verdict(console, found.verdict, ran.figures.stability.unstable)
+        run_view.show_verdict(console, found.verdict, ran.figures.stability.unstable)
         if ran.figures.impacts:
-            console.print(figures_table(ran, known))
-        why_not = why_not_words(known.not_again)
+            console.print(run_view.figures_table(ran, known))
+        why_not = run_view.why_not_words(known.not_again)
         if why_not and len(ran.figures.impacts) > 1 and not details:
             console.print(f"Later impacts: digits as recorded, since {why_not}.")
-        show_warnings(console, ran.figures.neglected.findings)
+        run_view.show_warnings(console, ran.figures.neglected.findings)
     if details:
         _show_details(console, found)
-    show_pacing(console, found.pacing)
+    run_view.show_pacing(console, found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
-    console.print(styled(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
+    console.print(styled(f"Scene {scene}, seed {seed}. Law: {run_view.law_line(found.law)}."))
     if recording.books is not None:
         console.print(
             f"Energy residual {recording.books.energy_residual:.1e}, "
             f"momentum {recording.books.momentum_residual:.1e} (relative)."
         )
-    show_next(console, str(recording.path))
+    run_view.show_next(console, str(recording.path))
 
 
 def _show_details(console: Console, found: Inspected) -> None:
@@ -217,17 +200,21 @@ def _show_details(console: Console, found: Inspected) -> None:
     if recording.others:
         console.print(f"Ignored: {recording.others:,} messages of other topics.")
     figures = found.ran.figures if found.ran else None
-    own, why_not = (known.controlled, why_not_words(known.not_again)) if known else (None, "")
-    console.print(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
+    own, why_not = (
+        (known.controlled, run_view.why_not_words(known.not_again)) if known else (None, "")
+    )
+    console.print(
+        run_view.impacts_table("Impacts", figures.impacts if figures else [], own, why_not)
+    )
     if figures and figures.noise:
         errors = [errors_of(own, 0, "noise_errors")]
-        console.print(noise_table([("", figures.noise[0])], errors=errors))
+        console.print(run_view.noise_table([("", figures.noise[0])], errors=errors))
     if figures and figures.demand:
-        console.print(f"Actuator demand: {demand_words(figures.demand)}.")
+        console.print(f"Actuator demand: {run_view.demand_words(figures.demand)}.")
     if found.yielded:
-        console.print(f"Yield: {yield_words(found.yielded)}.")
+        console.print(f"Yield: {run_view.yield_words(found.yielded)}.")
     if figures:
-        show_neglected(console, figures.neglected.findings)
+        run_view.show_neglected(console, figures.neglected.findings)
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

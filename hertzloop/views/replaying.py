@@ -14,18 +14,9 @@ from hertzloop.bus.streams import LAST_NS
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.replay import as_rerun as rerun_replay
+from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import viewer
 from hertzloop.recordings.replay.as_rerun import Told
-from hertzloop.recordings.replay.data import (
-    SIGNALS,
-    ContactSpan,
-    Plot,
-    PlotCurve,
-    Twin,
-    contacts_of,
-    curve_of,
-    full_rate_spans,
-)
 from hertzloop.recordings.replay.spectrum import spectrum
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
@@ -80,9 +71,9 @@ def prepare(
     recording = _whole(recording)
     rerun_replay.check_replayable(recording)
     setup = scene_of(recording)
-    contacts = contacts_of(recording.truth.pieces())
+    contacts = replay_data.contacts_of(recording.truth.pieces())
     plate = deflection(setup, recording, contacts=contacts)
-    twin: tuple[Twin, Overlay, float] | None = None
+    twin: tuple[replay_data.Twin, Overlay, float] | None = None
     lines: list[str] = []
     if other is not None:
         theirs, found, lines = _beside(recording, setup, contacts, other)
@@ -113,8 +104,8 @@ def scene_of(recording: Recording) -> Setup:
 
 
 def without_control(
-    recording: Recording, setup: Setup, contacts: list[ContactSpan]
-) -> tuple[Twin, Overlay]:
+    recording: Recording, setup: Setup, contacts: list[replay_data.ContactSpan]
+) -> tuple[replay_data.Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
     free = setup.without_control()
     found = overlay(free, parts.free_series(free), _OF_TWIN, free.steps)
@@ -123,8 +114,8 @@ def without_control(
 
 
 def _beside(
-    recording: Recording, setup: Setup, contacts: list[ContactSpan], other: Recording
-) -> tuple[Twin, Overlay, list[str]]:
+    recording: Recording, setup: Setup, contacts: list[replay_data.ContactSpan], other: Recording
+) -> tuple[replay_data.Twin, Overlay, list[str]]:
     other = _whole(other)
     rerun_replay.check_replayable(other)
     theirs = scene_of(other)
@@ -141,43 +132,49 @@ def _beside(
 
 def _twin(
     recording: Recording,
-    contacts: list[ContactSpan],
+    contacts: list[replay_data.ContactSpan],
     setup: Setup,
     found: Overlay,
     own: str,
     name: str,
-) -> tuple[Twin, int]:
+) -> tuple[replay_data.Twin, int]:
     """Curves of another run, and by how much they are moved for first contacts to begin together,
     ns; 0 where one of the runs has none."""
     truth, shift_ns = recording.truth, 0
     if contacts and found.touched is not None:
         begins_ns = int(truth.step_at(contacts[0].first)) * truth.step_ns
         shift_ns = begins_ns - found.touched * setup.step_ns
-    curves: dict[str, list[PlotCurve]] = {}
-    for plot, signal, _, factor, held in SIGNALS:
+    curves: dict[str, list[replay_data.PlotCurve]] = {}
+    for plot, signal, _, factor, held in replay_data.SIGNALS:
         line = found.lines[signal]
         if signal == "F_a" and not line.values.any():
             continue
         times = line.at * setup.step_ns + shift_ns
-        curve = curve_of(f"{signal}_twin", line, times, factor, held, f"{signal} {name}", True)
+        curve = replay_data.curve_of(
+            f"{signal}_twin", line, times, factor, held, f"{signal} {name}", True
+        )
         curves.setdefault(plot, []).append(curve)
     line = found.lines["plate"]
     times = line.at * setup.step_ns + shift_ns
-    curves["energy"] = [curve_of("plate_twin", line, times, label=f"plate {name}", faint=True)]
-    return Twin(curves, own, name), shift_ns
+    curves["energy"] = [
+        replay_data.curve_of("plate_twin", line, times, label=f"plate {name}", faint=True)
+    ]
+    return replay_data.Twin(curves, own, name), shift_ns
 
 
 def _told(
     recording: Recording,
     setup: Setup,
-    contacts: list[ContactSpan],
-    twin: tuple[Twin, Overlay, float] | None,
+    contacts: list[replay_data.ContactSpan],
+    twin: tuple[replay_data.Twin, Overlay, float] | None,
     lines: list[str],
 ) -> Told:
     """`twin` with its curves and the length of its steps, s."""
     meter, truth = StabilityMeter(setup), recording.truth
     blocks = meter.through(pieces_of(recording))
-    near = full_rate_spans([(contact.first, contact.end) for contact in contacts], truth.samples)
+    near = replay_data.full_rate_spans(
+        [(contact.first, contact.end) for contact in contacts], truth.samples
+    )
     begin = int(truth.step_at(0))
     spans = [(begin + a, begin + b) for a, b in near]
     own = overlay(setup, blocks, _ENERGIES, truth.samples, spans)
@@ -205,7 +202,9 @@ def _told(
     )
 
 
-def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
+def _energies(
+    setup: Setup, own: Overlay, twin: replay_data.Twin | None, explodes: bool
+) -> replay_data.Plot:
     """The energy balance as a plot in a unit with readable numbers."""
     # Where the published scheme ends a contact, its sphere jumps.
     whole = SCHEMES[setup.scheme].conserves
@@ -221,6 +220,6 @@ def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> 
         known = whole or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
             times = line.at * setup.step_ns
-            curves.append(curve_of(name, line, times, 1.0 / factor, label=label))
+            curves.append(replay_data.curve_of(name, line, times, 1.0 / factor, label=label))
     most = 3.0 * own.start_j / factor if explodes else None
-    return Plot("energy", f"Energies ({unit})", tuple(curves), most)
+    return replay_data.Plot("energy", f"Energies ({unit})", tuple(curves), most)

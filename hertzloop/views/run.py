@@ -13,60 +13,12 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from hertzloop.analysis import effects, meters, model, trust
+from hertzloop.analysis import verdict as verdicts
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
-from hertzloop.analysis.effects import (
-    OF_PLATE,
-    ROWS,
-    EffectState,
-    Finding,
-    Neglected,
-    percent,
-    time_words,
-)
 from hertzloop.analysis.figures import Figures, Ran, Saturation, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
-from hertzloop.analysis.meters import (
-    DECIBELS,
-    MUCH_DB,
-    SPAN_ROWS,
-    Comparison,
-    Demand,
-    FigureRow,
-    Stability,
-    change_db,
-)
-from hertzloop.analysis.model import (
-    FullModel,
-    PlantParts,
-    PlateModel,
-    Radiation,
-    Tail,
-    Theory,
-    Yield,
-    parts_of,
-)
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
-from hertzloop.analysis.trust import (
-    ImpactErrors,
-    LawAccuracy,
-    Moved,
-    NotAgain,
-    Obstacle,
-    Predictability,
-    Verification,
-    errors_of,
-    verify,
-)
-from hertzloop.analysis.verdict import (
-    Change,
-    Control,
-    ControlEffect,
-    Judged,
-    Later,
-    Reasons,
-    RunVerdict,
-    judge,
-)
 from hertzloop.bus.messages_pb2 import Books
 from hertzloop.controller.loading.registry import controls, shipped
 from hertzloop.loop.run_options import RunOptions, Transport
@@ -86,20 +38,20 @@ from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, 
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 _LONGEST = 200  # characters that are shown of a controller's own words
 _LATER = {
-    Later.NONE: "",
-    Later.PREDICTABLE: " in the first impact",
-    Later.UNPREDICTABLE: " (first impact; later ones are not predictable)",
-    Later.UNKNOWN: " (first impact; it is unknown whether later ones are predictable)",
+    verdicts.Later.NONE: "",
+    verdicts.Later.PREDICTABLE: " in the first impact",
+    verdicts.Later.UNPREDICTABLE: " (first impact; later ones are not predictable)",
+    verdicts.Later.UNKNOWN: " (first impact; it is unknown whether later ones are predictable)",
 }
 _CHANGED = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 _MOVED = {
-    Moved.PENETRATION: "penetration",
-    Moved.REBOUND_SPEED: "rebound speed",
-    Moved.PLATE_ENERGY: "plate energy",
+    trust.Moved.PENETRATION: "penetration",
+    trust.Moved.REBOUND_SPEED: "rebound speed",
+    trust.Moved.PLATE_ENERGY: "plate energy",
 }
 
 
-def verdict_sentences(found: RunVerdict) -> list[str]:
+def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
     """Render the verdict on a run as short sentences, the outcome of control first.
 
     Args:
@@ -139,7 +91,7 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
     Returns:
         One sentence and the hint, or nothing.
     """
-    if other_db is None or not abs(other_db - own_db) > MUCH_DB:
+    if other_db is None or not abs(other_db - own_db) > meters.MUCH_DB:
         return []
     return [
         f"Plate energy changes by {own_db:+.1f} dB {IN_WORDS[span]} and by {other_db:+.1f} dB "
@@ -154,7 +106,7 @@ def _saturation(found: Saturation) -> str:
     )
 
 
-def _unstable(stability: Stability) -> list[str]:
+def _unstable(stability: meters.Stability) -> list[str]:
     """State that the loop is unstable, from when, and how far it diverged."""
     said = [
         f"{UNSTABLE} the actuator supplies {stability.most_injected:.3g} times the impact energy."
@@ -171,7 +123,7 @@ def _unstable(stability: Stability) -> list[str]:
     ]
 
 
-def _pumping(stability: Stability) -> str:
+def _pumping(stability: meters.Stability) -> str:
     """State that the loop adds energy, although it does not diverge."""
     since = ""
     if stability.since_s is not None:
@@ -179,22 +131,22 @@ def _pumping(stability: Stability) -> str:
     return f"The loop adds energy{since}: {stability.fed_in:.2g} times the energy of the sphere."
 
 
-def _control(found: Control) -> list[str]:
+def _control(found: verdicts.Control) -> list[str]:
     """State what control changes, and why it does not help where that is so."""
-    if found.outcome is ControlEffect.IDLE:
+    if found.outcome is verdicts.ControlEffect.IDLE:
         return ["Control has no effect: the law never commands a force."]
-    if found.outcome is ControlEffect.UNPREDICTABLE:
+    if found.outcome is verdicts.ControlEffect.UNPREDICTABLE:
         return ["The effect of control is unpredictable: the model error exceeds the change."]
     change = known_digits(abs(found.energy_db), ".1f", found.error_db)
     over = _LATER[found.later]
     said = [
         {
-            ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
-            ControlEffect.HARMS: f"Control increases plate energy by {change} dB{over}.",
-            ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
+            verdicts.ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
+            verdicts.ControlEffect.HARMS: f"Control increases plate energy by {change} dB{over}.",
+            verdicts.ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
         }[found.outcome]
     ]
-    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > MUCH_DB:
+    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > meters.MUCH_DB:
         with_, without = found.contacts
         said.append(
             f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"
@@ -202,13 +154,13 @@ def _control(found: Control) -> list[str]:
         )
     for better, head in ((True, "Better"), (False, "Worse")):
         listed = [_change_sentence(one) for one in found.changes if one.better is better]
-        of = "" if found.later is Later.NONE else " (first impact)"
+        of = "" if found.later is verdicts.Later.NONE else " (first impact)"
         if listed:
             said.append(f"{head}{of}: {', '.join(listed)}.")
     return [*said, *(_reasons(found.reasons) if found.reasons else [])]
 
 
-def _change_sentence(found: Change) -> str:
+def _change_sentence(found: verdicts.Change) -> str:
     if found.figure in _CHANGED:
         return f"{_CHANGED[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
@@ -218,7 +170,7 @@ def _change_sentence(found: Change) -> str:
     )
 
 
-def _reasons(found: Reasons) -> list[str]:
+def _reasons(found: verdicts.Reasons) -> list[str]:
     """Render each reason why control does not help, one sentence each."""
     said = []
     if found.after_touch_s is not None and found.late_share is not None:
@@ -237,7 +189,7 @@ def _reasons(found: Reasons) -> list[str]:
     return [f"Reason: {one}." for one in said]
 
 
-def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
+def law_accuracy_sentences(found: trust.LawAccuracy) -> list[str]:
     """State which figure twice the modes change, by how much, and why.
 
     Args:
@@ -249,7 +201,7 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     figure, by_modes = found.most_moved, found.by_modes
     said = [
         f"Accuracy missed: twice the modes change {_MOVED[figure]} "
-        f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
+        f"by {effects.percent(by_modes.largest)} (requested {effects.percent(found.asked)})."
     ]
     if found.latches_otherwise:
         said.append(
@@ -259,7 +211,7 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     return said
 
 
-def why_not_words(found: NotAgain | None) -> str:
+def why_not_words(found: trust.NotAgain | None) -> str:
     """Why a run cannot be simulated again, in words that follow "since"; empty where it can."""
     if found is None:
         return ""
@@ -267,9 +219,9 @@ def why_not_words(found: NotAgain | None) -> str:
         law = law_line(found.law)
         return f"the forces may not come from the law of the scene: {law}"
     return {
-        Obstacle.NOT_ENDED: "the run did not end",
-        Obstacle.TOO_LONG: "it takes too long to simulate this run again",
-        Obstacle.NOT_HERE: f"the run cannot be simulated here: {found.error}",
+        trust.Obstacle.NOT_ENDED: "the run did not end",
+        trust.Obstacle.TOO_LONG: "it takes too long to simulate this run again",
+        trust.Obstacle.NOT_HERE: f"the run cannot be simulated here: {found.error}",
     }.get(found.obstacle, found.error)
 
 
@@ -308,11 +260,12 @@ def pacing_sentences(found: Pacing) -> list[str]:
         ]
     said = [
         f"Pace {clock.pace:g}: {missed}"
-        + (f", the worst {time_words(clock.late_max_us)} late" * bool(found.late_forces))
-        + f"; the plant itself was at most {time_words(clock.behind_max_us)} behind the clock.",
+        + (f", the worst {effects.time_words(clock.late_max_us)} late" * bool(found.late_forces))
+        + f"; the plant itself was at most {effects.time_words(clock.behind_max_us)} behind the "
+        "clock.",
         "From a sample to its answer: "
-        + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
-        + f" (of {time_words(clock.slack_us)} that this pace leaves).",
+        + ", ".join(f"{name} {effects.time_words(us)}" for name, us in clock.response_us.items())
+        + f" (of {effects.time_words(clock.slack_us)} that this pace leaves).",
     ]
     return [*said, _pacing_advice(clock)]
 
@@ -332,44 +285,44 @@ def _pacing_advice(found: PacedClock) -> str:
     )
 
 
-def not_evaluated(neglected: Neglected) -> str:
+def not_evaluated(neglected: effects.Neglected) -> str:
     """Return which effects have no size in this structure, in a sentence; empty if all have one."""
     if neglected.facts is None or neglected.facts.local is not None:
         return ""
     return (
-        f"Not evaluated: {', '.join(OF_PLATE)}. No plate at the contact point is known for "
+        f"Not evaluated: {', '.join(effects.OF_PLATE)}. No plate at the contact point is known for "
         f"{neglected.facts.spec.plate}; for a file of modes, plate.thickness_m gives one."
     )
 
 
-def effects_as_json(neglected: Neglected) -> dict[str, Any]:
+def effects_as_json(neglected: effects.Neglected) -> dict[str, Any]:
     """`validity`: all effects, fields as in `Finding`; `warnings`: sentences on those out of
     range."""
     shown = [asdict(found) for found in neglected.findings]
-    beyond = [one for one in shown if one["state"] == EffectState.OUT_OF_RANGE]
+    beyond = [one for one in shown if one["state"] == effects.EffectState.OUT_OF_RANGE]
     return {"validity": shown, "warnings": [f"{one['name']}: {one['sentence']}" for one in beyond]}
 
 
 _HEADS = {
-    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
-    EffectState.LEFT_OUT: ("Neglected:", "yellow"),
+    effects.EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
+    effects.EffectState.LEFT_OUT: ("Neglected:", "yellow"),
 }
-_STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
-_BRIEF = {row.name: (row.brief or row.name, row.key) for row in ROWS}
+_STATE_WORDS = {effects.EffectState.LEFT_OUT: "neglected", effects.EffectState.NOT_KNOWN: "unknown"}
+_BRIEF = {row.name: (row.brief or row.name, row.key) for row in effects.ROWS}
 
 
-def sentences_of(found: Iterable[Finding]) -> list[tuple[str, str]]:
+def sentences_of(found: Iterable[effects.Finding]) -> list[tuple[str, str]]:
     """Heads and sentences on effects out of range, then on neglected effects."""
     return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
 
 
-def _styled_sentences(found: Iterable[Finding]) -> list[tuple[str, str, str]]:
+def _styled_sentences(found: Iterable[effects.Finding]) -> list[tuple[str, str, str]]:
     known = list(found)
     return [(*_HEADS[state], f"{f.sentence}.") for state in _HEADS for f in known
             if f.state == state]  # fmt: skip
 
 
-def brief_warnings(found: Iterable[Finding]) -> list[tuple[str, str, str]]:
+def brief_warnings(found: Iterable[effects.Finding]) -> list[tuple[str, str, str]]:
     """Render each effect outside its limit on one line of at most 80 columns.
 
     Args:
@@ -387,18 +340,18 @@ def brief_warnings(found: Iterable[Finding]) -> list[tuple[str, str, str]]:
             text, key = _BRIEF[one.name]
             if math.isnan(one.value):
                 text = one.name
-            words = text.format(x=one.value, p=percent(one.value))
+            words = text.format(x=one.value, p=effects.percent(one.value))
             lines.append((head, style, f"{words} ({key})." if key else f"{words}."))
     return lines
 
 
-def show_neglected(console: Console, found: Iterable[Finding]) -> None:
+def show_neglected(console: Console, found: Iterable[effects.Finding]) -> None:
     """Print a sentence on each neglected effect."""
     for head, style, sentence in _styled_sentences(found):
         console.print(styled((head, style), f" {sentence}"), soft_wrap=True)
 
 
-def table_of(found: Iterable[Finding]) -> Table:
+def table_of(found: Iterable[effects.Finding]) -> Table:
     """All indicators with their thresholds."""
     table = Table(title="Neglected effects")
     for heading in ("effect", "formula", "value", "threshold", ""):
@@ -446,7 +399,7 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
     return data | (clock or {"pace": None, "is_repeat": is_repeat})
 
 
-def predictability_as_json(found: Predictability) -> dict[str, Any]:
+def predictability_as_json(found: trust.Predictability) -> dict[str, Any]:
     """Fields as in `Predictability`; `why_not` in words."""
     return {
         "disturbance": found.disturbance,
@@ -457,27 +410,27 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
     }
 
 
-def _known(found: list[ImpactErrors] | None) -> list[dict[str, Any]] | None:
+def _known(found: list[trust.ImpactErrors] | None) -> list[dict[str, Any]] | None:
     return None if found is None else [asdict(each) for each in found]
 
 
-def verification_as_json(found: Verification | None) -> dict[str, float] | None:
+def verification_as_json(found: trust.Verification | None) -> dict[str, float] | None:
     """Fields as in `Verification`, and the largest change."""
     return None if found is None else {**asdict(found), "largest": found.largest}
 
 
-def _law_accuracy(found: LawAccuracy | None) -> dict[str, Any] | None:
+def _law_accuracy(found: trust.LawAccuracy | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {**asdict(found), "largest": found.by_modes.largest, "kept": found.kept}
 
 
-def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
+def comparison_as_json(found: meters.Comparison) -> list[dict[str, Any]]:
     """A dictionary for each figure, with fields as in `Difference`."""
     return [asdict(row) for row in found.rows]
 
 
-def judged_as_json(found: Judged) -> dict[str, Any]:
+def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
     """All figures of a recorded run, and what they come to."""
     ran, ends = found.ran, found.conclusions
     data = {
@@ -510,7 +463,7 @@ def struck(setup: Setup) -> dict[str, Any]:
     return {"name": str(what), "closed_form": False, **what.quality, **of_file}
 
 
-def _parts(found: PlantParts) -> dict[str, Any]:
+def _parts(found: model.PlantParts) -> dict[str, Any]:
     data = asdict(found)
     if found.theory is not None:
         error = found.theory.kirchhoff_error
@@ -525,10 +478,10 @@ class RunReport:
 
     setup: Setup
     recording: Recording
-    judged: Judged
+    judged: verdicts.Judged
     books: Books
     struck: dict[str, Any]
-    parts: PlantParts
+    parts: model.PlantParts
     transport: str
     wall_s: float
     exchanges: int
@@ -537,7 +490,7 @@ class RunReport:
     repeats: Path | None = None
     differs: str | None = None
     verifies: bool = False
-    verification: Verification | None = None
+    verification: trust.Verification | None = None
 
     @property
     def expects(self) -> tuple[float | None, float]:
@@ -546,7 +499,7 @@ class RunReport:
 
 
 def report_of(
-    setup: Setup, recording: Recording, judged: Judged, transport: str, wall_s: float,
+    setup: Setup, recording: Recording, judged: verdicts.Judged, transport: str, wall_s: float,
     exchanges: int, **more: Any,
 ) -> RunReport:  # fmt: skip
     """All that is to be said of a run; more fields of `RunReport` by name. Raises ValueError for a
@@ -554,7 +507,7 @@ def report_of(
     books = recording.books
     if books is None:
         raise ValueError("the recording has no energy balance: the run did not end")
-    parts = parts_of(setup, books)
+    parts = model.parts_of(setup, books)
     about = books, struck(setup), parts, transport, wall_s, exchanges
     return RunReport(setup, recording, judged, *about, **more)
 
@@ -656,8 +609,8 @@ def run_of(
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
     verified = None
     if options.verify:
-        verified = verify(setup, through_first_contact(blocks_of(recorded)))
-    judged = judge(setup, recorded, free_figures(setup))
+        verified = trust.verify(setup, through_first_contact(blocks_of(recorded)))
+    judged = verdicts.judge(setup, recorded, free_figures(setup))
     return report_of(
         setup, recorded, judged, options.transport.value, stats["wall_s"], int(stats["exchanges"]),
         lane=stats["lane"], realtime=stats.get("realtime", ""), repeats=options.repeat,
@@ -688,7 +641,7 @@ def headings(impacts: Sequence[Impact]) -> list[str]:
 def impacts_table(
     title: str,
     impacts: Sequence[Impact],
-    known: Sequence[ImpactErrors] | None = None,
+    known: Sequence[trust.ImpactErrors] | None = None,
     why_not: str = "",
 ) -> Table:
     """Impacts, one a row; see `impact_rows`."""
@@ -709,7 +662,7 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
 
 
 def impact_rows(
-    impacts: Sequence[Impact], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
+    impacts: Sequence[Impact], digits: Sequence[trust.ImpactErrors] | None = None, why_not: str = ""
 ) -> tuple[list[list[str]], list[str]]:
     """Rows of the table below `headings`, and notes on them.
 
@@ -723,7 +676,7 @@ def impact_rows(
     notes: list[str] = []
     to_unit, _ = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
     for i, impact in enumerate(impacts[:_SHOWN]):
-        errors = errors_of(digits, i)
+        errors = trust.errors_of(digits, i)
         cells = [
             known_digits(
                 getattr(impact, key) * (factor or to_unit),
@@ -758,15 +711,17 @@ def impact_rows(
 
 # Noise figures in the order of their table; words and units of those that no span has.
 _OF_NOISE = {
-    "contact_time_s": FigureRow("", "contact time", "us", 1e6),
-    "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
-    "transmitted_j": FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
-    "transmitted_spectrum_j": FigureRow("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
-    "radiated_maidanik_j": FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
-    "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "contact_time_s": meters.FigureRow("", "contact time", "us", 1e6),
+    "next_impact_speed_m_s": meters.FigureRow("", "next impact speed", "m/s"),
+    "transmitted_j": meters.FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
+    "transmitted_spectrum_j": meters.FigureRow(
+        "", "transmitted energy, by spectrum", "uJ", 1e6, 10.0
+    ),
+    "radiated_maidanik_j": meters.FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": meters.FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
 }
 _NOISE_ROWS = {
-    name: _OF_NOISE.get(name) or SPAN_ROWS[name]
+    name: _OF_NOISE.get(name) or meters.SPAN_ROWS[name]
     for name in (
         "contact_time_s", "next_impact_speed_m_s", "rebound_height_m", "longhorn_j", "holmes_j",
         "peak_pressure_pa", "transmitted_j", "transmitted_spectrum_j", "plate_speed_max_m_s",
@@ -829,7 +784,11 @@ def _with_unit(number: str, unit: str) -> str:
 
 
 def _change(
-    row: FigureRow, value: float, reference: float, error: float = 0.0, reference_error: float = 0.0
+    row: meters.FigureRow,
+    value: float,
+    reference: float,
+    error: float = 0.0,
+    reference_error: float = 0.0,
 ) -> str:
     """Ratio in dB for energies and amplitudes, in per cent otherwise."""
     if reference == 0.0 or math.isnan(value):
@@ -837,10 +796,10 @@ def _change(
     if not row.db:
         if value > 1e3 * reference:  # what is divided by lies within the model's error
             return "from nearly zero"
-        percent = 100.0 * value / reference
+        share = 100.0 * value / reference
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
-        return _with_unit(known_digits(percent, ".1f", wrong), "%")
-    change, wrong = change_db(value, reference, row.db, error, reference_error)
+        return _with_unit(known_digits(share, ".1f", wrong), "%")
+    change, wrong = meters.change_db(value, reference, row.db, error, reference_error)
     return "" if math.isnan(change) else _with_unit(known_digits(change, "+.2f", wrong), "dB")
 
 
@@ -927,7 +886,7 @@ def _struck(struck: dict[str, Any]) -> str:
     return "; ".join(words)
 
 
-def yield_words(found: Yield) -> str:
+def yield_words(found: model.Yield) -> str:
     """Describe the permanent dent and the dissipated energy of a contact that yielded."""
     return f"a dent of {found.dent_m * 1e6:.3g} um, {found.dissipated_j * 1e6:.4g} uJ dissipated"
 
@@ -943,13 +902,13 @@ def pressure_words(limit: dict[str, Any]) -> str:
     )
 
 
-def radiation_words(found: Radiation) -> str:
+def radiation_words(found: model.Radiation) -> str:
     """What the plate gave to the air."""
     faces = "one face" if found.faces == 1 else "two faces"
     return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
-def demand_words(asked: Demand) -> str:
+def demand_words(asked: meters.Demand) -> str:
     """Largest force, slew and power that a run asked of its actuator."""
     words = f"{asked.force_n:.4g} N, {asked.slew_n_s * 1e-6:.3g} N/us, {asked.power_w:.3g} W"
     if asked.delay_s:
@@ -1001,7 +960,7 @@ def error_words(expected: float | None, asked: float) -> str:
     return next(word for word in words if float(word) > asked)
 
 
-def _full_model(full: FullModel) -> str:
+def _full_model(full: model.FullModel) -> str:
     """What all modes that the step can carry would have cost."""
     limit = f"up to {full.frequency_limit_hz / 1e3:.4g} kHz = 1/(2 step)"
     if full.frequencies is None:
@@ -1016,7 +975,7 @@ def _full_model(full: FullModel) -> str:
     return "; ".join(words)
 
 
-def _infinite_plate(report: RunReport, model: PlateModel) -> str:
+def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
     """Until when an infinite plate would have done, where the first contact is over by then."""
     until_s, impacts = model.infinite_until_s, report.judged.ran.figures.impacts
     if model.plate_model == "infinite" or until_s is None or not impacts:
@@ -1067,10 +1026,10 @@ _FIGURES: tuple[tuple[str, str, str, str], ...] = (
     ("largest plate speed", "first_impact", "plate_speed_max_m_s", ".4g"),
     ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", ".3g"),
 )
-_IN_DB = {*DECIBELS} - {"peak_force_n"}
+_IN_DB = {*meters.DECIBELS} - {"peak_force_n"}
 
 
-def figures_table(ran: Ran, known: Predictability, free: Figures | None = None) -> Table:
+def figures_table(ran: Ran, known: trust.Predictability, free: Figures | None = None) -> Table:
     """Return the table of at most ten figures that ends a run.
 
     Args:
@@ -1092,7 +1051,7 @@ def figures_table(ran: Ran, known: Predictability, free: Figures | None = None) 
     if compare:
         table.add_column("change", justify="right")
     for label, span, key, form in _FIGURES:
-        factor, unit = SPAN_ROWS[key].factor, SPAN_ROWS[key].unit
+        factor, unit = meters.SPAN_ROWS[key].factor, meters.SPAN_ROWS[key].unit
         found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
         if unit == "uJ":
@@ -1108,14 +1067,14 @@ def figures_table(ran: Ran, known: Predictability, free: Figures | None = None) 
     return table
 
 
-def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
+def _error_of(digits: Sequence[trust.ImpactErrors] | None, span: str, key: str) -> float:
     """The largest absolute error of a figure; 0 if all its digits are predictable."""
     if span == "first_impact":
-        errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
+        errors = trust.errors_of(digits, 0) | trust.errors_of(digits, 0, "noise_errors")
         return errors.get(key, 0.0)
     if key != "plate_energy_j":
         return 0.0
-    return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
+    return sum(trust.errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
 
 
 def _change_of_figure(
@@ -1125,7 +1084,9 @@ def _change_of_figure(
     if math.isnan(value) or math.isnan(reference) or reference == 0.0:
         return ""
     if key in _IN_DB:
-        change, wrong = change_db(value, reference, DECIBELS[key], error, reference_error)
+        change, wrong = meters.change_db(
+            value, reference, meters.DECIBELS[key], error, reference_error
+        )
         return "" if math.isnan(change) else _with_unit(known_digits(change, "+.1f", wrong), "dB")
     if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
         return ""
@@ -1133,7 +1094,7 @@ def _change_of_figure(
     return _with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")
 
 
-def show_warnings(console: Console, found: Iterable[Finding]) -> None:
+def show_warnings(console: Console, found: Iterable[effects.Finding]) -> None:
     """Print one line for each effect outside its limit."""
     lines = brief_warnings(found)
     for head, style, words in lines[:_MOST_WARNINGS]:
@@ -1208,7 +1169,7 @@ def _print_details(console: Console, report: RunReport) -> None:
     ran, known = report.judged.ran, report.judged.conclusions.predictability
     found, free = ran.figures, report.judged.free or ran.figures
     own, other = known.controlled, known.uncontrolled
-    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
+    errors = [trust.errors_of(each, 0, "noise_errors") for each in (own, other)]
     if controls(ran.scene_law or ""):
         console.print(impacts_table("Impacts with control", found.impacts, own))
         console.print(impacts_table("The same without control", free.impacts, other))
@@ -1223,7 +1184,7 @@ def _print_details(console: Console, report: RunReport) -> None:
     show_neglected(console, found.neglected.findings)
 
 
-def theory_words(found: Theory) -> str:
+def theory_words(found: model.Theory) -> str:
     """Which theory a run took, and why."""
     size = f"Kirchhoff's theory may cost {found.kirchhoff_error.largest:.1g}"
     if STRUCTURES[found.chosen].solid:
@@ -1234,7 +1195,7 @@ def theory_words(found: Theory) -> str:
     return f"Kirchhoff; {size}, no more than asked"
 
 
-def tail_words(found: Tail) -> str:
+def tail_words(found: model.Tail) -> str:
     """What stands for the modes left out where that is no spring."""
     words, away = (
         f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",
