@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
-from hertzloop.controller.loading import callbacks, compiled
+from hertzloop.controller.loading import callbacks
+from hertzloop.controller.loading import compiled as law_code
 
 
 class LawFault(RuntimeError):
@@ -32,13 +33,13 @@ class BoundLaw:
         self,
         name: str,
         addresses: Mapping[str, int],
-        constants: compiled.PackedRecord,
-        state: compiled.PackedRecord,
+        constants: law_code.PackedRecord,
+        state: law_code.PackedRecord,
         held: Any,
         ended: list[BaseException],
     ) -> None:
         self.name, self.trouble, self.ended = name, "", ended
-        at: list[Any] = [addresses.get(function, 0) for function in compiled.FUNCTIONS]
+        at: list[Any] = [addresses.get(function, 0) for function in law_code.FUNCTIONS]
         self.model = LawModel(*[*at, constants.data])
         self._state, self._held = state, (constants, held)
 
@@ -72,17 +73,17 @@ class BoundPython(BoundLaw):
         self, name: str, digest: str, home: Any, constants: Any, ahead: bool = True
     ) -> None:
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
-        packed, state = compiled.pack(fields), compiled.state_of(home)
+        packed, state = law_code.pack(fields), law_code.state_of(home)
         # Python sees numbers, and arrays instead of tuples.
         arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
         self._home, self._constants = home, constants._replace(**arrays) if arrays else constants
-        wanted = tuple(compiled.FUNCTIONS) if ahead else ("command",)
+        wanted = tuple(law_code.FUNCTIONS) if ahead else ("command",)
         addresses: dict[str, int] = {}
         held: Any = None
         trouble, ended = "", list[BaseException]()
-        if not compiled.UNCOMPILED:
-            with compiled.compiling:
-                held = compiled.entries_of(name, digest, home, packed.dtype, state.dtype)
+        if not law_code.UNCOMPILED:
+            with law_code.compiling:
+                held = law_code.entries_of(name, digest, home, packed.dtype, state.dtype)
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
             held = callbacks.python_functions(home, self._constants, state.dtype, wanted, ended)
