@@ -149,18 +149,19 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     return fit(model, [one], [free_of(model, key) for key in true], exact=exact), true
 
 
-def coverage(kind: str, seeds: int, exact: bool = False) -> Summary:
+def coverage(kind: str, seeds: int, exact: bool = False, first: int = 0) -> Summary:
     """Fit the rigs of a class, or records with few samples, and count what the intervals hold."""
     if kind in CLASSES:
-        keys = [RADIUS, THICKNESS, STIFFNESS]
-        return summary(kind, kind != "right class", keys, seeds, partial(run, kind, exact=exact))
-    samples = int(kind.split()[0])
-    return summary(kind, False, [RADIUS, HEIGHT], seeds, partial(run_few, samples, exact=exact))
+        keys, one = [RADIUS, THICKNESS, STIFFNESS], partial(run, kind, exact=exact)
+        return summary(kind, kind != "right class", keys, seeds, one, first)
+    few = partial(run_few, int(kind.split()[0]), exact=exact)
+    return summary(kind, False, [RADIUS, HEIGHT], seeds, few, first)
 
 
 def main(
     folder: OutDirOption = None,
     seeds: Annotated[int, typer.Option(min=1, help="Rigs of a class (1 with --quick).")] = 25,
+    first: Annotated[int, typer.Option(min=0, help="First seed.")] = 0,
     exact: ExactOption = False,
     only: OnlyOption = None,
     quick: QuickOption = False,
@@ -178,7 +179,7 @@ def main(
     names = only or (["right class", "yield"] if quick else known)
     found = summaries(
         "fit_discrepancy", folder, json_file, names, known,
-        lambda name: coverage(name, 1 if quick else seeds, exact),
+        lambda name: coverage(name, 1 if quick else seeds, exact, first),
     )  # fmt: skip
     wrong, right = [s for s in found if s.wrong], [s for s in found if not s.wrong]
     parts = [

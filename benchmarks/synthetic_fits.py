@@ -117,14 +117,16 @@ class Summary:
         return self.seeds * len(self.covered)
 
 
-def summary(problem: str, wrong: bool, keys: Sequence[str], seeds: int, run: Fit) -> Summary:
-    """Fit so many seeds of a problem and count what the intervals cover."""
+def summary(
+    problem: str, wrong: bool, keys: Sequence[str], seeds: int, run: Fit, first: int = 0
+) -> Summary:
+    """Fit so many seeds of a problem, from the first, and count what the intervals cover."""
     covered = dict.fromkeys(keys, 0)
     errors: dict[str, list[float]] = {key: [] for key in keys}
     widths: dict[str, list[float]] = {key: [] for key in keys}
     models: dict[str, int] = {}
     whole, misses, results = 0, [], []
-    for seed in range(seeds):
+    for seed in range(first, first + seeds):
         try:
             result, true = run(seed)
         except ValueError as error:

@@ -13,6 +13,7 @@ import re
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,9 +63,10 @@ _GAPS = frozenset({
 })  # fmt: skip
 _DATE = re.compile(
     r"(?:(\d{1,4})([-/.])(\d{1,2})\2(\d{1,4})(?:[T ,]+|$))?"
-    r"(?:(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)*))?|(\d{1,2}):(\d\d[.,]\d+))?"
+    r"(?:(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+|:\d{3,})*))?|(\d{1,2}):(\d\d[.,]\d+))?"
     r"\s*([AaPp][Mm])?\s*(Z|[+-]\d\d:?\d\d)?"
 )
+_DURATION = re.compile(rf"^({_NUMBER.pattern}) (sec|min|hr)(?=[,;\t])", re.MULTILINE)
 SAMPLE_NUMBERS = frozenset({
     "", "sample", "samples", "sequence", "index", "n", "no", "nr", "number", "point", "points",
     "row", "i", "idx", "step", "sample_number", "sample_no", "unnamed_0",
@@ -107,6 +109,8 @@ def read_text(text: str, names: Collection[str] = ()) -> TextTable:
     """Read the table of a text. Arguments and errors are those of `read_table`."""
     if "\r" in text:
         text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
+    inside = {unit for _, unit in _DURATION.findall(text[-2000:])}
+    text = _DURATION.sub(r"\1", text) if len(inside) == 1 else text
     lines: list[str] = []
     layout = None
     for most in (300, 3000, 30_000):  # a long preamble needs more lines
@@ -126,9 +130,13 @@ def read_text(text: str, names: Collection[str] = ()) -> TextTable:
     for place, found in zip(layout.places, values, strict=True):
         heading = headings[place] if place < len(headings) else ""
         unit = units[place] if place < len(units) else ""
+        unit = inside.pop() if place == 0 and len(inside) == 1 else unit
         if not unit and len(heading) > 3 and unit_of(heading):  # such as "Second"
             unit = heading
         table.columns.append(TextColumn(heading, unit, place + 1, found, place in layout.dates))
+    only = table.columns[0].values
+    if len(table.columns) == 1 and not table.columns[0].heading and only[0] == len(only) - 1:
+        raise TableError(f"its first number, {only[0]:g}, counts those below it. Remove it")
     if not any(c.dates or is_time(c.heading, c.unit) for c in table.columns) and rows.interrupted:
         raise TableError("empty lines stand between rows without times. Fill or remove them")
     return table
@@ -214,7 +222,7 @@ def _kinds(line: str, separator: str | None) -> str:
 def _alike(kinds: list[str], i: int, least: int) -> bool:
     """Whether a line and those before it are rows of one table."""
     before = [k for k in kinds[max(0, i - 12) : i + 1] if k][-least:]
-    texts = {tuple(j for j, c in enumerate(k) if c == "t") for k in before}
+    texts = {tuple(_texts(k)) for k in before}
     numbers = [{j for j, c in enumerate(k) if c in "nd"} for k in before]
     return len(texts) == 1 and bool(set.intersection(*numbers))
 
@@ -292,18 +300,18 @@ def _run(
     ):
         return None
     sure = {j for j, c in enumerate(kinds[last]) if c in "nd"}
-    usual = {j for j, c in enumerate(kinds[last]) if c == "t"}
+    usual = set(_texts(kinds[last]))
     places, rows, start = set(sure), [], last
     for i in range(last, -1, -1):
         if set(kinds[i]) <= {"g"} or all(kinds[i][j : j + 1] == "g" for j in sure):
             continue
         here = {j for j, c in enumerate(kinds[i]) if c in "nd"}
-        wrong = {j for j, c in enumerate(kinds[i]) if c == "t"}
+        wrong = set(_texts(kinds[i]))
         if wrong & sure or not here & (sure | places):
             # A text in place of a number stays in the table if rows follow above it.
             above = [k for k in kinds[max(0, i - 12) : i] if k][-3:]
             fits = [k for k in above if all(k[j : j + 1] in ("n", "d", "g") for j in sure)
-                    and {j for j, c in enumerate(k) if c == "t"} <= usual]  # fmt: skip
+                    and set(_texts(k)) <= usual]  # fmt: skip
             if len(fits) < 2:
                 break
             if here & sure:
@@ -312,12 +320,21 @@ def _run(
         places = (places | here) - (wrong - sure)
         rows.append(i)
         start = i
+    # Facts whose values stand in the places of the numbers, and those in places of their own.
+    top = list(takewhile(lambda i: _names_next(kinds[i], usual, sure), reversed(rows)))
+    names = [plain_name(_split(lines[i], separator)[kinds[i].index("t")]) for i in top]
+    if 0 < len(top) < len(rows) and (len(set(names)) > 1 or _means(names[0], _SAID)):
+        rows = rows[: -len(top)]
+        start = rows[-1]
+    places = {j for j in places if j in sure or any(
+        kinds[i][j : j + 1] in ("n", "d") and not set(_texts(kinds[i][:j])) - usual for i in rows
+    )}  # fmt: skip
     counts: dict[int, int] = {}
     for i in rows:
         for j, c in enumerate(kinds[i]):
             if c in "nd":
                 counts[j] = counts.get(j, 0) + 1
-    texts = {j for i in rows for j, c in enumerate(kinds[i]) if c == "t"} - sure
+    texts = {j for i in rows for j in _texts(kinds[i])} - sure
     kept = tuple(sorted(j for j in places - texts if counts.get(j, 0)))
     dates = frozenset(
         j for j in kept
@@ -332,12 +349,23 @@ def _run(
     # in it is several cells.
     for j in many:
         texts_there = [_split(lines[i], separator)[j] for i in rows if j < len(kinds[i])]
-        if any(sign in texts_there[0] for sign in ";|\t"):
+        if re.search(r"[;|\t]" if separator else r"[;|\t]|,[-+]?[\d.]", texts_there[0]):
             return None
         if j < kept[0] and len(set(texts_there)) > 0.5 * len(texts_there) + 1:
             return None
     layout = _TableLayout(start, separator, kept, dates, cells, tuple(sorted(texts)), last)
     return len(rows), not many, layout
+
+
+def _texts(kinds: str) -> list[int]:
+    """Places of texts."""
+    return [j for j, c in enumerate(kinds) if c == "t"]
+
+
+def _names_next(kinds: str, usual: set[int], sure: set[int]) -> bool:
+    """Whether the first text of a row stands where rows have none, just left of a number."""
+    at = kinds.find("t")
+    return at >= 0 and at not in usual and at + 1 in sure
 
 
 def _short(line: str) -> str:
@@ -367,6 +395,8 @@ def _headings(
         return cells
 
     def known(cells: list[str]) -> int:
+        if any("d" in _kind(cell, True) for cell in cells) or "=" in cells[0]:
+            return 0  # a fact and its value
         numbers = any(_NUMBER.fullmatch(cell) for cell in cells)
         return sum(
             bool(cell)
@@ -391,13 +421,14 @@ def _headings(
     near = near[-_ROWS_ABOVE:]
     spaces = layout.separator is None
     lengths = {layout.cells} | {
-        len(split(x)) for x in near if any(plain_name(c) in _INTERVALS for c in split(x))
+        len(split(x)) for x in near if any(_means(plain_name(c), _INTERVALS) for c in split(x))
     }
     rows = [cells for line in near if len(cells := split(line)) >= width
             and not (spaces and (len(cells) not in lengths or "\t" in line.strip()))
             and (not _is_comment(line) or known(cells))]  # fmt: skip
     unit_row = next((row for row in reversed(rows) if units(row)), [])
-    named = [row for row in rows if row is not unit_row and known(row)]
+    named = [row for row in rows if row is not unit_row and known(row)
+             and not all(is_time(row[j]) for j in layout.places)]  # fmt: skip
     heading = max(reversed(named), key=known, default=[])
     if heading and not unit_row and heading is not rows[-1]:
         below = rows[[row is heading for row in rows].index(True) + 1]
@@ -406,9 +437,10 @@ def _headings(
     if not heading and rows:
         row = rows[-1] if rows[-1] is not unit_row else rows[-2] if len(rows) > 1 else []
         plain = [split(line) for line in near]
-        fact = bool(row) and plain_name(row[0]) in (*_UNITS_OF_TIME, *_UNITS_OF_VALUES)
-        numbers = any(_NUMBER.fullmatch(cell) for cell in row)
-        if row in plain[-2:] and not fact and not numbers:
+        fact = bool(row) and _means(plain_name(row[0]), (*_UNITS_OF_TIME, *_UNITS_OF_VALUES))
+        numbers = any(_kind(cell, True) in "nd" for cell in row)
+        whole = all(row[j] for j in layout.places[1:]) if row else False
+        if row in plain[-2:] and whole and not fact and not numbers and "=" not in row[0]:
             heading = row
     if not heading and near and not unit_row:
         cells = split(near[-1])
@@ -424,8 +456,19 @@ def _headings(
         name = heading[place] if place < len(heading) else ""
         if name and place < len(unit_row) and unit_row[place]:
             table.facts.setdefault(plain_name(name), []).append(unit_row[place])
+    for row in rows:
+        if any(re.fullmatch(r"[x*\u00d7] ?[\d.]+(e[+-]?\d+|\^[+-]?\d+)?", cell) for cell in row):
+            table.facts.setdefault("multiplier", [", ".join(row)])
+    unit_row = unit_row + [""] * (width - len(unit_row))
+    unused = list(layout.texts)
+    for place in layout.texts:  # such as columns "Force" and "Unit"
+        inside = {cells[place] for line in lines[layout.start : layout.last + 1]
+                  if len(cells := _split(line, layout.separator)) > place}  # fmt: skip
+        if place - 1 in layout.places and len(inside) == 1 and unit_of(one := inside.pop()):
+            unit_row[place - 1] = unit_row[place - 1] or one
+            unused.remove(place)
     texts = [heading[place] if place < len(heading) and heading[place] else str(place + 1)
-             for place in layout.texts]  # fmt: skip
+             for place in unused]  # fmt: skip
     if texts:
         table.notes.append(f"text is not used: column {', '.join(texts)}.")
     return heading, unit_row
@@ -454,12 +497,16 @@ def _facts(lines: list[str], layout: _TableLayout, table: TextTable) -> None:
         signs = [sign for sign in (layout.separator, "\t", ";", ",", "|") if sign and sign in words]
         if signs and not re.match(r"[\w ]+[:=]", words):
             above.append(_split(words, signs[0]))
+            above += [re.split(r"\s*=\s*", cell, maxsplit=1) for cell in above[-1] if "=" in cell]
         else:
-            above.append([part.strip() for part in re.split(r"\s*[:=]\s*", words, maxsplit=1)])
+            parts = re.split(r"\s*[:=]\s*", words, maxsplit=1)
+            above.append([part.strip(" \t,;|") for part in parts])
     for cells in above + inside:
         while cells and not cells[-1]:
             cells.pop()
-        if len(cells) > 1 and cells[0] and not _NUMBER.fullmatch(cells[0]):
+        while cells and not cells[0]:
+            cells = cells[1:]
+        if len(cells) > 1 and not _NUMBER.fullmatch(cells[0]):
             table.facts.setdefault(plain_name(cells[0].rstrip(":")), cells[1:])
 
 
@@ -699,6 +746,10 @@ class _Moments:
 def _moment(cell: str) -> tuple[int | None, int, float, bool] | None:
     """Day number, seconds of the day up to the minute, seconds of the minute, and whether the order
     of day and month is sure; None if a cell is neither date nor time of day."""
+    days = re.match(r"(\d+) days?,?\s*", cell)  # a duration
+    if days:
+        rest = _moment(cell[days.end() :] or "0:00")
+        return None if rest is None or rest[0] is not None else (int(days[1]), *rest[1:3], True)
     found = _DATE.fullmatch(cell)
     if found is None or not cell or not (found[1] or found[5] or found[8]):
         return None
@@ -720,25 +771,33 @@ def _moment(cell: str) -> tuple[int | None, int, float, bool] | None:
         return day, 60 * int(found[8]), float(found[9].replace(",", ".")), sure
     if not found[5]:
         return day, 0, 0.0, sure
-    whole, *parts = re.split("[.,]", found[7] or "0")
+    whole, *parts = re.split("[.,:]", found[7] or "0")
     hour = int(found[5])
     if found[10]:
         hour = hour % 12 + 12 * (found[10].lower() == "pm")
     return day, 3600 * hour + 60 * int(found[6]), float(f"{whole}.{''.join(parts) or 0}"), sure
 
 
-# Facts beside a table that give its times. The names are plain: "Sample Interval" and "Delta_X".
+# Facts beside a table that give its times and units: "Sample Interval", "Delta_X", "XAxisUnit".
 _INTERVALS = ("sample_interval", "sampling_interval", "sample_period", "sampling_period", "delta_x",
-              "x_increment", "xincrement", "xinc", "increment", "delta_t", "dt", "time_increment",
-              "time_step", "sample_time", "horizontal_interval", "tinc", "hresolution",
-              "x_axis_delta")  # fmt: skip
-_RATES = ("sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "sample_frequency",
+              "x_increment", "xinc", "increment", "delta_t", "dt", "time_increment", "time_step",
+              "sample_time", "horizontal_interval", "tinc", "hresolution", "x_axis_delta",
+              "time_interval", "t_interval")  # fmt: skip
+_RATES = ("sample_rate", "sampling_rate", "sampling_frequency", "sample_frequency",
           "samples_per_second", "rate", "fs", "sampling_rate_hz", "sample_rate_hz")  # fmt: skip
-_STARTS = ("start", "x0", "x_zero", "xzero", "x_origin", "xorigin", "t0")
+_STARTS = ("start", "x0", "x_zero", "x_origin", "xorg", "x_axis_min", "x_start", "hoffset", "t0",
+           "t_start")  # fmt: skip
 _UNITS_OF_TIME = ("horizontal_units", "x_units", "x_unit", "x_unit_label", "time_unit",
                   "time_units", "horizontal_unit", "hunit", "x_axis_unit")  # fmt: skip
 _UNITS_OF_VALUES = ("vertical_units", "y_unit_label", "y_units", "y_unit", "units", "unit",
                     "vertical_unit", "vunit", "y_axis_unit")  # fmt: skip
+_SAID = (*_INTERVALS, *_RATES, *_STARTS, "date", "time", "length", "record_length", "points",
+         "samples", "size", "block_size", "number_of_values")  # fmt: skip
+
+
+def _means(name: str, names: Collection[str]) -> bool:
+    """Whether a plain name is one of some, with or without underscores."""
+    return name.replace("_", "") in {one.replace("_", "") for one in names}
 
 
 def spacing_s(table: TextTable) -> tuple[float, float, str] | None:
@@ -751,8 +810,8 @@ def spacing_s(table: TextTable) -> tuple[float, float, str] | None:
     unit = unit_of(stated(table, _UNITS_OF_TIME)) or StatedUnit("s", 1.0, "s")
     for name, cells in table.facts.items():
         stem, own = name_and_unit(name, (*_INTERVALS, *_RATES))
-        is_rate = stem in _RATES
-        if not cells or (stem not in _INTERVALS and not is_rate):
+        is_rate = _means(stem, _RATES)
+        if not cells or not (is_rate or _means(stem, _INTERVALS)):
             continue
         parts = re.fullmatch(rf"({_NUMBER.pattern})\s*(\D*)", cells[0].strip())
         if parts is None:
@@ -776,9 +835,8 @@ def spacing_s(table: TextTable) -> tuple[float, float, str] | None:
 
 def stated(table: TextTable, names: Collection[str], place: int = 0) -> str:
     """Value of the first fact that has one of the names, "" if there is none."""
-    for name in names:
-        cells = table.facts.get(name)
-        if cells:
+    for wanted in names:
+        if cells := next((c for name, c in table.facts.items() if _means(name, [wanted])), None):
             return cells[min(place, len(cells) - 1)].rpartition(":")[2]  # as in "CH1:V"
     return ""
 

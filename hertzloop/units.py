@@ -29,7 +29,8 @@ _LONG = {"kilo": "k", "mega": "M", "centi": "c", "milli": "m", "micro": "u", "na
 _OTHERS = {
     "gn": "g", "g_n": "g", "G": "g", "lb_f": "lbf", "micron": "um", "microns": "um", "inches": "in",
     "feet": "ft", "Sa/s": "S/s", "sps": "S/s", "samples/s": "S/s", "samples/second": "S/s",
-    "m*s-2": "m/s^2", "m*s-1": "m/s", "S": "s", "MS": "ms", "US": "us", "NS": "ns", "KN": "kN",
+    "m*s-2": "m/s^2", "m*s-1": "m/s", "S": "s", "MS": "ms", "US": "us", "NS": "ns", "mS": "ms",
+    "uS": "us", "nS": "ns", "KN": "kN", "hr": "h",
 }  # fmt: skip
 # Units that may follow any name after an underscore; "channel_A" and "v_s" end in no unit.
 UNITS_AT_ENDS = (
@@ -92,8 +93,9 @@ def name_and_unit(heading: str, names: Collection[str]) -> tuple[str, str]:
         names: plain names that a unit may follow after an underscore.
     """
     text = heading.strip()
-    if found := re.fullmatch(r"(.*?)[\s_]*[(\[{<]([^()\[\]{}<>]*\D)?[)\]}>]", text):
-        return found[1], (found[2] or "").strip()
+    found = re.fullmatch(r"(.*?)[\s_]*[(\[{<]([^()\[\]{}<>]*)[)\]}>]", text)
+    if found and (not found[2][-1:].isdigit() or unit_of(found[2])):
+        return found[1], found[2].strip()
     found = re.fullmatch(r"(.*?)\s*(\s/|\bin|,)\s+(\S+)", text)
     if found and (found[2] == " /" or unit_of(found[3])):
         return found[1], found[3]

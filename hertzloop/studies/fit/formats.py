@@ -26,6 +26,7 @@ from hertzloop.text_tables import (
     read_table,
     read_text,
     spacing_s,
+    stated,
     stated_unit,
 )
 from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
@@ -83,7 +84,7 @@ class Series(NamedTuple):
 class Contents:
     """What a file holds: its series and `[record]` tables, the time between samples where it states
     one (s, of the first sample, and by which name), what is not used of it, and `facts`, the keys
-    of every table that its format states."""
+    of every table that its format states. `multiplier`: what it says of a factor of its values."""
 
     series: list[Series]
     tables: list[dict[str, Any]] = field(default_factory=lambda: [{}])
@@ -92,6 +93,7 @@ class Contents:
     above: int = 0
     kind: str = "column"
     facts: dict[str, Any] = field(default_factory=dict)
+    multiplier: str = ""
 
 
 class Format(NamedTuple):
@@ -121,11 +123,13 @@ def _of_table(table: TextTable) -> Contents:
         found.spacing = spacing_s(table)
     except TableError as error:  # which only matters without times
         found.notes.append(f"{error}.")
+    found.multiplier = stated(table, ("multiplier", "scale_factor", "scaling_factor", "factor"))
     rising = _rising(table.columns)
     block, value, after = 0, 0, True
     for column in table.columns:
         name = plain_name(name_and_unit(column.heading, ())[0])
-        counter = name[:1] == "x" or (name in SAMPLE_NUMBERS and (name or rising is None))
+        unnamed = rising is None or column.number < rising.number
+        counter = name[:1] == "x" or (name in SAMPLE_NUMBERS and (name or unnamed))
         if not unit_of(column.unit) and (
             plain_name(column.unit) in SAMPLE_NUMBERS - {""} or (counter and _counts(column))
         ):
@@ -153,9 +157,12 @@ def _counts(column: TextColumn) -> bool:
 
 
 def _rising(columns: list[TextColumn]) -> TextColumn | None:
-    """The first column of a table without names, if it rises as times do. Raises TableError."""
+    """The first column of a table without names, or that behind numbers of samples, if it rises as
+    times do."""
     if len(columns) < 2 or any(column.heading for column in columns):
         return None
+    if len(columns) > 2 and _counts(columns[0]):
+        return _rising(columns[1:])
     rising = [c for c in columns if np.all(np.diff(c.values[np.isfinite(c.values)]) > 0.0)]
     if rising[:1] == columns[:1] and _counts(columns[0]) and not columns[0].unit:
         return None
@@ -205,18 +212,19 @@ def _parquet(path: Path) -> Contents:
 def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]) -> Contents:
     """Contents of named arrays with attributes; the part of a name before "/" is its group."""
     found = Contents([], notes=notes)
-    for name, (values, about) in named.items():
+    found.spacing = _spacing(
+        {name.rpartition("/")[2]: one for name, (one, _) in named.items() if np.size(one) == 1}
+    )
+    for name, values, about in _fields(named):
         group, _, own = name.rpartition("/")
-        if np.size(values) == 1:
-            found.spacing = found.spacing or _spacing({own: values})
-            continue
         unit = about.get("units", about.get("unit", ""))
         unit = unit.decode() if isinstance(unit, bytes) else str(unit)
         made = _series(own, values, unit, len(found.series) + 1, notes)
         spacing = _spacing(about)
         found.series += [
             one._replace(
-                group=group, time_s=None if spacing is None else evenly(len(one.values), spacing[0])
+                group=group,
+                time_s=None if spacing is None else evenly(len(one.values), *spacing[:2]),
             )
             for one in made
         ]
@@ -226,17 +234,23 @@ def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]
     return found
 
 
+def _fields(named: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> Iterator[tuple[str, Any, Any]]:
+    """Names, values and attributes of arrays, or of the fields of a structured one."""
+    for name, (values, about) in named.items():
+        parts = np.asarray(values).dtype.names or ()
+        if np.size(values) != 1:
+            yield from ((f"{name}/{p}", values[p], about) for p in parts)
+            if not parts:
+                yield name, values, about
+
+
 def _spacing(about: Mapping[str, Any]) -> tuple[float, float, str] | None:
-    """Time between samples, s, by attributes such as dt, fs or wf_increment."""
+    """Time between samples and of the first, s, by attributes such as dt, fs or wf_increment."""
+    facts = {}
     for name, value in about.items():
-        plain = plain_name(name.removeprefix("wf_"))
-        with suppress(TypeError, ValueError):
-            number = float(np.ravel(value)[0])
-            if number > 0.0 and plain in ("dt", "increment", "delta_t", "sample_interval"):
-                return number, 0.0, name
-            if number > 0.0 and plain in ("fs", "rate", "sample_rate", "sampling_rate", "rate_hz"):
-                return 1.0 / number, 0.0, name
-    return None
+        with suppress(TypeError, ValueError, IndexError):
+            facts[plain_name(name.removeprefix("wf_"))] = [repr(float(np.ravel(value)[0]))]
+    return spacing_s(TextTable([], facts))
 
 
 def _series(name: str, values: Any, unit: str, number: int, notes: list[str]) -> list[Series]:
@@ -316,17 +330,14 @@ def _hdf5(path: Path) -> Contents:
 
         def keep(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset):
-                about = {
-                    k: v.decode() if isinstance(v, bytes) else v for k, v in item.attrs.items()
-                }
-                named[name] = item[()], about
+                around = {k: v for k, v in item.parent.attrs.items() if k not in ("unit", "units")}
+                own = {k: v.decode() if isinstance(v, bytes) else v for k, v in item.attrs.items()}
+                named[name] = item[()], around | own
 
         file.visititems(keep)
         inside = file.attrs.get("record", "")
-        spacing = _spacing(dict(file.attrs))
     found = _arrays(named, [])
     found.tables = inner_tables(inside)
-    found.spacing = found.spacing or spacing
     return found
 
 
@@ -509,5 +520,5 @@ ENDINGS = {ending: one for one in FORMATS for ending in one.endings}
 
 def quantity_of(name: str) -> str | None:
     """The quantity that a name means, such as `v_p_mm_s` or "Force [N]"; None if it means none."""
-    stem = plain_name(name_and_unit(name, NAMES)[0])
+    stem = "" if name[:1] in tuple("-|") else plain_name(name_and_unit(name, NAMES)[0])
     return NAMES.get(stem) or NAMES.get(re.sub(r"_?\d+$", "", stem))

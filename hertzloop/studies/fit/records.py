@@ -587,6 +587,9 @@ def _checked(
                 f"{name}: times without a unit rise by {mean:.6g}, and '{contents.spacing[2]}' "
                 f"says {contents.spacing[0]:.6g} s. Give record.time_unit."
             )
+    said = contents.spacing
+    if said is not None and abs(mean / said[0] - 1.0) > 1e-2:
+        words += f" ({mean:.6g} s apart, not {said[0]:.6g} s as '{said[2]}')"
     apart_s = float(np.spacing(max(np.max(known), -np.min(known)))) if mean > 0.0 else 0.0
     if apart_s > 0.01 * mean:
         raise RecordError(
@@ -610,6 +613,12 @@ def _scaled(
         stated = "" if plain in NAMES else stated
     unit, si = unit_of(stated), QUANTITIES[quantity].unit
     unknown = measured.sensitivity_uncertainty == math.inf
+    if contents.multiplier not in ("", "1", "1.0") and "sensitivity" not in table:
+        raise RecordError(
+            f"{name}: states a factor of its values, '{contents.multiplier}', which may be part of "
+            "them or not. Give record.sensitivity, units of the file for one "
+            f"{measured.unit or si}."
+        )
     sensitive = "sensitivity" in table or unknown
     if unit is not None and unit.si == si:
         if measured.unit is None:
