@@ -11,6 +11,9 @@ from numba.extending import intrinsic, overload
 
 from hertzloop.jit.decorator import kernel
 
+# As @kernel(inline=True, borrowed=True).
+_INLINE = {"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True}
+
 
 def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
     """A function of a part (a NamedTuple or None) and more that calls the kernel of its type.
@@ -29,8 +32,7 @@ def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
 
     chosen.uncompiled = uncompiled  # type: ignore[attr-defined]
 
-    # As @kernel(inline=True, borrowed=True).
-    @overload(chosen, jit_options={"_nrt": False, "forceinline": True})
+    @overload(chosen, jit_options=_INLINE)
     def _compiled(part: Any, *arguments: Any) -> Any:
         found = kernels.get(_class_of(part))
         if found is None:
@@ -100,7 +102,7 @@ def apart(kernel: Callable[..., Any]) -> Callable[..., Any]:
     def called(*arguments: Any) -> Any:
         return kernel(*arguments)
 
-    @overload(called, jit_options={"_nrt": False, "forceinline": True})
+    @overload(called, jit_options=_INLINE)
     def _compiled(*arguments: Any) -> Any:
         # Numba wants the same names and annotations as those of the function above.
         def implementation(*arguments: Any) -> Any:

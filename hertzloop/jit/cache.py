@@ -24,6 +24,8 @@ from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
+from hertzloop.jit.dispatcher import Kernel
+
 from hertzloop.whole_files import write_whole
 
 # A file that holds kernels imports one of these.
@@ -242,6 +244,10 @@ class LenientCache(FunctionCache):
             super().save_overload(sig, data)
         except OSError as error:
             note_refused(error.strerror or str(error))
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Numba's key; code with an entry for Python, and without, are kept side by side."""
+        return *super()._index_key(sig, codegen), Kernel.nested()
 
 
 class QuickCache(LenientCache):

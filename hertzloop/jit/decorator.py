@@ -62,9 +62,11 @@ def kernel(
         freedoms = {"contract": fused, "reassoc": reordered}
         options["fastmath"] = {name for name, given in freedoms.items() if given}
     on_disk = kept and os.path.exists(function.__code__.co_filename)  # not typed at a prompt
+    from hertzloop.jit.dispatcher import Kernel
+
     ours = (function.__module__ or "").startswith("hertzloop.")
     with kept_in(cache_folder()):
-        made = njit(error_model="numpy", **options)(function)
+        made = Kernel.of(njit(error_model="numpy", **options)(function))
         if on_disk:
             made._cache = stored(function, quick=ours)
     return made
