@@ -82,6 +82,14 @@ class LawText(_message.Message):
     source: str
     def __init__(self, run_id: _Optional[int] = ..., source: _Optional[str] = ...) -> None: ...
 
+class SceneText(_message.Message):
+    __slots__ = ("run_id", "scene_toml")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    scene_toml: str
+    def __init__(self, run_id: _Optional[int] = ..., scene_toml: _Optional[str] = ...) -> None: ...
+
 class LaneOffer(_message.Message):
     __slots__ = ("host", "pid", "fd")
     HOST_FIELD_NUMBER: _ClassVar[int]

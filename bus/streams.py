@@ -58,6 +58,7 @@ STREAMS = {
         Stream("end/plant", PLANT, messages.RunEnd, "/end", CONTROLLER, once=True),
         Stream("end/controller", CONTROLLER, messages.RunEnd, "/end", PLANT, once=True),
         Stream("pacing", PLANT, messages.Pacing, "/pacing", once=True),
+        Stream("scene", PLANT, messages.SceneText, "/scene", CONTROLLER, once=True),
     )
 }
 

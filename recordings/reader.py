@@ -710,6 +710,7 @@ class Intake:
     result: dict[str, str] | None = None
     run_id: int = 0
     hello: Hello | None = None
+    announced_toml: str = ""  # the whole scene, where the hello leaves out some of it
     books: Books | None = None
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
@@ -850,6 +851,8 @@ class Intake:
         self._next[name] = message.sequence + 1
         if name == "hello":
             self.hello = header
+        elif name == "scene":
+            self.announced_toml = header.scene_toml
         elif name == "books":
             self.books = header
             if wrong := not_finite(header, {}):
@@ -937,11 +940,11 @@ class Intake:
         hello = self.hello
         if hello is None:
             return
-        described = writer.described_by(hello)
+        described, announced = writer.described_by(hello), self.announced_toml or hello.scene_toml
         if not self.scene_toml:
             self._problem("the scene is that of the hello: the file has no other")
-            self.scene_toml = hello.scene_toml
-        elif self.scene_toml != hello.scene_toml:
+            self.scene_toml = announced
+        elif self.scene_toml != announced:
             self._problem("the hello has another scene than the file")
         if self.metadata is None:
             self._problem("the description of the run is that of the hello")

@@ -233,6 +233,7 @@ class Recorder:
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
         self._time_ns = self._end_ns = 0
+        self._scene = ""  # where the hello leaves out some of it
         self._closed = False
 
     @property
@@ -254,8 +255,11 @@ class Recorder:
         header: Any = block.header
         stream = envelope.stream
         if stream == "hello":
-            self._writer.scene(header.scene_toml, described_by(header), header.law_source)
+            scene = self._scene or header.scene_toml
+            self._writer.scene(scene, described_by(header), header.law_source)
             self._end_ns = header.steps * header.step_ns
+        elif stream == "scene":
+            self._scene = header.scene_toml
         elif stream == "law":
             self._writer.law(header.source)
         if hasattr(header, "first_step"):
@@ -265,7 +269,7 @@ class Recorder:
             at = header.timestamp
             self._time_ns = at.seconds * 1_000_000_000 + at.nanos
         elif streams.STREAMS[stream].once:
-            self._time_ns = 0 if stream in ("hello", "law") else self._end_ns
+            self._time_ns = 0 if stream in ("scene", "hello", "law") else self._end_ns
         sequence = self.counters[stream].messages - 1
         self._writer.write(stream, envelope.payload, sequence, self._time_ns)
         if stream.startswith("end/"):

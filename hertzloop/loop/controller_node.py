@@ -66,6 +66,7 @@ class ControllerNode:
         self._controller: Controller | None = None
         self._publisher: Publisher | None = None
         self._set_up_by: SetUp | None = None
+        self._scene = ""  # where the hello leaves out some of it
         self._next_block_s = 0.0
         self._samples = 0  # of which the answers are published
         # Loads the kernels before anybody waits for an answer.
@@ -103,7 +104,9 @@ class ControllerNode:
 
     def _take(self, envelope: Envelope) -> None:
         block = self.checker.accept(envelope)
-        if envelope.stream == "hello":
+        if envelope.stream == "scene":
+            self._scene = block.header.scene_toml
+        elif envelope.stream == "hello":
             self._set_up(block)
         elif envelope.stream == "daq":
             self._answer(block)
@@ -112,8 +115,9 @@ class ControllerNode:
 
     def _set_up(self, block: DecodedBlock) -> None:
         self._publisher = Publisher(self.port, self.checker.run_id)
+        scene = self._scene or block.header.scene_toml
         try:
-            setup = parse(block.header.scene_toml, law=self._law)
+            setup = parse(scene, law=self._law)
             setup = setup.announced(block.header.stiffness)
             announced = block.header.law_digest
             law = parts.law_of(setup)
@@ -127,7 +131,7 @@ class ControllerNode:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.law_reference  # as the plant calls it, wherever this side has it
         if self._law is not None:
-            asked = parse(block.header.scene_toml, recorded=True).law_reference
+            asked = parse(scene, recorded=True).law_reference
         self._set_up_by = set_up_by(setup, asked)
         compare_set_up(block.header, self._set_up_by)  # another version may read it otherwise
         if (setup.steps, setup.step_ns) != (block.header.steps, block.header.step_ns):

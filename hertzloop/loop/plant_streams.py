@@ -8,7 +8,16 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from hertzloop.bus.events import event
-from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, LawText, SetUp, TruthBlock
+from hertzloop.bus.messages_pb2 import (
+    Books,
+    DaqBlock,
+    EventKind,
+    Hello,
+    LawText,
+    SceneText,
+    SetUp,
+    TruthBlock,
+)
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as loop_k
@@ -29,7 +38,7 @@ def hello(setup: Setup, stiffness: float) -> Hello:
     """Return the first message of a run."""
     return Hello(
         scene=setup.name,
-        scene_toml=to_toml(setup.scene),
+        scene_toml=to_toml(setup.scene, brief=True),
         steps=setup.steps,
         step_ns=setup.step_ns,
         seed=setup.seed,
@@ -40,11 +49,19 @@ def hello(setup: Setup, stiffness: float) -> Hello:
     )
 
 
+def announce(publisher: Publisher, setup: Setup, first: Hello) -> None:
+    """Send the hello, and before it the whole scene, if the hello leaves out some. A hello has to
+    fit into the memory of a microcontroller, which needs no file of modes."""
+    if (whole := to_toml(setup.scene)) != first.scene_toml:
+        publisher.send("scene", SceneText(scene_toml=whole))
+    publisher.send("hello", first)
+
+
 def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
     """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
     this side has it elsewhere."""
     return SetUp(
-        scene_toml=to_toml(setup.scene, law or setup.law_reference),
+        scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
         stiffness=setup.stiffness,
         law=parts.law_of(setup).name,
         law_digest=parts.law_of(setup).digest,
@@ -131,7 +148,7 @@ class PlantStreams:
     def greet(self) -> None:
         """Announce the run. The law's text goes to the recorder alone: it would be most of a hello,
         which has to fit into the memory of a microcontroller."""
-        self.publisher.send("hello", self.hello)
+        announce(self.publisher, self.setup, self.hello)
         if source := parts.law_of(self.setup).source:
             self.publisher.send("law", LawText(source=source))
 

@@ -31,7 +31,7 @@ from hertzloop.bus.streams import (
 from hertzloop.bus.wire import MessageError
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
-from hertzloop.loop.plant_streams import ROOM_STEPS, hello
+from hertzloop.loop.plant_streams import ROOM_STEPS, announce, hello
 from hertzloop.processes.program import filled_in
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, load, parse, parts
@@ -258,7 +258,7 @@ class ScriptedPlant:
     def play(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """All that the plant says, and what it has to hear. `meanwhile` is called after the first
         samples. Raises Broken or PeerLost."""
-        self.publisher.send("hello", self.hello)
+        announce(self.publisher, self.script.setup, self.hello)
         last = self.steps if self.script.ending == "whole" else self.steps // 2
         exchanged = 0
         for step in range(last):

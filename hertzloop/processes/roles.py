@@ -245,7 +245,7 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
             envelope = port.receive(
                 max(until_s - time.monotonic(), 0.0), "the plant's hello", [PLANT]
             )
-            if envelope.stream == "hello":
+            if envelope.stream in ("scene", "hello"):
                 recorder.handle(envelope)
 
 

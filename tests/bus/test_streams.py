@@ -186,7 +186,7 @@ def test_every_stream_has_one_publisher_and_is_heard() -> None:
 def test_plant_and_controller_hear_each_other_and_no_truth() -> None:
     """What a card and an actuator would tell them, who else is at work, and nothing more."""
     assert set(SUBSCRIPTIONS[PLANT]) == {"force", "end/controller"}
-    assert set(SUBSCRIPTIONS[CONTROLLER]) == {"hello", "daq", "end/plant"}
+    assert set(SUBSCRIPTIONS[CONTROLLER]) == {"scene", "hello", "daq", "end/plant"}
 
 
 def test_a_publisher_announces_all_its_streams() -> None:

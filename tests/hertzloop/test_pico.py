@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.deflection import modes_of_scene
-from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, StreamCount
-from hertzloop.bus.streams import PLANT, STREAMS
+from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, SceneText, StreamCount
+from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS
 from hertzloop.bus.wire import encode
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.compiled import record_in_process
@@ -23,7 +23,9 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
-from hertzloop.setup import load
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load
+from tests.recordings.damages import scene_records
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "microcontroller.md").read_text()
@@ -56,16 +58,40 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated() -> None:
     assert max(sizes) < ROOM < 4096
 
 
-def test_hellos_with_files_are_as_large_as_stated(tmp_path: Path) -> None:
-    modes, trace = tmp_path / "modes.npz", tmp_path / "trace.csv"
+@pytest.fixture(scope="module")
+def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
+    """A scene on a file of modes, and one with a file of latencies."""
+    folder = tmp_path_factory.mktemp("files")
+    modes, trace = folder / "modes.npz", folder / "trace.csv"
     modes.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm"))))
     trace.write_text("\n".join(str(i % 7) for i in range(2000)))
-    found = []
-    for setting in (f"plate.modes={modes}", f"controller.latency_trace={trace}"):
-        setup = load("aluminium-3mm", [setting])
-        found.append(hello(setup, setup.stiffness).ByteSize())
-    [stated] = re.findall(r"it has (\d+) kB, with 2,000 measured latencies\n(\d+) kB", WIRE)
+    settings = (f"plate.modes={modes}", f"controller.latency_trace={trace}")
+    return [load("aluminium-3mm", [setting]).lasting(1500) for setting in settings]
+
+
+def test_a_scene_with_files_is_as_large_as_stated_and_its_hello_is_small(
+    with_files: list[Setup],
+) -> None:
+    assert all(hello(setup, setup.stiffness).ByteSize() < ROOM for setup in with_files)
+    found = [SceneText(scene_toml=to_toml(setup.scene)).ByteSize() for setup in with_files]
+    [stated] = re.findall(r"`scene` has (\d+) kB, with 2,000 measured latencies (\d+) kB", WIRE)
     assert [round(size / 1000) for size in found] == [int(kilobytes) for kilobytes in stated]
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_whole_scene_reaches_controller_and_recording(
+    which: int, with_files: list[Setup], tmp_path: Path
+) -> None:
+    setup = with_files[which]
+    record_in_process(setup, tmp_path / "a.mcap", compiled=False)
+    recording = read(tmp_path / "a.mcap")
+    assert not recording.problems
+    assert recording.scene_toml == to_toml(setup.scene)
+    assert recording.ends[CONTROLLER].set_up.scene_toml == hello(setup, 1.0).scene_toml
+    content = (tmp_path / "a.mcap").read_bytes()
+    [scene] = scene_records(content)[:1]
+    (tmp_path / "b.mcap").write_bytes(content.replace(scene, b""))
+    assert read(tmp_path / "b.mcap").scene_toml == recording.scene_toml  # that of the message
 
 
 def test_blocks_and_ends_are_as_small_as_stated() -> None:

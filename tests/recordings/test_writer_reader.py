@@ -66,6 +66,7 @@ class TestByTheMcapLibrary:
         events = announced.pop("events/plant") + announced.pop("events/controller")
         assert len(decoded["/events"]) == events
         assert announced.pop("pacing") == 0  # of a paced run only
+        assert announced.pop("scene") == 0  # of a scene with files only
         assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
         assert set(announced) == {"hello", "law", "daq", "force", "truth", "books"}
 
