@@ -7,12 +7,11 @@ from typing import Any
 from numba import config, types
 from numba.core import cgutils
 from numba.core.dispatcher import Dispatcher
-from numba.extending import intrinsic, overload
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import infer_global
+from numba.extending import intrinsic, models, overload, register_model
 
 from hertzloop.jit.decorator import kernel
-
-# As @kernel(inline=True, borrowed=True).
-_INLINE = {"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True}
 
 
 def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
@@ -31,20 +30,37 @@ def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
         return getattr(kernel, "py_func", kernel)(part, *arguments)
 
     chosen.uncompiled = uncompiled  # type: ignore[attr-defined]
-
-    @overload(chosen, jit_options=_INLINE)
-    def _compiled(part: Any, *arguments: Any) -> Any:
-        found = kernels.get(_class_of(part))
-        if found is None:
-            return None
-
-        # Numba wants the same names and annotations as those of the function above.
-        def implementation(part: Any, *arguments: Any) -> Any:
-            return found(part, *arguments)
-
-        return implementation
-
+    infer_global(chosen, _ByType(kernels))
     return chosen
+
+
+class _ByType(types.Callable, types.Dummy):
+    """The type of a function by type: a call of it is one of the kernel that it chooses, with no
+    function between that would be compiled for each choice."""
+
+    def __init__(self, kernels: Mapping[type, Callable[..., Any]]) -> None:
+        self._kernels = kernels
+        super().__init__(f"by_type({id(kernels)})")
+
+    def _chosen(self, arguments: tuple[Any, ...]) -> Any:
+        found = self._kernels.get(_class_of(arguments[0]))
+        return found and cpu_target.typing_context.resolve_value_type(found)
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """The signature of a call, or None where there is no kernel for the type."""
+        chosen = self._chosen(args)
+        return chosen and chosen.get_call_type(context, args, kws)
+
+    def get_call_signatures(self) -> tuple[Any, bool]:
+        """Signatures to name in an error."""
+        return (), True
+
+    def get_impl_key(self, sig: Any) -> Any:
+        """What finds the compiled kernel for a signature."""
+        return self._chosen(sig.args).get_impl_key(sig)
+
+
+register_model(_ByType)(models.OpaqueModel)
 
 
 def _class_of(part: Any) -> Any:
@@ -102,7 +118,8 @@ def apart(kernel: Callable[..., Any]) -> Callable[..., Any]:
     def called(*arguments: Any) -> Any:
         return kernel(*arguments)
 
-    @overload(called, jit_options=_INLINE)
+    # As @kernel(inline=True, borrowed=True).
+    @overload(called, jit_options={"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True})
     def _compiled(*arguments: Any) -> Any:
         # Numba wants the same names and annotations as those of the function above.
         def implementation(*arguments: Any) -> Any:

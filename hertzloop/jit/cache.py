@@ -25,7 +25,6 @@ from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
 from hertzloop.jit.dispatcher import Kernel
-
 from hertzloop.whole_files import write_whole
 
 # A file that holds kernels imports one of these.
@@ -245,9 +244,22 @@ class LenientCache(FunctionCache):
         except OSError as error:
             note_refused(error.strerror or str(error))
 
+    _with_entry = False
+
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Numba's key; code with an entry for Python, and without, are kept side by side."""
-        return *super()._index_key(sig, codegen), Kernel.nested()
+        return *super()._index_key(sig, codegen), self._with_entry or not Kernel.nested()
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load the machine code for a signature; a kernel may use that with an entry, too."""
+        found = super()._load_overload(sig, target_context)
+        if found is None and Kernel.nested():
+            self._with_entry = True
+            try:
+                found = super()._load_overload(sig, target_context)
+            finally:
+                self._with_entry = False
+        return found
 
 
 class QuickCache(LenientCache):

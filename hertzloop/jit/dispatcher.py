@@ -4,20 +4,22 @@ Numba makes such an entry for every function. That takes a third of the time of 
 kernels are called by other kernels alone.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
 
 
-class Kernel(CPUDispatcher):  # type: ignore[misc]
+class Kernel(CPUDispatcher):
     """A dispatcher whose overloads have no entry for Python while only kernels have called them.
 
     A call from Python compiles such an overload once more.
     """
 
-    _compiling: list["Kernel"] = []  # these call each other: the first is called by Python
+    _compiling: ClassVar[
+        list["Kernel"]
+    ] = []  # these call each other: the first is called by Python
 
     @classmethod
     def of(cls, dispatcher: CPUDispatcher) -> "Kernel":

@@ -1,0 +1,88 @@
+"""Entries for Python: kernels get one when Python calls them, and not before."""
+
+from typing import Any, NamedTuple
+
+import pytest
+from numba.core.errors import TypingError
+
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type
+from hertzloop.jit.cache import noticed
+
+
+def third(x):
+    return x / 3.0
+
+
+def of_third(inner: Any) -> Any:
+    @kernel(kept=False)
+    def outer(x):
+        return inner(x) + 1.0
+
+    return outer
+
+
+def compiled_for(call: Any) -> int:
+    """How many compilations a call causes."""
+    seen: list[bool] = []
+    with noticed(seen.append):
+        call()
+    return seen.count(True)
+
+
+def test_a_kernel_that_kernels_called_first_answers_python_too() -> None:
+    inner = kernel(third, kept=False)
+    outer = of_third(inner)
+    assert outer(0.7) == third(0.7) + 1.0
+    assert "cpython" not in "".join(inner.inspect_llvm().values())
+    assert compiled_for(lambda: inner(0.7)) == 1
+    assert inner(0.7) == third(0.7)
+    assert "cpython" in "".join(inner.inspect_llvm().values())
+    assert compiled_for(lambda: (inner(0.1), outer(0.1), of_third(inner)(0.1))) == 1  # the new one
+
+
+def test_both_kinds_come_from_the_disk() -> None:
+    for _ in range(2):  # the second time at least, nothing is left to compile
+        nested, called = kernel(third), kernel(third)
+        of_third(nested)(0.7)
+        called(0.7)
+    for dispatcher in (nested, called):
+        assert sum(dispatcher.stats.cache_hits.values()) == 1
+        assert not dispatcher.stats.cache_misses
+
+
+def test_a_kernel_takes_what_was_compiled_for_python() -> None:
+    def fifth(x):
+        return x / 5.0
+
+    called = kernel(fifth)
+    called(0.7)
+    nested = kernel(fifth)
+    of_third(nested)(0.7)
+    assert not nested.stats.cache_misses
+    assert nested(0.7) == called(0.7)
+
+
+class Half(NamedTuple):
+    of: float
+
+
+class Double(NamedTuple):
+    of: float
+
+
+half = kernel(lambda part, x: part.of * x / 2.0, kept=False)
+double = kernel(lambda part, x: part.of * x * 2.0, kept=False)
+chosen = by_type({Half: half, Double: double, type(None): kernel(lambda part, x: x, kept=False)})
+
+
+@kernel(kept=False)
+def choose(part, x):
+    return chosen(part, x)
+
+
+def test_the_type_chooses_with_no_function_between() -> None:
+    assert (choose(Half(3.0), 5.0), choose(Double(3.0), 5.0), choose(None, 5.0)) == (7.5, 30.0, 5.0)
+    assert len(half.overloads) == len(double.overloads) == 1
+    with pytest.raises(TypingError):
+        choose(1.5, 5.0)
