@@ -257,7 +257,7 @@ class TestControllerBelievesNothing:
                 return [envelope]
             ended.append(True)
             counts = [StreamCount(stream="hello", messages=1, samples=1),
-                      StreamCount(stream="daq")]  # fmt: skip
+                      StreamCount(stream="daq"), StreamCount(stream="scene")]  # fmt: skip
             end = RunEnd(run_id=run_of(envelope), role="plant", count=counts)
             return [Envelope("end/plant", end.SerializeToString(), 0), envelope]
 
