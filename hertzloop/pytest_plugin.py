@@ -5,8 +5,7 @@ imports the rest of hertzloop only for a file of requirements or a fixture.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -87,22 +86,15 @@ class RequirementItem(pytest.Item):
         return self.path, None, f"requirement: {self.name}"
 
 
-@contextmanager
-def _here() -> Iterator[Any]:
-    from hertzloop.studies.sweeps.pool import local_pool
-
-    with local_pool(1) as pool:
-        yield pool
-
-
 def _rows(
     scene: str, cases: Sequence[Mapping[str, Any]], law: str | None, span: Literal["impact", "run"]
 ) -> list[dict[str, Any]]:
     from hertzloop.setup import load
     from hertzloop.studies.sweeps.evaluate import evaluate
+    from hertzloop.studies.sweeps.pool import local_pool
 
     setup = load(scene, [] if law is None else [f"controller.law={law}"])
-    with _here() as pool:
+    with local_pool(1) as pool:
         return evaluate(pool, setup, span, [dict(case) for case in cases])
 
 

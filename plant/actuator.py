@@ -203,14 +203,12 @@ def _apart(
     size = np.hypot(actuator[first], actuator[second])
     turns = size > 0.0
     first, second, size = first[turns], second[turns], size[turns]
-    along = (contact[first] * actuator[first] + contact[second] * actuator[second]) / size
-    across = (contact[second] * actuator[first] - contact[first] * actuator[second]) / size
     sensor = None if modes.sensor is None else modes.sensor.copy()
-    if sensor is not None:
-        seen = (sensor[first] * actuator[first] + sensor[second] * actuator[second]) / size
-        beside = (sensor[second] * actuator[first] - sensor[first] * actuator[second]) / size
-        sensor[first], sensor[second] = seen, beside
-    contact[first], contact[second] = along, across
+    for shape in (contact, sensor):
+        if shape is not None:
+            one, other = shape[first], shape[second]
+            shape[first] = (one * actuator[first] + other * actuator[second]) / size
+            shape[second] = (other * actuator[first] - one * actuator[second]) / size
     actuator[first], actuator[second] = size, 0.0
     return modes.omega**2, contact, actuator, sensor
 
@@ -246,7 +244,8 @@ def _roots(
         part = slice(i, i + rows)
         number = np.arange(len(upper))[part]
         width = upper[part] - lower[part]
-        half = _sum(poles, weights, constant, number, 0.5 * width)
+        away = (poles - poles[number, None]) - (0.5 * width)[:, None]
+        half = np.sum(weights / away, axis=1) + constant
         left = (half > 0.0) | (number + 1 == len(poles))
         near = np.where(left, number, np.minimum(number + 1, len(poles) - 1))
         low = np.where(left, 0.0, -0.5 * width)
@@ -254,13 +253,6 @@ def _roots(
         high = np.where(left, np.where(half > 0.0, 0.5 * width, width), 0.0)
         origin[part], offset[part] = near, _offsets(poles, weights, constant, near, low, high)
     return origin, offset
-
-
-def _sum(
-    poles: np.ndarray, weights: np.ndarray, constant: float, near: np.ndarray, way: np.ndarray
-) -> np.ndarray:
-    away = (poles - poles[near, None]) - way[:, None]
-    return np.asarray(np.sum(weights / away, axis=1) + constant)
 
 
 def _offsets(

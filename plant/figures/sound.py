@@ -109,17 +109,6 @@ def _groups(radiator: Radiator, grid: Grid) -> Iterator[Radiator]:
         yield replace(radiator, **{name: getattr(radiator, name)[some] for name in parts})
 
 
-def _spectra(radiator: Radiator, drive: Drive, listeners_m: np.ndarray, grid: Grid) -> np.ndarray:
-    """Transforms of the pressure at points (points, 3), shape (points, bins)."""
-    total = np.zeros((len(listeners_m), len(grid.s)), complex)
-    force = _transforms(drive, grid)
-    for some in _groups(radiator, grid):
-        acceleration = _accelerations(some, force, grid)
-        for row, listener_m in zip(total, listeners_m, strict=True):
-            row += np.sum(transfer(some, listener_m, grid) * acceleration, axis=0)
-    return total
-
-
 def _transforms(drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Of the forces at the contact and at the actuator, (bins,)."""
     return (
@@ -174,8 +163,12 @@ def _between(coarse: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
 
 
 def pressure_pa(radiator: Radiator, drive: Drive, listener_m: np.ndarray, grid: Grid) -> np.ndarray:
-    """Sound pressure at a listener's point, (count,), Pa."""
-    return grid.in_time(_spectra(radiator, drive, np.asarray([listener_m]), grid)[0])
+    """Sound pressure at a listener's point (x, y, z above the plate), (count,), Pa."""
+    total, forces = np.zeros(len(grid.s), complex), _transforms(drive, grid)
+    for some in _groups(radiator, grid):
+        acceleration = _accelerations(some, forces, grid)
+        total += np.sum(transfer(some, listener_m, grid) * acceleration, axis=0)
+    return grid.in_time(total)
 
 
 def directions(count: int) -> np.ndarray:

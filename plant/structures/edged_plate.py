@@ -11,11 +11,9 @@ import numpy as np
 import scipy
 
 from hertzloop.plant.one_thread import on_one_thread
-from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, Point
-from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import Structure
+from hertzloop.plant.structures.structure import SizedPlate, Structure
 
 _SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's method
 _LEAST = 25  # low modes that are taken however little is asked
@@ -615,7 +613,7 @@ class Reached:
 
 
 @dataclass(frozen=True)
-class EdgedPlate(Structure):
+class EdgedPlate(SizedPlate):
     """A plate with the edges x = 0, x = l_x, y = 0, y = l_y as named, c, f or s each.
 
     Low modes by Ritz's method as far as it has converged to `accuracy`, those beyond by phases
@@ -623,7 +621,6 @@ class EdgedPlate(Structure):
     ones.
     """
 
-    plate: Plate
     edges: str
     accuracy: float
     near: float | None = None  # Poisson's ratio of the plate that it is `beside`
@@ -632,21 +629,6 @@ class EdgedPlate(Structure):
         if len(set(self.edges)) == 1:
             return f"a plate with {_WORDS[self.edges[0]]} edges"
         return f"a plate with edges '{self.edges}'"
-
-    @property
-    def material(self) -> Material:
-        """Of the plate."""
-        return self.plate.material
-
-    @property
-    def local_plate(self) -> Plate:
-        """What a contact feels until reflections return."""
-        return self.plate
-
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """l_x and l_y, m."""
-        return self.plate.size_m
 
     @property
     def seconds_per_mode(self) -> float:
@@ -699,14 +681,12 @@ class EdgedPlate(Structure):
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
-        plate = self.edges, self._scaled_m, self._of
-        low, count, beyond, squared = _parts(
-            *plate, self.accuracy, self.near, self._most(omega_max)
-        )
+        form = self._form
+        low, count, beyond, squared = _parts(form, self._most(omega_max))
         x_m, y_m = self._stretched(x_m, y_m)
         groups = [low.shapes(x_m, y_m, count)]
         for group in beyond:
-            along_x, along_y = _along(*plate, group, x_m, y_m)
+            along_x, along_y = _along(form, group, x_m, y_m)
             groups.append(np.einsum("xm,ym->mxy", along_x, along_y))
         order = np.argsort(squared, kind="stable")
         return np.asarray(self._unit * np.concatenate(groups)[order])
@@ -714,8 +694,7 @@ class EdgedPlate(Structure):
     @property
     def reached(self) -> Reached:
         """How far the modes are converged."""
-        of = self._of if self.near is None else isotropic(self.near)
-        low, count, error = _joint(self.edges, self._scaled_m, of, self.accuracy, None)
+        low, count, error = _joint(self._form.alone())
         return Reached(count, 0.5 * float(low.change[:count].max()), 0.5 * error)
 
     @property
@@ -723,18 +702,15 @@ class EdgedPlate(Structure):
         return self.material.poisson_ratio
 
     @property
-    def _of(self) -> Bending:
-        bend = self.plate.rigidity
-        return Bending(bend.nu, bend.twist, bend.eta)
+    def _form(self) -> "_Form":
+        bend, size_m = self.plate.rigidity, self._stretched(*self.size_m)
+        of = Bending(bend.nu, bend.twist, bend.eta)
+        return _Form(self.edges, size_m, of, self.accuracy, self.near)
 
     def _stretched(self, x: Any, y: Any) -> tuple[Any, Any]:
         """x and y in the coordinates of `Rigidity`."""
         stretch = self.plate.rigidity.stretch
         return x * stretch, y / stretch
-
-    @property
-    def _scaled_m(self) -> tuple[float, float]:
-        return self._stretched(*self.size_m)
 
     @property
     def _unit(self) -> float:
@@ -754,49 +730,56 @@ class EdgedPlate(Structure):
     def _shapes(self, omega_max: float, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (modes,) and shapes at points (modes, points)."""
         squared, shapes = _unit_shapes(
-            self.edges, self._scaled_m, self._of, self.accuracy, self.near,
-            self._most(omega_max), tuple(self._stretched(*point) for point in points),
-        )  # fmt: skip
+            self._form, self._most(omega_max), tuple(self._stretched(*point) for point in points)
+        )
         return self._speed * squared, self._unit * shapes
 
 
-def _parts(
-    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
-    most: float,
-) -> tuple[LowModes, int, list[Waves], np.ndarray]:  # fmt: skip
+class _Form(NamedTuple):
+    """What the shapes of an edged plate depend on; see `EdgedPlate`."""
+
+    edges: str
+    size_m: tuple[float, float]
+    of: Bending
+    accuracy: float
+    near: float | None
+
+    def alone(self) -> "_Form":
+        """The plate that decides on the number of low modes: beside no other."""
+        of = self.of if self.near is None else isotropic(self.near)
+        return self._replace(of=of, near=None)
+
+
+def _parts(form: _Form, most: float) -> tuple[LowModes, int, list[Waves], np.ndarray]:
     """Low modes, how many of them are below the limit, those beyond, and k^2 of all: low ones
     first, then group by group."""
-    low, count, _ = _joint(edges, size_m, of, accuracy, near)
-    beyond = _beyond(edges, size_m, of, accuracy, near, most)
+    low, count, _ = _joint(form)
+    beyond = _beyond(form, most)
     count = int(np.searchsorted(low.squared[:count], most, side="right"))
     squared = np.concatenate([low.squared[:count], *(group.squared for group in beyond)])
     return low, count, beyond, squared
 
 
-def _along(
-    edges: str, size_m: tuple[float, float], of: Bending, group: Waves, x_m: np.ndarray,
-    y_m: np.ndarray,
-) -> list[np.ndarray]:  # fmt: skip
-    sides = ((edges[:2], group.along_x, x_m), (edges[2:], group.along_y, y_m))
+def _along(form: _Form, group: Waves, x_m: np.ndarray, y_m: np.ndarray) -> list[np.ndarray]:
+    sides = ((form.edges[:2], group.along_x, x_m), (form.edges[2:], group.along_y, y_m))
     return [
-        shape_along(of_side, length, side, of, places)
-        for (of_side, side, places), length in zip(sides, size_m, strict=True)
+        shape_along(of_side, length, side, form.of, places)
+        for (of_side, side, places), length in zip(sides, form.size_m, strict=True)
     ]
 
 
 @lru_cache(maxsize=16)
 def _unit_shapes(
-    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
-    most: float, points: tuple[Point, ...],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    form: _Form, most: float, points: tuple[Point, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """k^2 up to a limit (modes,), rising, and shapes of unit integral at points (modes, points)."""
-    low, count, beyond, squared = _parts(edges, size_m, of, accuracy, near, most)
+    low, count, beyond, squared = _parts(form, most)
     shapes = np.empty((len(squared), len(points)))
     for i, (x, y) in enumerate(points):
         at = np.array([x]), np.array([y])
         groups = [low.shapes(*at, count)[:, 0, 0]]
         for group in beyond:
-            along_x, along_y = _along(edges, size_m, of, group, *at)
+            along_x, along_y = _along(form, group, *at)
             groups.append(along_x[0] * along_y[0])
         shapes[:, i] = np.concatenate(groups)
     order = np.argsort(squared, kind="stable")
@@ -804,16 +787,15 @@ def _unit_shapes(
 
 
 @lru_cache(maxsize=16)
-def _joint(
-    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None
-) -> tuple[LowModes, int, float]:
+def _joint(form: _Form) -> tuple[LowModes, int, float]:
     """Low modes, how many of them to take, and the relative error in k^2 of the waves there.
 
     As many as have converged; among the last of them the widest gap, so that no mode counts
-    twice or is lost. `near`: Poisson's ratio of a plate that decides on the number.
+    twice or is lost. A plate beside another takes as many as that.
     """
+    edges, size_m, of, accuracy, near = form
     if near is not None:
-        _, count, error = _joint(edges, size_m, isotropic(near), accuracy, None)
+        _, count, error = _joint(form.alone())
         return _low_modes_near(edges, size_m, of.nu, near, count), count, error
     low = low_modes(edges, size_m, of)
     unconverged = np.flatnonzero(low.change > _SHARE * accuracy)
@@ -837,12 +819,10 @@ def _missing(edges: str) -> int:
 
 
 @lru_cache(maxsize=16)
-def _beyond(
-    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
-    most: float,
-) -> list[Waves]:  # fmt: skip
+def _beyond(form: _Form, most: float) -> list[Waves]:
     """The waves above the low modes, up to k^2 = `most`."""
-    count = _joint(edges, size_m, of, accuracy, near)[1]
+    edges, size_m, of, _, near = form
+    count = _joint(form)[1]
     k_max = math.sqrt(most)
     if near is None:
         found = waves(edges, size_m, of, k_max)

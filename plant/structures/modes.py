@@ -1,11 +1,18 @@
 """Modes of anything linear, and what forces at two points can move of them."""
 
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from hertzloop.plant.structures.mode_file import ModeTable
+
 Point = tuple[float, float]
 NO_PARTICIPATION = 1e-9  # of a shape's largest value
+SECONDS_PER_MODE = 1e-5  # of processor time
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
 
 
@@ -24,6 +31,78 @@ class Modes:
     at_contact: np.ndarray
     at_actuator: np.ndarray
     silent_below: float = NO_PARTICIPATION
+
+
+class ModeSource(Protocol):
+    """Anything with modes, and the answers that hold for any set of modes; see
+    `hertzloop.plant.structures.structure`."""
+
+    @abstractmethod
+    def modes_below(self, frequency_hz: float) -> float:
+        """About how many modes there are up to a frequency."""
+
+    @abstractmethod
+    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
+        """All modes up to `omega_max` rad/s."""
+
+    @abstractmethod
+    def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
+        """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
+
+    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
+        """Whether the actuator pushes at the contact point."""
+        return contact_m == actuator_m
+
+    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` where a sensor is, (modes,)."""
+        return self.modes(omega_max, contact_m, sensor_m).at_actuator
+
+    def sensor_at(
+        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
+    ) -> Point | None:
+        """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
+        return None if sensor_m == contact_m else sensor_m
+
+    @property
+    def pushed_at_sensor(self) -> Self:
+        """The structure with the actuator where the sensor is, if the points do not say that."""
+        return self
+
+    @property
+    def mode_table(self) -> ModeTable | None:
+        """The modes that it was given as, which end; None where modes are computed."""
+        return None
+
+    @property
+    def solid(self) -> bool:
+        """Whether waves within its thickness are modelled, so that the modes above a limit hold the
+        flexibility that the law of the contact holds as well."""
+        return False
+
+    @property
+    def highest_hz(self) -> float:
+        """Up to where its modes are known, Hz; inf without limit."""
+        return math.inf
+
+    @property
+    def seconds_per_mode(self) -> float:
+        """About how much processor time it takes to compute a mode, s."""
+        return SECONDS_PER_MODE
+
+    @property
+    def quality(self) -> Mapping[str, Any] | None:
+        """How good its modes are, by name; None of a closed form."""
+        return None
+
+    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
+        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
+        lower frequency `omega`, m/N; 0 where that is not worth counting."""
+        return 0.0
+
+    def contact_limit_hz(self, radius_m: float) -> float:
+        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
+        the structure knows no short waves."""
+        return math.inf
 
 
 @dataclass(frozen=True, eq=False)

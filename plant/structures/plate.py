@@ -6,16 +6,15 @@ sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from hertzloop.plant.structures import rising_kernels as rising
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import Modes
+from hertzloop.plant.structures.modes import Modes, ModeSource
 
-SECONDS_PER_MODE = 1e-5  # of processor time
 _SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
@@ -38,7 +37,7 @@ class Rigidity(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plate:
+class Plate(ModeSource):
     """Rectangular plate, sizes in m; `loss_factor` replaces the material's if given."""
 
     material: Material
@@ -64,17 +63,11 @@ class Plate:
 
     # What it offers, see `hertzloop.plant.structures.structure`; that module imports this one.
     local_plate: "Plate" = field(init=False, repr=False, compare=False)
-    pushed_at_sensor: "Plate" = field(init=False, repr=False, compare=False)
     simply_supported: "Plate | None" = field(init=False, repr=False, compare=False)
     """the plate itself; None of an orthotropic one, whose radiation is not known"""
     separable: "Plate | None" = field(init=False, repr=False, compare=False)
     """the plate itself: every mode is a product of sines. None of an orthotropic one, whose
     frequencies are no sums"""
-    mode_table: ClassVar[None] = None
-    solid: ClassVar[bool] = False
-    highest_hz: ClassVar[float] = math.inf
-    seconds_per_mode: ClassVar[float] = SECONDS_PER_MODE
-    quality: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         material, cubed = self.material, self.thickness_m**3 / 12.0
@@ -85,7 +78,7 @@ class Plate:
             orthotropic=material.orthotropic,
             mass_per_area_kg_m2=area,
             modal_scale_per_kg=4.0 / (area * self.size_m[0] * self.size_m[1]),
-            local_plate=self, pushed_at_sensor=self, simply_supported=itself, separable=itself,
+            local_plate=self, simply_supported=itself, separable=itself,
         )  # fmt: skip
         nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
         if not material.orthotropic:
@@ -177,21 +170,9 @@ class Plate:
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
 
-    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
-        """Zero."""
-        return 0.0
-
-    def contact_limit_hz(self, radius_m: float) -> float:
-        """Without limit: Kirchhoff's theory knows no width of a contact."""
-        return math.inf
-
     def beside(self, other: object) -> "Plate":
         """Itself: its modes are in closed form."""
         return self
-
-    def same_point(self, contact_m: tuple[float, float], actuator_m: tuple[float, float]) -> bool:
-        """Whether the actuator pushes at the contact point."""
-        return contact_m == actuator_m
 
     def modes(
         self, omega_max: float, contact_m: tuple[float, float], actuator_m: tuple[float, float]
@@ -202,19 +183,6 @@ class Plate:
         if actuator_m != contact_m:
             at_actuator = self.mode_shape(m, n, actuator_m)
         return Modes(omega, self.eta, self.modal_scale_per_kg, at_contact, at_actuator)
-
-    def sensor_at(
-        self, contact_m: tuple[float, float], actuator_m: tuple[float, float],
-        sensor_m: tuple[float, float] | None,
-    ) -> tuple[float, float] | None:  # fmt: skip
-        """Where a sensor is; None: at the contact point."""
-        return None if sensor_m == contact_m else sensor_m
-
-    def sensed(
-        self, omega_max: float, contact_m: tuple[float, float], sensor_m: tuple[float, float]
-    ) -> np.ndarray:
-        """Shapes of all modes up to `omega_max` rad/s where a sensor is, (modes,)."""
-        return self.modes(omega_max, contact_m, sensor_m).at_actuator
 
     def residual_flexibility_m_n(
         self, omega_max: float, point_m: tuple[float, float] | None = None

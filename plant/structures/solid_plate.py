@@ -20,11 +20,10 @@ import numpy as np
 import scipy
 
 from hertzloop.plant.one_thread import on_one_thread
-from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import Structure
+from hertzloop.plant.structures.structure import SizedPlate
 
 # Largest wave number times contact radius: from pi/2 on the contact in series with what is left of
 # the modes left out is no longer monotone. A law may press four times deeper.
@@ -221,28 +220,11 @@ def _left_out(poisson_ratio: float, omega_c: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class SolidPlate(Structure):
+class SolidPlate(SizedPlate):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
-
-    plate: Plate
 
     def __str__(self) -> str:
         return "a simply supported plate in three dimensions"
-
-    @property
-    def material(self) -> Material:
-        """Of the plate."""
-        return self.plate.material
-
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """l_x and l_y, m."""
-        return self.plate.size_m
-
-    @property
-    def local_plate(self) -> Plate:
-        """The thin plate that bending waves of long contacts feel."""
-        return self.plate
 
     @property
     def unit_rad_s(self) -> float:

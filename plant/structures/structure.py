@@ -1,19 +1,16 @@
 """A structure as the plant sees it: the modes of something linear, at two points."""
 
-import math
-from abc import abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.plant.structures.modes import Modes, Oscillators, Point, grouped, spanned
-from hertzloop.plant.structures.plate import SECONDS_PER_MODE, Plate
+from hertzloop.plant.structures.modes import ModeSource, Oscillators, grouped, spanned
+from hertzloop.plant.structures.plate import Plate
 
 
-class Structure(Protocol):
+class Structure(ModeSource, Protocol):
     """Anything linear that a sphere can fall on, and what it offers beyond its modes.
 
     What we ship and what a user brings are the same to the plant. Points are in m from the
@@ -31,26 +28,6 @@ class Structure(Protocol):
     def local_plate(self) -> Plate | None:
         """The plate that a contact feels until reflections return; None if there is none."""
         return None
-
-    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the contact point."""
-        return contact_m == actuator_m
-
-    @abstractmethod
-    def modes_below(self, frequency_hz: float) -> float:
-        """About how many modes there are up to a frequency."""
-
-    @abstractmethod
-    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
-        """All modes up to `omega_max` rad/s."""
-
-    @abstractmethod
-    def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
-        """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
-
-    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
-        """Shapes of all modes up to `omega_max` where a sensor is, (modes,)."""
-        return self.modes(omega_max, contact_m, sensor_m).at_actuator
 
     @property
     def size_m(self) -> tuple[float, float] | None:
@@ -74,62 +51,37 @@ class Structure(Protocol):
         sources say when reflections return. None for any other structure."""
         return None
 
-    def sensor_at(
-        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
-    ) -> Point | None:
-        """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
-        return None if sensor_m == contact_m else sensor_m
-
-    @property
-    def pushed_at_sensor(self) -> "Structure":
-        """The structure with the actuator where the sensor is, if the points do not say that."""
-        return self
-
-    @property
-    def mode_table(self) -> ModeTable | None:
-        """The modes that it was given as, which end; None where modes are computed."""
-        return None
-
-    @property
-    def solid(self) -> bool:
-        """Whether waves within its thickness are modelled, so that the modes above a limit hold the
-        flexibility that the law of the contact holds as well."""
-        return False
-
-    @property
-    def highest_hz(self) -> float:
-        """Up to where its modes are known, Hz; inf without limit."""
-        return math.inf
-
     @property
     def fundamental_hz(self) -> float | None:
         """Frequency of its lowest mode, Hz, where that is known without its modes."""
         return None
-
-    @property
-    def seconds_per_mode(self) -> float:
-        """About how much processor time it takes to compute a mode, s."""
-        return SECONDS_PER_MODE
-
-    @property
-    def quality(self) -> Mapping[str, Any] | None:
-        """How good its modes are, by name; None of a closed form."""
-        return None
-
-    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
-        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
-        lower frequency `omega`, m/N; 0 where that is not worth counting."""
-        return 0.0
 
     def beside(self, other: "Structure") -> "Structure":
         """This structure, sharing what does not depend on a few numbers with another one that
         differs in these: for many that are close to one."""
         return self
 
-    def contact_limit_hz(self, radius_m: float) -> float:
-        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
-        the structure knows no short waves."""
-        return math.inf
+
+@dataclass(frozen=True)
+class SizedPlate(Structure):
+    """A structure with the sizes and the material of a thin plate."""
+
+    plate: Plate
+
+    @property
+    def material(self) -> Material:
+        """Of the plate."""
+        return self.plate.material
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """l_x and l_y, m."""
+        return self.plate.size_m
+
+    @property
+    def local_plate(self) -> Plate:
+        """The thin plate that bending waves of long contacts feel until reflections return."""
+        return self.plate
 
 
 def oscillators(

@@ -180,7 +180,8 @@ def budget(
             run,
             lambda done: on_progress((part + done / len(wanted)) / parts),
         )
-        return InPlant(nominal, tuple(limits), binds_first(limits), left_out)
+        first = next((limit.quantity for limit in nearest(limits)), None)
+        return InPlant(nominal, tuple(limits), first, left_out)
 
     ideal, real = of_plant(setup, 0), None
     other = of_plant(setup, 1, span=OTHER[span]) if both else None
@@ -226,10 +227,11 @@ def nominal_of(
     )
 
 
-def binds_first(limits: Iterable[BudgetLimit]) -> str | None:
-    """Return the quantity with the least share of its searched range left before its limit."""
+def nearest(limits: Iterable[BudgetLimit]) -> list[BudgetLimit]:
+    """Return the limits that were found, those with the least share of their searched range left
+    before them first."""
     found = [limit for limit in limits if limit.share is not None]
-    return min(found, key=lambda limit: limit.share or 0.0).quantity if found else None
+    return sorted(found, key=lambda limit: limit.share or 0.0)
 
 
 def linear_margin(setup: Setup) -> Margin | None:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,10 +12,10 @@ from hertzloop.analysis.cases import Span
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies import pictures
-from hertzloop.studies.budget.budget import Budget, InPlant, search_of
+from hertzloop.studies.budget.budget import Budget, InPlant, nearest, search_of
 from hertzloop.studies.budget.goal import Goal, all_met
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity, quantities_of
-from hertzloop.studies.report.page import svg, template
+from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import code_version
 from hertzloop.whole_files import write_whole
@@ -40,8 +39,7 @@ class Map:
 
 def tightest(plant: InPlant) -> list[BudgetLimit]:
     """Return the limits with the smallest share, at most two of them."""
-    found = [limit for limit in plant.limits if limit.share is not None]
-    return sorted(found, key=lambda limit: limit.share or 0.0)[:2]
+    return nearest(plant.limits)[:2]
 
 
 def map_of(
@@ -130,25 +128,20 @@ def write_page(
     Returns:
         The path of the page. Raises NotWritten.
     """
-    charts: list[dict[str, Any]] = [
-        {"title": "How far each limit is", "words": "", "svg": svg(_share_bars(found))}
-    ]
+    charts = [ResultChart("How far each limit is", svg(_share_bars(found)))]
     if mapped is not None:
-        charts.append({
-            "title": f"{mapped.across.name} and {mapped.down.name} together",
-            "words": "Blue: the goal is met at every touch phase. Red: at none.",
-            "svg": svg(draw_map(mapped)),
-        })  # fmt: skip
+        title = f"{mapped.across.name} and {mapped.down.name} together"
+        words = "Blue: the goal is met at every touch phase. Red: at none."
+        charts.append(ResultChart(title, svg(draw_map(mapped)), words))
     plants = [("In the scene", found.ideal)]
     if found.real:
         plants.append(("In the real plant", found.real))
+    headings = ("quantity", "limit", "next value misses", "searched", "interval", "unit")
+    alone = "Each quantity alone, with the others as in the plant."
     tables = [
-        {"title": name, "words": "Each quantity alone, with the others as in the plant.",
-         "sorts": False,
-         "headings": ["quantity", "limit", "next value misses", "searched", "interval", "unit"],
-         "rows": [_cells(limit) for limit in plant.limits]}
+        ResultTable(name, headings, [_cells(limit) for limit in plant.limits], alone)
         for name, plant in plants
-    ]  # fmt: skip
+    ]
     text = template("results.html.j2").render(
         title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
         charts=charts, tables=tables, commands=[command], versions=code_version(),

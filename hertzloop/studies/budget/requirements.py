@@ -35,6 +35,7 @@ from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_exces
 from hertzloop.studies.budget.limits import Boundary, limit_of, quantities_of, side_by_side
 from hertzloop.studies.budget.probability import probability
 from hertzloop.studies.sweeps.design import phases as spread_evenly
+from hertzloop.studies.sweeps.design import toml_text
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.uncertain import read_uncertain
 from hertzloop.whole_files import write_whole
@@ -113,14 +114,14 @@ class Row:
     def setup(self) -> Setup:
         """Return the scene of the row. Raises SceneError."""
         try:
-            return load(self.source, [f"{k}={_toml(v)}" for k, v in self.settings().items()])
+            return load(self.source, [f"{k}={toml_text(v)}" for k, v in self.settings().items()])
         except SceneError as error:
             raise SceneError(f"{self.name}: {error}") from error
 
     def command(self, case: dict[str, Any]) -> str:
         """Return the command that runs one case of the row again."""
         given = self.settings() | case
-        words = " ".join(f"--set '{key}={_toml(value)}'" for key, value in given.items())
+        words = " ".join(f"--set '{key}={toml_text(value)}'" for key, value in given.items())
         return f"hertzloop run {self.source} {words} --transport compiled".replace("  ", " ")
 
 
@@ -128,14 +129,6 @@ def _beside(folder: Path, name: str) -> str:
     file, colon, rest = name.partition(":")
     path = folder / file
     return f"{path}{colon}{rest}" if path.is_file() else name
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return str(value)
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ def loops_of(setup: Setup) -> Loops | NotLinearError:
     Raises:
         SceneError: the scene is invalid.
     """
-    digest = "" if setup.law_is_shipped else parts.law_of(setup).digest
+    digest = _digest(setup)
     shares = setup.law_is_shipped and not setup.line.trace
     return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
 

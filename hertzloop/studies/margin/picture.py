@@ -12,9 +12,7 @@ from hertzloop.setup import parts
 from hertzloop.setup.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_name
-from hertzloop.studies.margin.identify import LawFilter, law_filter
-from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
-from hertzloop.studies.margin.margin import Loop, Margin, loop_of
+from hertzloop.studies.margin.margin import Loops, Margin, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 _MOST_POLES = 4000
@@ -31,19 +29,11 @@ class _Drawn:
 
     def __init__(self, setup: Setup, margin: Margin) -> None:
         self.setup, self.margin = setup, margin
-        self.plant: PoleForm = plant_in_flight(setup)
-        self.law: LawFilter = law_filter(setup)
-        self.every = setup.every_steps
-        self.sample_s = self.every * setup.step_s
+        loops = loops_of(setup)
+        assert isinstance(loops, Loops)
+        self.at = loops.at
+        self.sample_s = setup.every_steps * setup.step_s
         self.latency = setup.line.latency_steps
-        self._loops: dict[int, Loop] = {}
-
-    def at(self, latency: int) -> tuple[Loop, int]:
-        """Return the loop for a latency in steps, and its delay in samples."""
-        delay, rest = divmod(latency + 1 + self.setup.line.dead_steps, self.every)
-        if rest not in self._loops:
-            self._loops[rest] = loop_of(self.plant, self.law, self.every, rest)
-        return self._loops[rest], delay
 
     def poles(self, latency: int) -> np.ndarray | None:
         """Return all closed-loop poles for a latency in steps; None if they are too many."""

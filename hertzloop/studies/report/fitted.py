@@ -13,7 +13,7 @@ from hertzloop.studies.fit.fit import FitResult, Nuisance
 from hertzloop.studies.fit.records import QUANTITIES, Record
 from hertzloop.studies.fit.report import fitted_scene, number, sentences
 from hertzloop.studies.fit.verdicts import Model
-from hertzloop.studies.report.page import svg, template
+from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
 from hertzloop.studies.sweeps.sweep import code_version
 from hertzloop.whole_files import write_whole
 
@@ -37,13 +37,13 @@ def page(result: FitResult, command: str) -> str:
     scene = [] if result.setup is None else [(result.setup.name, fitted_scene(result, "fitted"))]
     return template("results.html.j2").render(
         title=f"{'Check' if result.checked_only else 'Fit'} of {names}",
-        lines=[line for line in said if line not in doubtful], warnings=doubtful,
-        charts=_charts(result), tables=_tables(result), commands=[command],
+        lines=[line for line in said if line not in doubtful], charts=_charts(result),
+        tables=_tables(result), warnings=doubtful, commands=[command],
         versions=code_version(), scenes=scene,
     )  # fmt: skip
 
 
-def _tables(result: FitResult) -> list[dict[str, Any]]:
+def _tables(result: FitResult) -> list[ResultTable]:
     keys = ("key", "value", "low, 95 %", "high, 95 %", "start", "verdict")
     rows = [
         [e.key, number(e.value, 6), number(e.low), number(e.high), number(e.start), str(e.verdict)]
@@ -57,15 +57,12 @@ def _tables(result: FitResult) -> list[dict[str, Any]]:
          f"{n.clock_ppm:.3g}", f"{n.noise_rms:.3g}", f"{n.residual_over_noise:.3g}"]
         for n in result.nuisances
     ]  # fmt: skip
-    tables = [("Keys", keys, rows), ("Records", of_records, records)]
+    tables = [ResultTable("Keys", keys, rows), ResultTable("Records", of_records, records)]
     if len(result.estimates) > 1:
         names = [e.key for e in result.estimates]
         shared = [[key, *line] for key, line in zip(names, _correlations(result), strict=True)]
-        tables.append(("Correlation of the keys' logarithms", ("", *names), shared))
-    return [
-        {"title": title, "words": "", "sorts": False, "headings": headings, "rows": cells}
-        for title, headings, cells in tables
-    ]
+        tables.append(ResultTable("Correlation of the keys' logarithms", ("", *names), shared))
+    return tables
 
 
 def _correlations(result: FitResult) -> list[list[str]]:
@@ -75,7 +72,7 @@ def _correlations(result: FitResult) -> list[list[str]]:
     return [[f"{x:.3f}" if math.isfinite(x) else "-" for x in line] for line in found.tolist()]
 
 
-def _charts(result: FitResult) -> list[dict[str, Any]]:
+def _charts(result: FitResult) -> list[ResultChart]:
     found = []
     for record, n, curve in zip(result.records, result.nuisances, result.curves, strict=False):
         assert result.setup is not None
@@ -87,7 +84,7 @@ def _charts(result: FitResult) -> list[dict[str, Any]]:
             f"{_USUAL:g} times the noise wide on each side."
         )
         drawn = svg(_sheet(record, n, curve, 1e6 * contact_s))
-        found.append({"title": record.name, "words": words, "svg": drawn})
+        found.append(ResultChart(record.name, drawn, words))
     return found
 
 

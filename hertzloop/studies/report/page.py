@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -119,6 +120,26 @@ def template(name: str) -> jinja2.Template:
         undefined=jinja2.StrictUndefined,
     )
     return settings.get_template(name)
+
+
+@dataclass(frozen=True)
+class ResultChart:
+    """A picture on a page of results, as an SVG element."""
+
+    title: str
+    svg: str
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """A table on a page of results; `sorts`: by a click on a heading."""
+
+    title: str
+    headings: Sequence[str]
+    rows: list[list[str]]
+    words: str = ""
+    sorts: bool = False
 
 
 _FRAMES = 240

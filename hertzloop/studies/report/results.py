@@ -1,10 +1,7 @@
 """Results of a sweep or of a tuning as one page, and which of them a folder holds."""
 
-import json
 import os
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +12,8 @@ from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, parse
 from hertzloop.studies import pictures, words
-from hertzloop.studies.report.page import svg, template
-from hertzloop.studies.sweeps.design import keys_of
+from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
+from hertzloop.studies.sweeps.design import keys_of, toml_text
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 from hertzloop.studies.sweeps.sweep import counted, extremes, known, read_results, short
 from hertzloop.studies.tuning import Tuned, front_sheet, read_tuned
@@ -144,22 +141,6 @@ _MOST_ROWS = 2000  # of cases
 _SPANS = {"impact": "the first impact", "run": "the whole run"}
 
 
-@dataclass(frozen=True)
-class _Chart:
-    title: str
-    words: str
-    svg: str
-
-
-@dataclass(frozen=True)
-class _Table:
-    title: str
-    words: str
-    headings: Sequence[str]
-    rows: list[list[str]]
-    sorts: bool = False
-
-
 def results_in(path: Path) -> Path:
     """The results that a path names: itself, or the only ones in a folder. Raises ValueError."""
     if not os.path.isdir(path):
@@ -188,10 +169,6 @@ def page_of_results(path: Path) -> str:
     return _page_of_sweep(path)
 
 
-def _page(title: str, lines: list[str], **more: Any) -> str:
-    return template("results.html.j2").render(title=title, lines=lines, **more)
-
-
 def _ran(setup: Setup) -> str:
     return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
 
@@ -213,16 +190,16 @@ def _page_of_sweep(path: Path) -> str:
             f"{name} in {times} of {len(rows)} cases" for name, times in beyond.items()
         )
         warnings.append(f"Out of range: {names}")
-    drawn: list[_Chart] = []
+    drawn: list[ResultChart] = []
     if shown_figures(rows):
         dots = "One dot per case; orange: mean where values repeat; dashed: without control."
-        drawn.append(_Chart("Over each key", dots, svg(over_keys(rows, keys))))
+        drawn.append(ResultChart("Over each key", svg(over_keys(rows, keys)), dots))
         grid = map_keys(rows, keys, design["kind"])
         if grid:
             what = "Blue: less than without control. Grey: no figure."
-            drawn.append(_Chart("Over both keys", what, svg(maps(rows, *grid))))
+            drawn.append(ResultChart("Over both keys", svg(maps(rows, *grid)), what))
     ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys, figures)]
-    tables = [_Table("Least and largest", "", ("figure", "least", "at", "largest", "at"), ends)]
+    tables = [ResultTable("Least and largest", ("figure", "least", "at", "largest", "at"), ends)]
     listed = [
         [str(row["case"]), *(short(row[key]) for key in keys),
          *(_digits(row[f]) if known([row], f) else "" for f in figures), row["status"] or ""]
@@ -230,13 +207,12 @@ def _page_of_sweep(path: Path) -> str:
     ]  # fmt: skip
     more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
     headings = ("case", *map(key_words, keys), *(words.FIGURES[f] for f in figures), "")
-    tables.append(
-        _Table("Cases", f"Click on a heading to sort.{more}", headings, listed, sorts=True)
-    )
+    sort = f"Click on a heading to sort.{more}"
+    tables.append(ResultTable("Cases", headings, listed, sort, sorts=True))
     kinds = {"grid": "a grid", "lhs": "a Latin hypercube", "sobol": "Sobol points"}
-    return _page(
-        f"Sweep of {setup.name}",
-        [
+    return template("results.html.j2").render(
+        title=f"Sweep of {setup.name}",
+        lines=[
             _ran(setup),
             f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; figures of "
             f"{_SPANS[header['span']]}, against the same scene without control.",
@@ -255,7 +231,7 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
     line = ["hertzloop", "sweep", f"{setup.name}.toml"]
     design = header["design"]
     for axis in design["axes"]:
-        values = ",".join(_toml(value) for value in axis["values"])
+        values = ",".join(toml_text(value) for value in axis["values"])
         line += ["--over", f"{axis['key']}={values or '{low:g}:{high:g}'.format(**axis)}"]
     if design["kind"] != "grid":
         line += ["--design", design["kind"], "--cases", str(design["count"])]
@@ -263,10 +239,6 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
         line += ["--uncertain", str(len(design["drawn"]))]
     line += ["--span", header["span"], "--out", path.name]
     return [f"{shlex.join(line)}    # the scene below, saved under this name"]
-
-
-def _toml(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _page_of_tuned(tuned: Tuned) -> str:
@@ -294,12 +266,12 @@ def _page_of_tuned(tuned: Tuned) -> str:
         *tuned.verdict,
     ]
     picture = front_sheet("", tuned.front, tuned.published, objectives)
-    return _page(
-        title,
-        lines,
+    return template("results.html.j2").render(
+        title=title,
+        lines=lines,
+        charts=[ResultChart("Pareto-optimal settings", svg(picture))],
+        tables=[ResultTable("Settings", headings, rows, "Click on a heading to sort.", sorts=True)],
         warnings=[f"{tuned.failed} cases could not be run"] if tuned.failed else [],
-        charts=[_Chart("Pareto-optimal settings", "", svg(picture))],
-        tables=[_Table("Settings", "Click on a heading to sort.", headings, rows, sorts=True)],
         commands=[tuned.command],
         versions=tuned.versions,
         scenes=[(setup.name, text) for setup, text in scenes],

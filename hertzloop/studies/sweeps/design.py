@@ -1,6 +1,7 @@
 """Which cases a sweep has: a grid, or points spread over ranges, of any scene keys."""
 
 import itertools
+import json
 import math
 import warnings
 from collections.abc import Iterable, Mapping
@@ -48,10 +49,15 @@ class Axis:
 
     def grained(self, value: float) -> Any:
         """The value nearest to a number that the key can have."""
-        if not self.grain:
-            return value
-        near = self.low + round((value - self.low) / self.grain) * self.grain
-        return round(near) if self.grain == round(self.grain) else float(f"{near:.12g}")
+        return on_grain(value, self.grain, self.low)
+
+
+def on_grain(value: float, grain: float, low: float = 0.0) -> Any:
+    """The nearest to a number of those that are `grain` apart, `low` among them; 0: any number."""
+    if not grain:
+        return value
+    near = low + round((value - low) / grain) * grain
+    return round(near) if grain == round(grain) else float(f"{near:.12g}")
 
 
 def fitted(axis: Axis, setup: Setup) -> Axis:
@@ -166,6 +172,11 @@ class Design:
             {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
             for point in points
         ]
+
+
+def toml_text(value: Any) -> str:
+    """A value of a scene key as TOML text."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def keys_of(design: Mapping[str, Any]) -> list[str]:

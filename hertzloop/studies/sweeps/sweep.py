@@ -26,8 +26,16 @@ from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, toml_value
-from hertzloop.studies.sweeps.design import Design, keys_of
-from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
+from hertzloop.studies.sweeps.design import Design, keys_of, toml_text
+from hertzloop.studies.sweeps.evaluate import (
+    Numbered,
+    Pool,
+    Rows,
+    chunked,
+    not_run,
+    older_state,
+    run_chunk,
+)
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
 from hertzloop.whole_files import whole_file, write_whole
@@ -150,8 +158,9 @@ def sweep(
         on_progress(len(journal.done))
         started = time.perf_counter()
         if chunks:
-            with _results(header["scene_toml"], span, chunks, workers, dask, on_wait) as results:
-                for rows in results:
+            count = min(workers or local_cores(), len(chunks))
+            with _dask_pool(dask, on_wait) if dask else local_pool(count) as pool:
+                for rows in pool(header["scene_toml"], span, chunks):
                     for row in rows:
                         journal.add(row)
                     on_progress(len(journal.done))
@@ -210,24 +219,9 @@ def journal_of(out: Path) -> Path:
 
 
 @contextmanager
-def _results(
-    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None,
-    on_wait: Callable[[str], None],
-) -> Iterator[Iterator[list[dict[str, Any]]]]:  # fmt: skip
-    """Rows of the chunks as they come, from local processes or a Dask cluster."""
-    if dask:
-        with _dask_results(dask, toml, span, chunks, on_wait) as results:
-            yield results
-        return
-    with local_pool(min(workers or local_cores(), len(chunks))) as pool:
-        yield pool(toml, span, chunks)
-
-
-@contextmanager
-def _dask_results(
-    address: str, toml: str, span: Span, chunks: list[Any], on_wait: Callable[[str], None]
-) -> Iterator[Iterator[list[dict[str, Any]]]]:
-    """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
+def _dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
+    """As `local_pool`, of the workers of a Dask scheduler; it gives a dead worker's work to
+    others."""
     try:
         from distributed import CancelledError, Client, KilledWorker
         from distributed import as_completed as dask_completed
@@ -259,26 +253,30 @@ def _dask_results(
                 raise SweepFailed(
                     f"the worker {worker} has {theirs}, this process {ours}; install the same"
                 )
-        futures = client.map(
-            lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
-        )
         done = threading.Event()
 
-        def watch() -> None:
-            """Cancel the work where no worker has come for a while: Dask waits for ever."""
-            alone_s = 0.0
-            while not done.wait(_LOOK_S):
-                with suppress(Exception):  # a scheduler that is lost is said below
-                    alone_s = 0.0 if client.scheduler_info()["workers"] else alone_s + _LOOK_S
-                    if alone_s == _LOOK_S:
-                        on_wait(waits)
-                    if alone_s >= _WORKERLESS_S:
-                        client.cancel(futures)
-                        return
+        def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+            futures = client.map(
+                lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+            )
 
-        threading.Thread(target=watch, daemon=True).start()
+            def watch() -> None:
+                """Cancel the work where no worker has come for a while: Dask waits for ever."""
+                alone_s = 0.0
+                while not done.wait(_LOOK_S):
+                    with suppress(Exception):  # a scheduler that is lost is said below
+                        alone_s = 0.0 if client.scheduler_info()["workers"] else alone_s + _LOOK_S
+                        if alone_s == _LOOK_S:
+                            on_wait(waits)
+                        if alone_s >= _WORKERLESS_S:
+                            client.cancel(futures)
+                            return
+
+            threading.Thread(target=watch, daemon=True).start()
+            return (future.result() for future in dask_completed(futures))
+
         try:
-            yield (future.result() for future in dask_completed(futures))
+            yield results
         except (CancelledError, CommClosedError, KilledWorker) as error:
             raise SweepFailed(f"the Dask cluster at {address} was lost") from error
         finally:
@@ -345,10 +343,7 @@ def _one_type_a_column(
     ]
     if not text:
         return rows
-    return [
-        row | {key: row[key] if isinstance(row[key], str) else json.dumps(row[key]) for key in text}
-        for row in rows
-    ]
+    return [row | {key: toml_text(row[key]) for key in text} for row in rows]
 
 
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.setup import FitTable, Setup
 from hertzloop.studies.fit.fit import value_of
-from hertzloop.studies.sweeps.design import Design
+from hertzloop.studies.sweeps.design import Design, on_grain
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
 _NUMBERS: dict[str, tuple[str, ...]] = {
@@ -55,7 +55,7 @@ class Part:
         """Return the values at a point of the unit cube, one number in (0, 1) a key."""
         found = self._correlated(shares) if self.factor else [self._single(shares[0])]
         return {
-            key: _on_grain(value, grain)
+            key: on_grain(value, grain)
             for key, value, grain in zip(self.keys, found, self.grains, strict=True)
         }
 
@@ -79,13 +79,6 @@ class Part:
                 return low + math.sqrt(share * (high - low) * (mode - low))
             return high - math.sqrt((1.0 - share) * (high - low) * (high - mode))
         return one[min(int(share * len(one)), len(one) - 1)]
-
-
-def _on_grain(value: float, grain: float) -> Any:
-    if not grain:
-        return value
-    near = round(value / grain) * grain
-    return round(near) if grain == round(grain) else float(f"{near:.12g}")
 
 
 @dataclass(frozen=True)
