@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.driven import Driven, build, drive
 from benchmarks.program import (
     JsonOption,
     OutDirOption,
@@ -31,7 +32,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.impacts import F_C
-from hertzloop.interop.fmu import Driven, NoCompiler, build, drive, write_folder
+from hertzloop.interop.fmu import NoCompiler, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.compiled import SimulatedRun, simulate

@@ -1,11 +1,15 @@
 """How long the way from a recording to the viewer takes, and a frame there."""
 
+import json
 import statistics
+import subprocess
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
+
+import numpy as np
 
 from benchmarks.program import (
     JsonOption,
@@ -26,8 +30,7 @@ from benchmarks.program import (
 )
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay import as_rerun
-from hertzloop.recordings.replay.viewer import ViewerError, frame_times_ms
+from hertzloop.recordings.replay import as_rerun, viewer
 from hertzloop.setup import load
 from hertzloop.studies.words import write_records
 from hertzloop.views import replaying
@@ -57,6 +60,30 @@ class ReplayCost:
     no_frames: str = ""
 
 
+def frame_times_ms(
+    rrd: Path, time_ns: int, frames: int, state: Literal["paused", "playing"]
+) -> list[float]:
+    """Time on the viewer's main thread of each of so many frames with everything loaded, ms; the
+    cursor at `time_ns`, or playing from there on. Raises ViewerError as `viewer.screenshot`."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        trace = Path(folder) / "frames.puffin"
+
+        def ask(process: subprocess.Popen[bytes], port: int) -> None:
+            client = viewer.loaded(process, port)
+            viewer.settled(client, time_ns)
+            client.set_time(
+                viewer.TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state=state
+            )
+            client.capture_profile_trace(str(trace), num_frames=frames)
+
+        viewer.asked(rrd, ask, "tell the time of its frames")
+        words = [str(viewer.executable()), "dump-puffin", str(trace)]
+        dumped = subprocess.run(words, capture_output=True, check=False)
+    if dumped.returncode:
+        raise viewer.ViewerError(f"the viewer cannot read its own times (code {dumped.returncode})")
+    return [1e-6 * frame["duration_ns"] for frame in json.loads(dumped.stdout)["frames"]]
+
+
 def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
     """Costs of the scene `aluminium-3mm` of this length."""
     setup = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
@@ -72,7 +99,7 @@ def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
             for state in _STATES:
                 case = f"a frame of the viewer, {state}, ms"
                 found[case] = frame_times_ms(rrd, cursor_ns, _FRAMES, state)
-        except ViewerError as error:
+        except viewer.ViewerError as error:
             why = str(error)
         megabytes = 1e-6 * rrd.stat().st_size
     cases = [Measured(c, statistics.median(times), min(times)) for c, times in found.items()]

@@ -14,7 +14,6 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hertzloop import __version__
-from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.interop.image import Image
 from hertzloop.interop.objects import plant_object
 from hertzloop.jit.object_code import outline
@@ -265,44 +264,3 @@ ENERGIES = (
     "air_dissipated_j", "tail_dissipated_j", "contact_dissipated_j", "plastic_dissipated_j",
     "residual",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Driven:
-    """What a plant showed: `values` at the start and after every step, energies at the end by
-    name, and the processor's time of the steps."""
-
-    values: np.ndarray
-    energies: dict[str, float]
-    cpu_s: float
-
-    def rows(self) -> dict[int, np.ndarray]:
-        """Rows of truth by their index, without the state after the last step."""
-        states = {XI: "gap_m", XI_S: "sphere_height_m", XI_P: "plate_deflection_m",
-                  V_P: "plate_velocity_m_s"}  # fmt: skip
-        means = {F_C: "contact_force_n", F_A: "actuator_force_n"}
-        rows = {row: self.values[name][:-1] for row, name in states.items()}
-        return rows | {row: self.values[name][1:] for row, name in means.items()}
-
-
-def build(folder: Path, source: Path = C / "drive.c") -> Path:
-    """A program in C beside the library of an exported folder that it uses."""
-    program = folder / source.stem
-    subprocess.run(
-        ["cc", "-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror", "-I", folder, "-o", program,
-         source, "-L", folder, "-lhertzloop_plant", "-Wl,-rpath,$ORIGIN"],
-        check=True,
-    )  # fmt: skip
-    return program
-
-
-def drive(program: Path, forces: np.ndarray) -> Driven:
-    """Run the plant of a program `drive` under forces (N), one a step."""
-    given, seen = program.with_name("forces.bin"), program.with_name("values.bin")
-    forces.tofile(given)
-    said = subprocess.run([program, given, seen], check=True, capture_output=True, text=True)
-    data = seen.read_bytes()
-    values = np.frombuffer(data, VALUES, len(forces) + 1)
-    books = np.frombuffer(data, np.float64, offset=values.nbytes)
-    energies = dict(zip(ENERGIES, map(float, books), strict=True))
-    return Driven(values, energies, float(said.stdout))

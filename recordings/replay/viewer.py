@@ -1,7 +1,6 @@
 """The Rerun viewer as a process of its own, listening on loopback only."""
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -11,8 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import IO, Literal, TypeVar
+from typing import IO, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -195,35 +193,13 @@ def screenshot(
     """
 
     def ask(process: subprocess.Popen[bytes], port: int) -> bytes:
-        return _settled(loaded(process, port), time_ns)
+        return settled(loaded(process, port), time_ns)
 
-    picture = _asked(rrd, ask, "draw the picture", size, within_s)
+    picture = asked(rrd, ask, "draw the picture", size, within_s)
     write_whole(png, picture)
 
 
-def frame_times_ms(
-    rrd: Path, time_ns: int, frames: int, state: Literal["paused", "playing"]
-) -> list[float]:
-    """Time on the viewer's main thread of each of so many frames of SIZE with everything loaded,
-    ms; the cursor at `time_ns`, or playing from there on. Raises ViewerError as `screenshot`."""
-    with TemporaryDirectory(prefix="hertzloop-") as folder:
-        trace = Path(folder) / "frames.puffin"
-
-        def ask(process: subprocess.Popen[bytes], port: int) -> None:
-            client = loaded(process, port)
-            _settled(client, time_ns)
-            client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state=state)
-            client.capture_profile_trace(str(trace), num_frames=frames)
-
-        _asked(rrd, ask, "tell the time of its frames")
-        words = [str(executable()), "dump-puffin", str(trace)]
-        dumped = subprocess.run(words, capture_output=True, check=False)
-    if dumped.returncode:
-        raise ViewerError(f"the viewer cannot read its own times (code {dumped.returncode})")
-    return [1e-6 * frame["duration_ns"] for frame in json.loads(dumped.stdout)["frames"]]
-
-
-def _asked(
+def asked(
     rrd: Path,
     ask: Callable[[subprocess.Popen[bytes], int], _Answer],
     to_do: str,
@@ -264,7 +240,7 @@ def _failure(process: subprocess.Popen[bytes], log: IO[bytes], to_do: str, error
     return f"the viewer did not answer: {error}"
 
 
-def _settled(client: ViewerClient, time_ns: int) -> bytes:
+def settled(client: ViewerClient, time_ns: int) -> bytes:
     """The picture as PNG, once it no longer changes."""
     client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state="paused")
     begun, pictures = time.monotonic(), [b""]

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.driven import build, drive
 from benchmarks.exported import same_bytes
 from hertzloop.interop import image as images
-from hertzloop.interop.fmu import EXAMPLE, build, drive
+from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import parts
