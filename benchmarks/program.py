@@ -29,10 +29,10 @@ from hertzloop.cli.options import (
     scene_from,
     write_json,
 )
-from hertzloop.cli.study_frame import results_in as study_results_in
 from hertzloop.cli.terminal import err, explained, fail, out
 from hertzloop.cli.terminal import progress as terminal_progress
 from hertzloop.extras import need
+from hertzloop.processes.warmup import of_scheme
 from hertzloop.views.format import Table
 
 __all__ = [
@@ -139,8 +139,13 @@ def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Pat
     """
     folder = folder or Path(program)
     need("matplotlib")
-    with study_results_in(folder, *schemes):
+    make_folder(folder)
+    for scheme in schemes:
+        compile_first(of_scheme(scheme))
+    try:
         yield folder
+    except OSError as error:
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
 
 
 def environment_of(checkout: Path) -> dict[str, str]:

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
+from graphlib import CycleError, TopologicalSorter
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -215,8 +216,12 @@ class Walk:
         content = self.read(at + 9, length)
         if len(content) < length:
             raise Damaged("a record is cut off")
-        if opcode in _PIECES and not _adds_up(opcode, content):
-            raise Damaged(f"the lengths in a record of kind {opcode} do not agree")
+        if opcode in _PIECES:  # each after its length, they have to fill the record
+            end, sizes = _PIECES[opcode]
+            for size in sizes:
+                end += size + int.from_bytes(content[end : end + size], "little")
+            if end + _CHECKSUM.get(Opcode(opcode), 0) != length:
+                raise Damaged(f"the lengths in a record of kind {opcode} do not agree")
         if opcode in (Opcode.MESSAGE_INDEX, Opcode.HEADER):
             return b""
         if opcode == Opcode.ATTACHMENT:
@@ -234,7 +239,6 @@ class Walk:
         return content
 
     def _is_checked(self, record: McapRecord) -> bool:
-        """Whether a record that could be read had a checksum."""
         return record.opcode in _CHECKED and record.at not in self.unchecked
 
     def count(self, size: int) -> None:
@@ -305,14 +309,6 @@ class Walk:
             for shift in (5, 6, 7, 8):  # no length reaches 4 GiB
                 may &= window[shift : shift + count] == 0
             yield from (first + place for place in np.flatnonzero(may).tolist())
-
-
-def _adds_up(opcode: int, content: bytes) -> bool:
-    """Whether the pieces of a record, each after its length, fill it."""
-    at, sizes = _PIECES[opcode]
-    for size in sizes:
-        at += size + int.from_bytes(content[at : at + size], "little")
-    return at + _CHECKSUM.get(Opcode(opcode), 0) == len(content)
 
 
 def _chunk_head(content: bytes, length: int) -> tuple[str, int, int, int]:
@@ -814,8 +810,11 @@ class Intake:
                 self.run_id = self.run_id or header.run_id
                 if header.run_id != self.run_id:
                     raise Refused(f"it belongs to run {header.run_id:x}, not to {self.run_id:x}")
-            if name != _NAMELESS:
-                self._numbered(name, getattr(header, "sequence", message.sequence))
+            if name != _NAMELESS:  # note where in its stream the message belongs
+                number = getattr(header, "sequence", message.sequence)
+                self.first.setdefault(name, number)
+                self.out_of_place |= number < self._highest.get(name, 0)
+                self._highest[name] = max(number, self._highest.get(name, 0))
             if name in self.tracks:
                 arrays, problem = self.tracks[name].add(block, message)
             else:
@@ -831,12 +830,6 @@ class Intake:
         counter.messages += 1
         counter.samples += streams.sample_count(block)
         yield Taken(name if name in streams.STREAMS else _KINDS[topic].name, message, arrays)
-
-    def _numbered(self, name: str, number: int) -> None:
-        """Note where in its stream a message belongs."""
-        self.first.setdefault(name, number)
-        self.out_of_place |= number < self._highest.get(name, 0)
-        self._highest[name] = max(number, self._highest.get(name, 0))
 
     def _single(self, name: str, header: Any, message: Message) -> str:
         """Keep a message that is no block; a sentence on what is missing before it."""
@@ -968,38 +961,27 @@ def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
     """Positions of parts so that the messages of every stream follow one another; else as they are.
 
     `numbers` has, for each part, the first number of every stream in it. Where no order suits all
-    streams, as only a forged file has it, the part that comes first in the file is taken.
+    streams, as only a forged file has it, the parts stay as they are.
     """
     by_stream: dict[str, list[tuple[int, int]]] = defaultdict(list)
     for position, first in enumerate(numbers):
         for stream, number in first.items():
             by_stream[stream].append((number, position))
-    after: dict[int, list[int]] = defaultdict(list)
-    waits = [0] * len(numbers)  # for how many others a part has to wait
+    graph = TopologicalSorter[int]({position: () for position in range(len(numbers))})
     for of_stream in by_stream.values():
-        of_stream.sort()
-        for (_, position), (_, follows) in pairwise(of_stream):
-            after[position].append(follows)
-            waits[follows] += 1
-    ready = [position for position, count in enumerate(waits) if not count]
+        for (_, position), (_, follows) in pairwise(sorted(of_stream)):
+            graph.add(follows, position)
+    try:
+        graph.prepare()
+    except CycleError:
+        return list(range(len(numbers)))
     order: list[int] = []
-    taken = [False] * len(numbers)
-    first_left = 0
-    while len(order) < len(numbers):
-        if ready:
-            position = heapq.heappop(ready)
-        else:  # a circle
-            while taken[first_left]:
-                first_left += 1
-            position = first_left
-        if taken[position]:
-            continue
-        taken[position] = True
-        order.append(position)
-        for follows in after[position]:
-            waits[follows] -= 1
-            if not waits[follows]:
-                heapq.heappush(ready, follows)
+    ready: list[int] = []
+    while graph.is_active():
+        for position in graph.get_ready():
+            heapq.heappush(ready, position)
+        order.append(heapq.heappop(ready))
+        graph.done(order[-1])
     return order
 
 
@@ -1234,24 +1216,19 @@ def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intak
         again: Callable[[], Iterator[Arrays]] = partial(source.again, name, intake.run_id)
         setattr(recording, name, intake.tracks[name].join(again))
     intake.reconcile()
-    recording.problems = [*intake.problems, *damage, *_outcome(intake)]
-    return recording, source, intake
-
-
-def _outcome(intake: Intake) -> list[str]:
-    """What the recorder and the roles said of the run's end, if it was not good."""
+    recording.problems = [*intake.problems, *damage]
+    faults = [recording.result.get("fault", ""), *(end.fault for end in intake.ends.values())]
     if intake.result is None:
-        return ["the recorder did not finish the file"]
-    told = [intake.result.get("fault", ""), *(end.fault for end in intake.ends.values())]
-    fault = next((words for words in told if words), "")
-    return [f"the run failed: {fault}"] if fault else []
+        recording.problems.append("the recorder did not finish the file")
+    elif fault := next(filter(None, faults), ""):
+        recording.problems.append(f"the run failed: {fault}")
+    return recording, source, intake
 
 
 def holds_a_run(path: Path) -> bool:
     """Whether a file can be read as a recording, if only its scene."""
     try:
-        source = Source(path)
-        return source.names_a_scene()
+        return Source(path).names_a_scene()
     except writer.RecordingError:
         return False
 

@@ -19,7 +19,7 @@ from benchmarks.program import app_of
 from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
 from hertzloop.scenes.keys import keys, page
-from hertzloop.views import figure_page
+from tests import figure_page
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -145,7 +145,7 @@ def test_the_page_of_keys_is_what_the_code_says() -> None:
 
 
 def test_the_page_of_figures_is_what_the_code_says() -> None:
-    """Mend: python -c 'from hertzloop.views import figure_page as p; print(p.page(), end="")'"""
+    """Mend: python -c 'from tests import figure_page as p; print(p.page(), end="")'"""
     assert (DOCS / "reference" / "figures.md").read_text() == figure_page.page()
 
 

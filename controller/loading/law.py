@@ -72,7 +72,6 @@ class Law:
         )
 
     def _declared(self) -> tuple[str, type[BaseModel]]:
-        """What it senses, and its keys."""
         return str(getattr(self.home, "senses", "xi")), getattr(self.home, "Parameters", Keys)
 
     def note(self, keys: Any) -> str:

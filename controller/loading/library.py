@@ -176,7 +176,6 @@ class UnitLaw(Law):
 
     @cached_property
     def _parameters(self) -> dict[str, Any]:
-        """Variables by the scene key that sets them."""
         return {_key_of(v): v for v in _real(self.home, "parameter")}
 
     @cached_property

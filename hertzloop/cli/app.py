@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -323,18 +323,12 @@ def built() -> Commands:
     return root
 
 
-def _asked(words: Sequence[str]) -> Iterator[Leaf]:
-    """The command that a command line calls, if it calls one."""
+def load(words: Sequence[str]) -> None:
+    """Import what the command of this command line needs, if it calls one."""
     plain = [word for word in words if not word.startswith("-")][:2]
     for leaf in leaves():
         if plain[: len(leaf.words.split())] == leaf.words.split():
-            yield leaf
-
-
-def load(words: Sequence[str]) -> None:
-    """Import what the command of this command line needs."""
-    for leaf in _asked(words):
-        loaded(leaf)
+            loaded(leaf)
 
 
 def main(commands: Callable[[], None]) -> None:

@@ -38,10 +38,9 @@ def bench(
         found = bench_study.measure(
             resolved, quick, lambda done, of: advance(round(100 * done / of))
         )
-    table = Table(title=f"{found.scene}: {found.steps:,} steps, {found.rounds} rounds")
-    table.add_column("loop")
-    for heading in ("us a step, median", "least", "times real time"):
-        table.add_column(heading, justify="right")
+    title = f"{found.scene}: {found.steps:,} steps, {found.rounds} rounds"
+    right = ("us a step, median", "least", "times real time")
+    table = Table("loop", right=right, title=title)
     for loop in found.loops:
         table.add_row(
             _CALLED[loop.transport], f"{loop.median_us:.3g}", f"{loop.least_us:.3g}",

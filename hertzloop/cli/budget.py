@@ -103,10 +103,7 @@ def budget(
         need("SALib")
     if folder is not None:
         need("matplotlib", "jinja2")
-    if folder is not None:
-        options.make_folder(folder)
-    else:
-        options.check_writable(Path())  # for unfinished work
+    options.make_folder(folder or Path())  # for unfinished work, too
     options.compile_first(resolved)
     header = {
         **work_of([resolved], [resolved.law_reference], Design(())),
@@ -185,18 +182,15 @@ def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]
 def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst: str) -> None:
     """Print how likely the goals are met."""
     out.say(probability_line(likely))
-    table = Table(title="Quantiles over the uncertain cases")
     names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
-    table.add_column("figure")
-    for quantile in likely.quantiles[names[0]]:
-        table.add_column(f"{100 * quantile:g} %", justify="right")
+    right = [f"{100 * quantile:g} %" for quantile in likely.quantiles[names[0]]]
+    table = Table("figure", right=right, title="Quantiles over the uncertain cases")
     for name in names:
         table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
     out.print(table)
     if indices:
-        shares = Table(title="Sobol indices, each with half its 95 % interval")
-        for heading in ("keys", "figure", "first order", "total"):
-            shares.add_column(heading, justify="left" if heading == "keys" else "right")
+        title = "Sobol indices, each with half its 95 % interval"
+        shares = Table("keys", right=("figure", "first order", "total"), title=title)
         for one in indices:
             shares.add_row(
                 ", ".join(one.keys), one.figure, f"{one.first:z.3f} ± {one.first_half:z.3f}",
@@ -334,11 +328,8 @@ _MOST = ("bits", "bandwidth_hz")  # the limit is the least value, not the larges
 
 def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
     """Limits, a quantity a row, a plant a column."""
-    table = Table(title="Tolerated, each with the other quantities as in the plant")
-    table.add_column("quantity")
-    for name, _ in plants:
-        table.add_column(name, justify="right")
-    table.add_column("searched", justify="right")
+    title = "Tolerated, each with the other quantities as in the plant"
+    table = Table("quantity", right=[*(name for name, _ in plants), "searched"], title=title)
     for rows in zip(*(plant.limits for _, plant in plants), strict=True):
         one = rows[0]
         low, high = one.searched

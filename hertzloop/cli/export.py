@@ -82,8 +82,9 @@ def export_plant(
         out_dir: Write the C library, its header and an example into this folder.
         fmi: Use this version of FMI for .fmu.
     """
-    if (sys.platform, _machine()) != ("linux", "x86_64"):
-        fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}")
+    here = sys.platform, platform.machine()
+    if here != ("linux", "x86_64"):
+        fail(f"a plant is exported on Linux on x86-64, not on {' '.join(here)}")
     if (out_file is None) == (out_dir is None):
         fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.")
     folder = out_dir is not None
@@ -102,21 +103,17 @@ def export_plant(
             f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite."
         )
     from hertzloop.interop import fmu as library
-    from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
     from hertzloop.interop.objects import is_compiled
 
     made = image(resolved)
     if not is_compiled(outline(made.unit), cpu):
         err.print(f"Compiling the kernels for {cpu}: once, about half a minute.")
-    if folder:
-        options.make_folder(out_path)
-    else:
-        options.check_writable(out_path.parent)
+    options.make_folder(out_path if folder else out_path.parent)
     if folder:
         library.write_folder(made, cpu, out_path)
     elif out_path.suffix == ".fmu":
-        write_fmu(made, cpu, fmi, out_path)
+        library.write_fmu(made, cpu, fmi, out_path)
     else:
         library.write_library(made, cpu, out_path)
     if resolved.scene.run.plate_model == "auto" and resolved.plate_model == "infinite":
@@ -126,7 +123,3 @@ def export_plant(
         )
     arrays = len(made.data) / 1000
     out.say(f"written: {out_path}, for {cpu}, {arrays:z.0f} kB of it arrays")
-
-
-def _machine() -> str:
-    return platform.machine()

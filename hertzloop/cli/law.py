@@ -71,7 +71,6 @@ def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
 
 
 def _runs(file: Path) -> Path:
-    """The file that a scene names as its law."""
     return file.with_suffix(".so") if file.suffix == ".c" else file
 
 

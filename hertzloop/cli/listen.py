@@ -63,10 +63,9 @@ def listen(
 
 def _show(data: dict[str, Any]) -> None:
     runs = data["runs"]
-    table = Table(title="Sound at the listener's point")
     compared = len(runs) == 2 and data["full_scale_pa"] > 0.0
-    for heading in ("", *(name.replace("-", " ") for name in runs), *["change"] * compared):
-        table.add_column(heading, justify="right")
+    right = ["", *(name.replace("-", " ") for name in runs), *["change"] * compared]
+    table = Table(right=right, title="Sound at the listener's point")
     for label, key, factor, unit in (
         ("largest pressure", "peak_pa", 1.0, "Pa"),
         ("sound exposure level", "level_db", 1.0, "dB"),

@@ -389,7 +389,6 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
 
 
 def _bare(host: str) -> str:
-    """A host without the brackets that an IPv6 address may have."""
     return host[1:-1] if host.startswith("[") and host.endswith("]") else host
 
 

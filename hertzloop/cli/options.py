@@ -19,7 +19,6 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, given_that_need, options_and_flags
-from hertzloop.plant.plant import PlantSpec
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.program import check_command
 from hertzloop.processes.warmup import anything_compiled, ensure_compiled
@@ -114,20 +113,13 @@ def scene_from(
 
     if not anything_compiled():
         announce_compilation()
-    if said := _build_words(setup.plant):
-        err.say(said)
+    takes_s, spec = build_s(setup.plant), setup.plant
+    if takes_s >= TOLD_S:
+        count = spec.plate.modes_below(spec.frequency_limit_hz)
+        err.say(f"Computing about {count:.2g} modes takes about {takes_s:.0f} s of processor time.")
     if not tried:
         check_law(setup)
     return setup
-
-
-def _build_words(spec: PlantSpec) -> str:
-    """Return a sentence for a plant whose modes take a while; empty for any other."""
-    takes_s = build_s(spec)
-    if takes_s < TOLD_S:
-        return ""
-    modes = spec.plate.modes_below(spec.frequency_limit_hz)
-    return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
 
 
 def check_pace(setup: Setup, options: RunOptions) -> None:

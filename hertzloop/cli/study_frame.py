@@ -1,28 +1,13 @@
-"""What the commands of studies share: a folder for results, and finished cases."""
+"""What the commands of studies share: cases that are finished stay so."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hertzloop.cli.options import compile_first, make_folder
 from hertzloop.cli.terminal import err, fail, if_interrupted
-from hertzloop.processes.warmup import of_scheme
 from hertzloop.studies.sweeps.journal import Kept, kept
 from hertzloop.studies.sweeps.pool import SweepFailed
-
-
-@contextmanager
-def results_in(folder: Path, *schemes: str) -> Iterator[None]:
-    """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
-
-    make_folder(folder)
-    for scheme in schemes:
-        compile_first(of_scheme(scheme))
-    try:
-        yield
-    except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
 
 
 @contextmanager

@@ -205,9 +205,8 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
     # So many that their names fit side by side in 80 columns.
     names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
-    table = Table(title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
-    for heading in (*(key.split(".")[-1] for key in keys), *names):
-        table.add_column(heading, justify="right")
+    right = [*(key.split(".")[-1] for key in keys), *names]
+    table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
@@ -225,9 +224,8 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
 
-    table = Table(title="Over touch phases: mean (least to most)")
-    for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
-        table.add_column(heading, justify="right")
+    right = [*(key.split(".")[-1] for key in keys), *SHOWN[:2]]
+    table = Table(right=right, title="Over touch phases: mean (least to most)")
     for group in groups[:_MOST_ROWS]:
         table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
     if len(groups) > _MOST_ROWS:

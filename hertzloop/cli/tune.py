@@ -99,10 +99,7 @@ def tune(
                 for value in axis.values or (axis.low, axis.high):
                     base.vary({**of_law, axis.key: value})
         tuning.axes_of(law, given, speed)
-    if folder is not None:
-        options.make_folder(folder)
-    else:
-        options.check_writable(Path())  # for what is unfinished
+    options.make_folder(folder or Path())  # for what is unfinished, too
     options.compile_first(*bases)
     tally = CaseTally()
     names = [base.name for base in bases]
@@ -179,7 +176,6 @@ def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> N
 
 
 def _file_name(names: list[str]) -> str:
-    """What the files of a search over scenes are called, without their ending."""
     return "tune-" + "-".join(names)
 
 
@@ -202,15 +198,15 @@ def _repeating(
     known = {f"controller.{key}" for key, _ in setup.scene.controller}
     given = [text.strip() for text in settings or []]
     # A key of the scene's own law may be unknown to the law that was found.
-    kept = [text for text in given if _key(text) in known or not text.startswith("controller.")]
+    kept = [
+        text
+        for text in given
+        if text.partition("=")[0].strip() in known or not text.startswith("controller.")
+    ]
     keys = [f"{key}={toml_text(value)}" for key, value in found.values.items()]
     line = ["hertzloop", "run", name]
     line += [word for text in [*kept, *keys] for word in ("--set", text)]
     return shlex.join(line if seed is None else [*line, "--seed", str(seed)])
-
-
-def _key(setting: str) -> str:
-    return setting.partition("=")[0].strip()
 
 
 def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
@@ -275,10 +271,8 @@ def _words(values: dict[str, Any]) -> str:
 
 def _table(best: "list[Found]", reference: "Found", objectives: Sequence[str]) -> Table:
     settings = "setting" if len(best) == 1 else "settings"
-    table = Table(title=f"{len(best)} Pareto-optimal {settings}")
-    for heading in objectives:
-        table.add_column(heading, justify="right")
-    table.add_column(f"{objectives[0]} over touch phases", justify="right")
+    right = [*objectives, f"{objectives[0]} over touch phases"]
+    table = Table(right=right, title=f"{len(best)} Pareto-optimal {settings}")
     table.add_column("law and parameters")
     step = max(1, -(-len(best) // _MOST_ROWS))
     for f in [*best[::step], reference]:

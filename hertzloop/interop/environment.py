@@ -23,6 +23,7 @@ from hertzloop.setup import Resolvable, Setup, load, resolve
 
 _AHEAD = 20  # samples before the first touch
 _AFTER = 20  # samples after the sphere has left
+_TAKEN = ("modal_j", "modal_dissipated_j", "air_dissipated_j", "tail_dissipated_j")
 _INVALID = -1.0  # reward of an action that is no number, as if the plate had taken all energy
 
 
@@ -138,7 +139,10 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = terminated | truncated
         rewards = np.zeros(self.num_envs)
         for i in np.flatnonzero(self._over):
-            rewards[i] = _INVALID if invalid[i] else -self._taken(int(i))
+            # The share of the sphere's energy that the plate has taken, with what it has lost.
+            energies = self.batch.energies(int(i))
+            taken = sum(energies[name] for name in _TAKEN) / self._energy_j
+            rewards[i] = _INVALID if invalid[i] else -taken
         return self._seen(), rewards, terminated, truncated, {"invalid_action": invalid}
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -158,12 +162,6 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _seen(self) -> np.ndarray:
         last = self._line[:, -1] / self.limit_n
         return np.stack([self.batch.values["sample"] / self.scale, last], axis=1)
-
-    def _taken(self, index: int) -> float:
-        """The share of the sphere's energy that the plate has taken, with what it has lost."""
-        found = self.batch.energies(index)
-        names = "modal_j", "modal_dissipated_j", "air_dissipated_j", "tail_dissipated_j"
-        return sum(found[name] for name in names) / self._energy_j
 
 
 class ImpactEnv(gym.Env[np.ndarray, np.ndarray]):

@@ -15,7 +15,6 @@ from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.scenes.errors import bounds_of, table_of
 from hertzloop.scenes.scene import Scene
 
-# Endings of keys, the longest first.
 # Endings of names, longer ones first.
 _UNITS = {
     "_m_s": "m/s", "_m_n": "m/N", "_n_s_m": "N s/m", "_n_s": "N/s", "_kg_m3": "kg/m3",
@@ -77,8 +76,7 @@ def _docstrings(table: type[BaseModel]) -> dict[str, str]:
 def _of_laws() -> Iterator[Key]:
     users: dict[Key, list[str]] = {}
     for law in shipped():
-        for name, field in find(law).keys.model_fields.items():
-            key = _key(f"controller.{name}", field, field.description or "")
+        for key in keys_of(law):
             users.setdefault(key, []).append(law)
     for key, laws in users.items():
         yield Key(**{**vars(key), "meaning": f"{key.meaning} ({', '.join(laws)})"})

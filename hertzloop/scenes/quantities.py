@@ -48,17 +48,17 @@ class Sensed(NamedTuple):
     elsewhere: int | None = None  # index of the same where a sensor elsewhere is; None: no such
 
 
-def _gap_range(e: Expected) -> tuple[float, float]:
-    return _GAP_LOW * e.deepest_m, max(_GAP_HIGH * e.rigid_m, e.flight_m)
-
-
 def _either_way(most: float) -> tuple[float, float]:
     return -_ABOVE * most, _ABOVE * most
 
 
 # By the name that scenes and laws use.
 SENSED = {
-    "xi": Sensed("m", "sampled gap at the end of the step", pk.XI, _gap_range, lambda t: t.gap_m),
+    "xi": Sensed(
+        "m", "sampled gap at the end of the step", pk.XI,
+        lambda e: (_GAP_LOW * e.deepest_m, max(_GAP_HIGH * e.rigid_m, e.flight_m)),
+        lambda t: t.gap_m,
+    ),
     "v_p": Sensed(
         "m/s", "sampled plate velocity at the end of the step", pk.V_P,
         lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s, elsewhere=pk.V_S,

@@ -164,6 +164,11 @@ def material_called(given: MaterialKey, own: tuple[MaterialTable, ...]) -> Mater
     return material_of("material", numbers_of_material(given.model_dump()))
 
 
+def _none_of_zero(value: object) -> object:
+    """No mass is none: a sweep over it may begin there."""
+    return None if value == 0 and not isinstance(value, bool) else value
+
+
 # The tables and their keys: kinds, bounds and defaults.
 
 Point = tuple[float, float]
@@ -376,11 +381,7 @@ class SensorsTable(SceneTable):
             )
         return value
 
-    @field_validator("mass_kg", mode="before")
-    @classmethod
-    def _none(cls, value: object) -> object:
-        """No mass is none: a sweep over it may begin there."""
-        return None if value == 0 and not isinstance(value, bool) else value
+    _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
     @property
     def has_fault_keys(self) -> bool:
@@ -407,11 +408,7 @@ class ActuatorTable(SceneTable):
     stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
     """time from which the actuator holds its force and ignores commands; never if left out"""
 
-    @field_validator("mass_kg", mode="before")
-    @classmethod
-    def _none(cls, value: object) -> object:
-        """No mass is none: a sweep over it may begin there."""
-        return None if value == 0 and not isinstance(value, bool) else value
+    _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
 
 class RunTable(SceneTable):
@@ -485,12 +482,6 @@ _CHECKED: dict[tuple[str, str], Law] = {}
 _MOST_CHECKED = 64
 
 
-def _remember(reference: str, law: Law) -> None:
-    if len(_CHECKED) >= _MOST_CHECKED:
-        _CHECKED.clear()
-    _CHECKED[reference, law.digest] = law
-
-
 class ControllerTable(SceneTable):
     """The law, the line to the actuator, and the law's own keys.
 
@@ -539,11 +530,6 @@ class ControllerTable(SceneTable):
         own = self.found.key_names
         return SimpleNamespace(**{name: given[name] for name in own if name in given})
 
-    def switched_off(self) -> "ControllerTable":
-        """The same line without control."""
-        line = {name: getattr(self, name) for name in ControllerTable.model_fields}
-        return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
-
     @model_validator(mode="after")
     def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":
         """Check the law's keys, fill in its defaults, drop keys of other laws at their default."""
@@ -578,8 +564,17 @@ class ControllerTable(SceneTable):
         given.update(vars(mine))
         if law.name not in shipped_laws():
             self.__dict__["law_digest"] = law.digest
-            _remember(self.law, law)
+            if len(_CHECKED) >= _MOST_CHECKED:
+                _CHECKED.clear()
+            _CHECKED[self.law, law.digest] = law
         return self
+
+
+@lru_cache(maxsize=64)
+def _switched_off(table: ControllerTable) -> ControllerTable:
+    """The same line without control."""
+    line = {name: getattr(table, name) for name in ControllerTable.model_fields}
+    return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
 
 
 def is_recorded(info: ValidationInfo) -> bool:
@@ -1498,11 +1493,6 @@ def _with_law(scene: Scene, law: str) -> Scene | None:
         return None
 
 
-@lru_cache(maxsize=64)
-def _switched_off(table: ControllerTable) -> ControllerTable:
-    return table.switched_off()
-
-
 _READ_TOGETHER = {"sensors", "controller"}  # the one may have to name what the other works on
 
 
@@ -1646,7 +1636,6 @@ def open_material(data: dict[str, Any], body: str, key: str = "material") -> Non
 
 
 def _echoed(path: Path) -> str:
-    """A file's path as a sentence has it."""
     return shortened(repr(str(path)))
 
 
@@ -1856,7 +1845,8 @@ def relabel(before: dict[str, Any], after: dict[str, Any]) -> None:
     ):
         if new and new != old:
             name = _with(name, old, new)
-    if name == before["name"] and _thickness(before) == _thickness(after):
+    thickness = (_value(scene, "plate", "thickness_m") for scene in (before, after))
+    if name == before["name"] and next(thickness) == next(thickness):
         return
     after["name"] = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-_.")[:_LONGEST]
     after.pop("shows", None)
@@ -1873,10 +1863,6 @@ def _with(name: str, old: str, new: str) -> str:
 def _value(scene: dict[str, Any], table: str, key: str) -> Any:
     found = scene.get(table)
     return found.get(key) if isinstance(found, dict) else None
-
-
-def _thickness(scene: dict[str, Any]) -> Any:
-    return _value(scene, "plate", "thickness_m")
 
 
 def _material(scene: dict[str, Any], body: str) -> str:

@@ -1,6 +1,7 @@
 """Tables, styles and numbers as text, each number with the digits that are predictable."""
 
 import math
+from collections.abc import Iterable
 from itertools import chain
 from typing import Any
 
@@ -18,10 +19,15 @@ class Table(RichTable):
     """A table of which no cell is cut: it keeps all words whole where they fit side by side, and
     breaks long ones where they do not."""
 
-    def __init__(self, *headings: str, title: str | None = None, show_header: bool = True) -> None:
+    def __init__(
+        self, *headings: str, right: Iterable[str] = (), title: str | None = None,
+        show_header: bool = True,
+    ) -> None:  # fmt: skip
         super().__init__(title=title, title_justify="left", show_header=show_header)
         for heading in headings:
             self.add_column(heading)
+        for heading in right:  # columns of numbers
+            self.add_column(heading, justify="right")
 
     def add_column(self, *args: Any, **options: Any) -> None:
         """Add a column; see rich."""

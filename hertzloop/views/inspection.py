@@ -1,5 +1,6 @@
 """What a recording holds, and how two differ: for `hertzloop inspect` and `compare`."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -9,7 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hertzloop.analysis.figures import Ran, figures_of
-from hertzloop.analysis.meters import SPAN_ROWS, Comparison, Difference
+from hertzloop.analysis.meters import SPAN_ROWS, Comparison
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import (
     NEEDED_FIELDS,
@@ -222,10 +223,8 @@ _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
 
 def comparison_table(found: Comparison) -> Table:
     """The figures of both runs with their units, and the change from A to B."""
-    shown = Table(title="Figures of A and B, and the change from A to B")
-    shown.add_column("figure")
-    for heading in ("A", "B", "change"):
-        shown.add_column(heading, justify="right")
+    title = "Figures of A and B, and the change from A to B"
+    shown = Table("figure", right=("A", "B", "change"), title=title)
     span = ""
     for row in found.rows:
         if row.span != span:
@@ -233,19 +232,13 @@ def comparison_table(found: Comparison) -> Table:
             shown.add_section()
             shown.add_row(Text(_SPANS[span], style="bold"), "", "", "")
         of = SPAN_ROWS[row.figure]
-        values = [_with_unit(value, of.factor, of.unit) for value in (row.a, row.b)]
-        shown.add_row(of.words, *values, _change(row))
+        values = [
+            "not defined" if math.isnan(value) else f"{value * of.factor:.4g} {of.unit}".strip()
+            for value in (row.a, row.b)
+        ]
+        change = f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
+        shown.add_row(of.words, *values, "" if math.isnan(row.b_to_a) else change)
     return shown
-
-
-def _with_unit(value: float, factor: float, unit: str) -> str:
-    return "not defined" if value != value else f"{value * factor:.4g} {unit}".strip()
-
-
-def _change(row: Difference) -> str:
-    if row.b_to_a != row.b_to_a:
-        return ""
-    return f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
 
 
 class PrintedComparison(Comparison):

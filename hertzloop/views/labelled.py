@@ -36,7 +36,10 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
     the names, as in the file of the sweep.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
-    data = {name: ("case", [_number(row[name]) for row in rows]) for name in names}
+    data = {
+        name: ("case", [np.nan if row[name] is None else row[name] for row in rows])
+        for name in names
+    }
     coords = {key: ("case", [row[key] for row in rows]) for key in keys}
     return xr.Dataset(data, coords, attrs=dict(header))
 
@@ -57,7 +60,3 @@ def modes_of(table: ModeTable) -> xr.Dataset:
         },
         attrs={"residual_flexibility_m_n": table.residual_flexibility_m_n},
     )
-
-
-def _number(value: Any) -> Any:
-    return np.nan if value is None else value

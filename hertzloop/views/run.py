@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -16,7 +16,7 @@ from rich.text import Text
 from hertzloop.analysis import effects, meters, model, trust
 from hertzloop.analysis import verdict as verdicts
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
-from hertzloop.analysis.figures import Figures, Ran, Saturation, free_figures, no_loop
+from hertzloop.analysis.figures import Figures, Ran, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.bus.messages_pb2 import Books
@@ -72,8 +72,10 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
         said.append(_pumping(stability))
     if figures.impacts and not figures.last_contact_ended:
         said.append("The run ends during the last contact. Increase run.duration_s.")
-    if found.ran.saturation:
-        said.append(_saturation(found.ran.saturation))
+    if saturation := found.ran.saturation:
+        times = "once" if saturation.times == 1 else f"{saturation.times} times"
+        first = f"first at {saturation.since_s * 1e3:.4g} ms (sensors.full_scale)"
+        said.append(f"The sensor saturated {times}, {first}.")
     if found.law_accuracy:
         said += law_accuracy_sentences(found.law_accuracy)
     return said
@@ -97,13 +99,6 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
         f"Plate energy changes by {own_db:+.1f} dB {IN_WORDS[span]} and by {other_db:+.1f} dB "
         f"{IN_WORDS[OTHER[span]]}, because the contacts after the first differ. {hint}".strip()
     ]
-
-
-def _saturation(found: Saturation) -> str:
-    times = "once" if found.times == 1 else f"{found.times} times"
-    return (
-        f"The sensor saturated {times}, first at {found.since_s * 1e3:.4g} ms (sensors.full_scale)."
-    )
 
 
 def _unstable(stability: meters.Stability) -> list[str]:
@@ -370,24 +365,18 @@ _M_ARENA_MAX = -8  # of glibc: the most heaps
 _BESIDE = 10  # nice value of what must not delay the loop
 
 
-def _fields(found: Any) -> dict[str, Any] | None:
-    return None if found is None else asdict(found)
+def _plain(found: Any) -> Any:
+    """Dataclasses, alone or in a list, as dictionaries; anything else as it is."""
+    if isinstance(found, list):
+        return [asdict(one) for one in found]
+    return asdict(found) if is_dataclass(found) else found  # type: ignore[arg-type]
 
 
 def figures_as_json(found: Figures) -> dict[str, Any]:
     """`impacts` and `noise`, a dictionary each; `first_impact`, `whole_run`, `stability`, `demand`
     and `push`; `validity` and `warnings` as in `effects_as_json`."""
-    return {
-        "impacts": [asdict(one) for one in found.impacts],
-        "noise": [asdict(one) for one in found.noise],
-        "first_impact": _fields(found.first_impact),
-        "whole_run": _fields(found.whole_run),
-        "last_contact_ended": found.last_contact_ended,
-        "stability": asdict(found.stability),
-        "demand": _fields(found.demand),
-        "push": _fields(found.push),
-        **effects_as_json(found.neglected),
-    }
+    data = {name: _plain(value) for name, value in vars(found).items() if name != "neglected"}
+    return data | effects_as_json(found.neglected)
 
 
 def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
@@ -404,25 +393,15 @@ def predictability_as_json(found: trust.Predictability) -> dict[str, Any]:
     return {
         "disturbance": found.disturbance,
         "model_error": found.model_error,
-        "controlled": _known(found.controlled),
-        "uncontrolled": _known(found.uncontrolled),
+        "controlled": _plain(found.controlled),
+        "uncontrolled": _plain(found.uncontrolled),
         "why_not": why_not_words(found.not_again),
     }
-
-
-def _known(found: list[trust.ImpactErrors] | None) -> list[dict[str, Any]] | None:
-    return None if found is None else [asdict(each) for each in found]
 
 
 def verification_as_json(found: trust.Verification | None) -> dict[str, float] | None:
     """Fields as in `Verification`, and the largest change."""
     return None if found is None else {**asdict(found), "largest": found.largest}
-
-
-def _law_accuracy(found: trust.LawAccuracy | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {**asdict(found), "largest": found.by_modes.largest, "kept": found.kept}
 
 
 def comparison_as_json(found: meters.Comparison) -> list[dict[str, Any]]:
@@ -436,7 +415,7 @@ def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
     data = {
         **asdict(found.law),
         "injected_j": ran.injected_j,
-        "yield": _fields(found.yielded),
+        "yield": _plain(found.yielded),
         "expected_error": ran.expected_error,
         "requested_accuracy": found.requested_accuracy,
         **figures_as_json(ran.figures),
@@ -444,9 +423,11 @@ def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
     }
     if found.free is not None:
         data["uncontrolled"] = figures_as_json(found.free)
+    law = ends.law_accuracy
+    more = {"largest": law.by_modes.largest, "kept": law.kept} if law else {}
     return data | {
         "predictability": predictability_as_json(ends.predictability),
-        "law_accuracy": _law_accuracy(ends.law_accuracy),
+        "law_accuracy": None if law is None else asdict(law) | more,
         "verdict": verdict_sentences(ends.verdict),
     }
 
@@ -645,9 +626,7 @@ def impacts_table(
     why_not: str = "",
 ) -> Table:
     """Impacts, one a row; see `impact_rows`."""
-    table = Table(title=title)
-    for heading in headings(impacts):
-        table.add_column(heading, justify="right")
+    table = Table(right=headings(impacts), title=title)
     rows, notes = impact_rows(impacts, known, why_not)
     for row in rows:
         table.add_row(*row)
@@ -739,12 +718,8 @@ def noise_table(
     first in dB where there are two and they `compare`, in per cent for speed, height and time.
     `errors`: of each column's figures, none where all digits count."""
     compare = compare and len(columns) == 2
-    table = Table(title="Noise and vibration of the first impact")
-    table.add_column("figure")
-    for heading, _ in columns:
-        table.add_column(heading, justify="right")
-    if compare:
-        table.add_column("change", justify="right")
+    right = [*(heading for heading, _ in columns), *["change"] * compare]
+    table = Table("figure", right=right, title="Noise and vibration of the first impact")
     rows = noise_rows([figures for _, figures in columns], compare, errors)
     for row in rows:
         table.add_row(*row)
@@ -807,9 +782,7 @@ def run_table(report: RunReport) -> Table:
     """Key figures of the run itself."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
     books, demand = report.books, report.judged.ran.figures.demand
-    table = Table(show_header=False)
-    table.add_column()
-    table.add_column()
+    table = Table("", "", show_header=False)
     table.add_row("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}")
     table.add_row("law that ran", styled(law_line(report.judged.law)))
     table.add_row("steps", f"{setup.steps:,}")
@@ -1043,13 +1016,9 @@ def figures_table(ran: Ran, known: trust.Predictability, free: Figures | None = 
     """
     compare = free is not None and not ran.figures.stability.unstable
     cases = [(ran.figures, known.controlled), *([(free, known.uncontrolled)] if free else [])]
-    table = Table(title="Figures of the first impact")
-    table.add_column("figure")
     own = "with control" if controls(ran.scene_law or "") else "no control"
-    for heading in (own, "without")[: len(cases)]:
-        table.add_column(heading, justify="right")
-    if compare:
-        table.add_column("change", justify="right")
+    right = [own, "without"][: len(cases)] + ["change"] * compare
+    table = Table("figure", right=right, title="Figures of the first impact")
     for label, span, key, form in _FIGURES:
         factor, unit = meters.SPAN_ROWS[key].factor, meters.SPAN_ROWS[key].unit
         found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]

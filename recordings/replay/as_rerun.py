@@ -195,25 +195,20 @@ def _surface_title(shown: Shown) -> str:
     return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
-def _colour(plot: replay_data.Plot, curve: replay_data.PlotCurve) -> tuple[int, int, int]:
-    if not curve.faint:
-        return _LINE_COLOURS[curve.name]
-    earlier = [other.name for other in plot.curves if other.faint]
-    return _FAINT[earlier.index(curve.name) % len(_FAINT)]
-
-
 def _send_curve(
     stream: rr.RecordingStream, plot: replay_data.Plot, curve: replay_data.PlotCurve, within: float
 ) -> None:
     """As an overview and, exact `within` so much, for the plot at the cursor."""
     whole = slice(None) if curve.overview is None else curve.overview
     at_cursor = replay_data.enough(curve.time_ns, curve.values, within, curve.held)
+    faint = [other.name for other in plot.curves if other.faint]
+    at = faint.index(curve.name) if curve.faint else -1
     for entity, held, chosen in (("overview", False, whole), ("zoom", curve.held, at_cursor)):
         # Later names are drawn over earlier ones: what is there to compare with lies behind.
         path = f"{entity}/{plot.key}/{'0_' if curve.faint else ''}{curve.name}"
         line = rr.SeriesLines(
             names=curve.label or curve.name,
-            colors=_colour(plot, curve),
+            colors=_FAINT[at % len(_FAINT)] if curve.faint else _LINE_COLOURS[curve.name],
             widths=1.5,
             aggregation_policy="MinMax",
             interpolation_mode="StepAfter" if held else "Linear",
@@ -267,7 +262,8 @@ def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
     texts = [
         f"{i} at {begins_ns[i - 1] * 1e-6:z.3f} ms: "
         f"{with_unit((one.end - one.first) * truth.step_ns * 1e-9, 's')}, "
-        f"{_short(one.peak_n)} N, {with_unit(one.deepest_m, 'm')} deep"
+        f"{format(one.peak_n, ',.0f' if one.peak_n >= 100 else '.3g')} N, "
+        f"{with_unit(one.deepest_m, 'm')} deep"
         + ("" if one.end < truth.samples else ", cut by the end")
         for i, one in enumerate(contacts, 1)
     ]
@@ -317,8 +313,3 @@ def _event_line(event: Event) -> str:
     """When and what; of a line that would be cut in its middle the beginning."""
     line = f"{event.time_ns * 1e-6:z.3f} ms  {event.message.removeprefix('law ')}"
     return line if len(line) <= _LINE else line.split(", ", maxsplit=1)[0]
-
-
-def _short(value: float) -> str:
-    """Three digits, large numbers whole."""
-    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"

@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
-from hertzloop.recordings.replay.data import Plot, PlotCurve, Span
+from hertzloop.recordings.replay.data import Plot, Span
 
 TIMELINE = "sim_time"
 _FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play
@@ -199,7 +199,6 @@ def labelled(low: float, high: float) -> Range:
 
 
 def _marks(low: float, high: float, size: float) -> int:
-    """How many multiples of a size lie in a range."""
     return math.floor(high / size) - math.ceil(low / size) + 1
 
 
@@ -210,10 +209,10 @@ def _outward(value: float, power: float, rounded: Callable[[float], int]) -> flo
 
 def whole(plot: Plot) -> Range:
     """For all of a plot's curves; energies of what explodes are cut."""
+    low, high = _extremes([curve.values for curve in plot.curves])
     if plot.most is not None:
-        low, high = _extremes([curve.values for curve in plot.curves])
-        return labelled(max(low, -plot.most), min(high, plot.most))
-    return labelled(*_extremes([curve.values for curve in plot.curves]))
+        low, high = max(low, -plot.most), min(high, plot.most)
+    return labelled(low, high)
 
 
 def zoomed(plot: Plot, around_ns: Span) -> Range:
@@ -222,7 +221,11 @@ def zoomed(plot: Plot, around_ns: Span) -> Range:
     A gap is shown down to its deepest and not as far up as the sphere flies; what explodes is
     shown as around the first contact.
     """
-    first = _extremes([_within(curve, around_ns) for curve in plot.curves])
+    shown = [
+        slice(a, b + 1)
+        for a, b in (np.searchsorted(curve.time_ns, around_ns) for curve in plot.curves)
+    ]
+    first = _extremes([c.values[s] for c, s in zip(plot.curves, shown, strict=True)])
     ever = _extremes([curve.values for curve in plot.curves])
     if plot.key == "gap" and ever[0] < 0.0:
         deepest = first[0] if ever[0] < _RUNAWAY * first[0] < 0.0 else ever[0]
@@ -230,11 +233,6 @@ def zoomed(plot: Plot, around_ns: Span) -> Range:
     size = max(map(abs, first))
     runs_away = 0.0 < _RUNAWAY * size < max(map(abs, ever))
     return labelled(*(first if runs_away else ever))
-
-
-def _within(curve: PlotCurve, span_ns: Span) -> np.ndarray:
-    a, b = np.searchsorted(curve.time_ns, span_ns)
-    return curve.values[a : b + 1]
 
 
 def _extremes(parts: list[np.ndarray]) -> Range:

@@ -277,16 +277,12 @@ class Twin:
     name: str
 
 
-def _scene(recording: Recording) -> dict[str, Any]:
-    try:
-        return tomllib.loads(recording.scene_toml)
-    except tomllib.TOMLDecodeError:
-        return {}
-
-
 def scene_value(recording: Recording, table: str, key: str, default: Any = None) -> Any:
     """A value of the recorded scene, `default` where it is not said or not readable."""
-    return _scene(recording).get(table, {}).get(key, default)
+    try:
+        return tomllib.loads(recording.scene_toml).get(table, {}).get(key, default)
+    except tomllib.TOMLDecodeError:
+        return default
 
 
 @dataclass(frozen=True)
