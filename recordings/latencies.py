@@ -7,11 +7,10 @@ paced run, step by step.
 """
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import Recording
 
 
 def latencies_of(recording: Recording) -> np.ndarray:
@@ -43,8 +42,3 @@ def latencies_of(recording: Recording) -> np.ndarray:
     acts = np.searchsorted(newest, sampled + 1 + asked)
     late = np.maximum(acts - sampled - 1, asked)  # `acts` is the end of the run at most
     return np.asarray(late * (step_ns / 1000.0))
-
-
-def read_latencies(path: Path) -> list[float]:
-    """Return the latencies of a recorded paced run, us. Raises ValueError or OSError."""
-    return [float(x) for x in latencies_of(read(path))]

@@ -1076,7 +1076,7 @@ class Source:
         status = os.fstat(self._handle)
         if not stat.S_ISREG(status.st_mode):
             kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-            raise writer.RecordingError(f"cannot read {path}: {kind}")
+            raise writer.UnreadableRecording(f"cannot read {path}: {kind}")
         self.size = status.st_size
         self._places: list[Place] = []
         self._channels: dict[int, str] = {}
@@ -1092,7 +1092,7 @@ class Source:
         except OSError as error:
             absent = isinstance(error, FileNotFoundError)
             remedy = ". Give the path of a recording." if absent else ""
-            raise writer.RecordingError(
+            raise writer.UnreadableRecording(
                 f"cannot read {self.path}: {error.strerror}{remedy}"
             ) from error
 
@@ -1184,18 +1184,20 @@ def read(path: Path, keep: bool = False) -> Recording:
 def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intake]:
     source = Source(path)
     if source.walk().library == writer.EXPORT_LIBRARY:
-        raise writer.RecordingError(
+        raise writer.UnreadableRecording(
             f"{path} is an export of a recording, with one message a sample. Give the recording"
         )
     intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise writer.RecordingError(
+            raise writer.UnreadableRecording(
                 f"{path}: is not an MCAP recording of hertzloop. Its exports cannot be read back"
             )
         why = f" ({walk.damage[0]})" if walk.damage else ""
-        raise writer.RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
+        raise writer.UnreadableRecording(
+            f"{path} holds no scene{why}: not a recording of hertzloop"
+        )
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
     if len(damage) > _DAMAGES_NAMED:
         damage[_DAMAGES_NAMED:] = [f"... and in {len(damage) - _DAMAGES_NAMED} more places"]
@@ -1252,14 +1254,16 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     try:
         old, source, seen = _looked_at(path)
     except writer.RecordingError as error:
-        raise writer.RecordingError(f"nothing to recover: {error}") from error
+        raise writer.UnreadableRecording(f"nothing to recover: {error}") from error
     if whole.exists() and whole.samefile(path):
-        raise writer.RecordingError(f"{path} cannot be recovered into itself. Choose another name.")
+        raise writer.UnreadableRecording(
+            f"{path} cannot be recovered into itself. Choose another name."
+        )
     fault = old.result.get("fault", "")
     if old.problems and not fault:
         fault = f"recovered from {path.name}, which is cut off or damaged ({old.problems[0]})"
     if not seen.counters:
-        raise writer.RecordingError(f"{path} holds no message of a run: nothing to recover")
+        raise writer.UnreadableRecording(f"{path} holds no message of a run: nothing to recover")
     copied = 0
     again = Intake(channels=dict(seen.channels))
     with whole_file(whole) as unfinished, ExitStack() as locked:

@@ -32,6 +32,12 @@ class RecordingError(RuntimeError):
     exit_status = 1
 
 
+class UnreadableRecording(RecordingError):
+    """A file cannot be read, or is not a recording that can be used."""
+
+    exit_status = 2
+
+
 class NotRecorded(RecordingError):
     """A recording cannot be written, for a `reason` of the system."""
 

@@ -1,6 +1,5 @@
 """A law with its constants, ready to be called by the compiled loop."""
 
-import ctypes
 import math
 import numbers
 import time
@@ -87,10 +86,7 @@ class BoundPython(BoundLaw):
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
             held = callbacks.python_functions(home, self._constants, state.dtype, wanted, ended)
-            addresses = {
-                key: ctypes.cast(function, ctypes.c_void_p).value or 0
-                for key, function in held.items()
-            }
+            addresses = callbacks.addresses_of(held)
         super().__init__(name, addresses, packed, state, held, ended)
         self.trouble = trouble
 

@@ -5,7 +5,7 @@ import math
 import numbers
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
@@ -71,6 +71,14 @@ def python_functions(
         name: _callback(plain(getattr(home, name)), *FUNCTIONS[name], constants, state, ended)
         for name in wanted
         if callable(getattr(home, name, None))
+    }
+
+
+def addresses_of(functions: Mapping[str, Any]) -> dict[str, int]:
+    """Addresses of C functions by name."""
+    return {
+        name: ctypes.cast(function, ctypes.c_void_p).value or 0
+        for name, function in functions.items()
     }
 
 

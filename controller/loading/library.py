@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, create_model
 
 from hertzloop.controller.law import ACTING, WATCHING, About, Keys
 from hertzloop.controller.loading.bound import BoundLaw
-from hertzloop.controller.loading.callbacks import python_functions
+from hertzloop.controller.loading.callbacks import addresses_of, python_functions
 from hertzloop.controller.loading.compiled import FUNCTIONS, PackedRecord, pack, state_of
 from hertzloop.controller.loading.law import ABOUT_FIELDS, Law, LawError
 
@@ -246,11 +246,7 @@ class BoundUnit(BoundLaw):
         state: PackedRecord = state_of(None)
         self._instance, ended = _Instance(law, constants), list[BaseException]()
         held = python_functions(self._instance, constants, state.dtype, ("command",), ended)
-        addresses = {
-            name: ctypes.cast(function, ctypes.c_void_p).value or 0
-            for name, function in held.items()
-        }
-        super().__init__(law.name, addresses, packed, state, held, ended)
+        super().__init__(law.name, addresses_of(held), packed, state, held, ended)
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the unit said last, or did."""

@@ -9,10 +9,11 @@ from typing import Annotated, Literal
 import typer
 
 from hertzloop.cli import options
-from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.cli.recordings import FileArgument
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.jit.object_code import outline
+from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.data import scene_value
 from hertzloop.views.labels import export_labels
 
@@ -44,7 +45,7 @@ def export(
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.")
     options.check_output(out_file, overwrite, read=[file])
-    recording = read_or_fail(file)
+    recording = read(file)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
     samples = Samples(recording, export_labels(scene_value(recording, "sensors", "quantity", "xi")))

@@ -14,11 +14,9 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import BusOptions, RunOptions
 from hertzloop.processes.conformance import Broken, Checks, Meeting, Script, play, recorded, scripts
-from hertzloop.processes.program import BUS_NAME, meeting_endpoints
+from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import toml_value
+from hertzloop.scenes.scene import setting_of
 from hertzloop.setup import parts
 from hertzloop.views.format import Table
 
@@ -106,13 +104,10 @@ def replay(
     options.check_picture(target)
     options.check_output(target, overwrite, read=[file])
     options.check_json(json_file, target)
-    try:
-        recording = read(file)
-        keys = dict(_setting(text) for text in settings or [])
-        setup = law_replay.scene_with(recording, law, keys)
-        found = law_replay.law_on(recording, setup)
-    except (RecordingError, SceneError) as error:
-        fail(str(error))
+    recording = read(file)
+    keys = dict(setting_of(text) for text in settings or [])
+    setup = law_replay.scene_with(recording, law, keys)
+    found = law_replay.law_on(recording, setup)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
     ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
@@ -130,15 +125,6 @@ def _difference(found: "ForceComparison", name: str) -> str:
         f"the forces differ first at step {at} ({1e3 * at * found.step_s:.6g} ms): recorded "
         f"{found.recorded_n[at]:.9g} N, {name} {found.other_n[at]:.9g} N"
     )
-
-
-def _setting(text: str) -> tuple[str, object]:
-    key, equals, value = text.partition("=")
-    if not equals:
-        fail(
-            f"--set = '{text}': invalid setting. Write table.key=value, as in controller.kappa=0.5."
-        )
-    return key.strip(), toml_value(value)
 
 
 @options.takes(only=("controller", "name", "timeout_s", "wait_s"), name=BUS_NAME)
@@ -167,7 +153,8 @@ def controller_test(
     if law and expect:
         fail("--law: cannot be combined with --expect. Remove one of the two.")
     command = request.controller
-    options.check_controller(command)
+    if command is not None:
+        check_command(command)
     chosen = _chosen(script, law, expect, settings or [], everything=command is not None)
     checks = Checks()
     laws: set[str] = set()
@@ -202,7 +189,7 @@ def _chosen(
         if law:
             options.compile_first()
         known = {script.name: script for script in scripts(law, settings)}
-    except (SceneError, RecordingError, ValueError) as error:
+    except ValueError as error:
         fail(str(error))
     wanted = names or (list(known) if everything else ["touch"])
     for name in wanted:

@@ -8,9 +8,10 @@ import typer
 
 from hertzloop.analysis.listening import heard_of
 from hertzloop.cli import options
-from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.cli.recordings import FileArgument
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.plant.figures.sound import DIRECTIONS
+from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.views.format import Table
@@ -49,7 +50,7 @@ def listen(
     if not at[2] > 0.0:
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
     options.check_json(json_file)
-    recording = read_or_fail(file, keep=True)
+    recording = read(file, keep=True)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
     options.make_folder(folder)

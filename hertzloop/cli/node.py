@@ -23,7 +23,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFaul
 from hertzloop.bus.wire import MessageError, reserved_ports
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options
-from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
+from hertzloop.cli.recordings import repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.loop.run_options import BusOptions, RunOptions
@@ -37,6 +37,7 @@ from hertzloop.processes.signals import (
     on_interrupt,
     raise_when_ended,
 )
+from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.whole_files import write_together, write_whole
@@ -262,7 +263,7 @@ def plant(
     resolved = options.scene_from(scene, settings, seed, tried=bus.machine)
     options.check_pace(resolved, request)
     repeat = request.repeat
-    repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
+    repeated = repeat_or_fail(read(repeat), resolved) if repeat else None
     with playing(PLANT, request, bus) as (tell, address):
         stats = roles.run_plant(
             resolved, replace(address, on_open=lambda: tell(open=True)), request,
@@ -332,16 +333,6 @@ def keys(
         hosts: Assign a host to each role, with or without a port.
         days: Limit the validity of the certificates to this time, days.
     """
-    write_keys(folder, hosts, days)
-
-
-_EXAMPLE = "plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3"
-_NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")
-
-
-def write_keys(folder: Path, hosts: str, days: int) -> None:
-    """Write an authority and a configuration for each role into `folder`, which has to be empty;
-    ends the command for hosts that are none."""
     places = _places(hosts)
     need("cryptography")
     from hertzloop.certificates import Authority, configurations
@@ -367,6 +358,10 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
         f"Who has one of these files is that role; {folder / 'authority.key'} can make more: it "
         "stays here."
     )
+
+
+_EXAMPLE = "plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3"
+_NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")
 
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:

@@ -20,7 +20,6 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, given_that_need, options_and_flags
 from hertzloop.processes.law_trial import try_law
-from hertzloop.processes.program import check_command
 from hertzloop.processes.warmup import anything_compiled, ensure_compiled
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
@@ -134,17 +133,6 @@ def check_pace(setup: Setup, options: RunOptions) -> None:
     from hertzloop.loop.paced import check_pace as check  # 0.05 s of what records nothing
 
     check(setup, options.pace, options.timeout_s)
-
-
-def check_controller(command: str | None) -> None:
-    """End the command for a command line of a controller that cannot be started."""
-    if command is None:
-        return
-
-    try:
-        check_command(command)
-    except ValueError as error:
-        fail(str(error))
 
 
 def check_law(setup: Setup) -> None:

@@ -27,15 +27,6 @@ if TYPE_CHECKING:
 # of an extra.
 
 
-def read_or_fail(path: Path, keep: bool = False) -> Recording:
-    """A recording, as `recordings.reader.read` has it; ends the command if there is none."""
-
-    try:
-        return read(path, keep)
-    except RecordingError as error:
-        fail(str(error))
-
-
 def scene_to_run(recording: Recording) -> "Setup":
     """The scene of a recording; ends the command if it cannot be simulated here."""
     try:
@@ -46,14 +37,11 @@ def scene_to_run(recording: Recording) -> "Setup":
 
 
 def repeat_or_fail(recording: Recording, setup: "Setup") -> Repeat:
-    """What is to be repeated of a recording of this scene; ends the command if that cannot be."""
+    """What is to be repeated of a recording of this scene; ends the command for another scene."""
 
-    try:
-        if to_toml(setup.scene) != recording.scene_toml:
-            fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
-        return repeat_of(recording)
-    except RecordingError as error:
-        fail(str(error))
+    if to_toml(setup.scene) != recording.scene_toml:
+        fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
+    return repeat_of(recording)
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]
@@ -78,7 +66,7 @@ def inspect(
     from hertzloop.views import inspection
 
     options.check_json(json_file, law_file)
-    recording = read_or_fail(file)
+    recording = read(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
     found = inspection.inspected(recording)
@@ -141,7 +129,7 @@ def compare(
     if tolerance and figures:
         fail("--tolerance: cannot be combined with --figures. Remove one of the two.")
     options.check_json(json_file, a, b)
-    left, right = read_or_fail(a), read_or_fail(b)
+    left, right = read(a), read(b)
     for recording in (left, right):
         for problem in recording.problems:
             err.say(f"{recording.path}: {problem}")
@@ -225,8 +213,8 @@ def replay(
             options.check_output(output, overwrite, option, [file])
     if alone and other is not None:
         fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.")
-    recording = read_or_fail(file, keep=True)
-    compared = read_or_fail(other, keep=True) if other else None
+    recording = read(file, keep=True)
+    compared = read(other, keep=True) if other else None
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
     from hertzloop.views import replaying
@@ -261,10 +249,7 @@ def repair(
 
     whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     options.check_recording(whole, overwrite, read=[file])
-    try:
-        messages, others, unchecked = recover_file(file, whole, overwrite)
-    except RecordingError as error:
-        fail(str(error))
+    messages, others, unchecked = recover_file(file, whole, overwrite)
     left = f"; ignored: {others:,} of other topics" if others else ""
     out.say(f"repaired: {messages:,} messages are in {whole}{left}")
     if unchecked:
@@ -295,7 +280,7 @@ def report(
 
 def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
 
-    recording = read_or_fail(file, keep=True)
+    recording = read(file, keep=True)
     page = _page(file, folder, overwrite)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")

@@ -13,13 +13,14 @@ import typer
 from hertzloop.analysis.trust import check_verifiable
 from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
-from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
+from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport, given_that_need
 from hertzloop.processes import fork_server
 from hertzloop.processes.launcher import what_is_kept
-from hertzloop.processes.program import BUS_NAME, meeting_endpoints
+from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.processes.signals import raise_when_ended
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import parts
 from hertzloop.views import run as run_view
@@ -49,7 +50,7 @@ def run(
     repeat = request.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.")
-    repeated = read_or_fail(repeat) if repeat else None
+    repeated = read(repeat) if repeat else None
     resolved = scene_to_run(repeated) if repeated else options.scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
     inputs = [repeat] if repeat else options.files_of(resolved, scene, *(settings or []))
@@ -63,7 +64,8 @@ def run(
             f"--{option}: not available with --transport {request.transport}. Use --transport "
             "zenoh."
         )
-    options.check_controller(request.controller)
+    if request.controller is not None:
+        check_command(request.controller)
     options.check_pace(resolved, request)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing

@@ -20,7 +20,7 @@ from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_k
 from hertzloop.recordings.reader import Recording
-from hertzloop.recordings.writer import RecordingError
+from hertzloop.recordings.writer import UnreadableRecording
 from hertzloop.setup import Setup
 
 _NOTICE_S = 1.0  # in which a controller that fails says so
@@ -182,9 +182,9 @@ class Repeat:
 
 
 def repeat_of(recording: Recording) -> Repeat:
-    """What is to be repeated of a recording. Raises RecordingError if it is not whole."""
+    """What is to be repeated of a recording. Raises UnreadableRecording if it is not whole."""
     if recording.problems:
-        raise RecordingError(
+        raise UnreadableRecording(
             f"{recording.path} cannot be repeated because it is incomplete: {recording.problems[0]}"
         )
     forces = np.array(recording.force.arrays["force_n"])
@@ -192,7 +192,7 @@ def repeat_of(recording: Recording) -> Repeat:
     if held is not None:
         held = np.array(held)
         if len(held) != len(forces) or np.any(held < 0) or np.any(held > np.arange(len(held))):
-            raise RecordingError(
+            raise UnreadableRecording(
                 f"{recording.path} cannot be repeated: held_steps of stream 'truth' names forces "
                 "before the run"
             )

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.bus.wire import reserved_ports
+from hertzloop.loop.run_options import OptionError
 
 BASE_PORT = 7450  # plant's; controller and recorder have the next two
 BUS_NAME = "hertzloop"  # of a run whose processes are not told another
@@ -24,17 +25,17 @@ def filled_in(command: str, name: str, endpoints: Sequence[str]) -> list[str]:
 
 
 def check_command(command: str) -> None:
-    """Raise ValueError, with a sentence, for a command line that cannot be started."""
+    """Raise OptionError for a command line that cannot be started."""
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ValueError(f"--controller = '{command}': {error}. Close the quotation.") from None
+        raise OptionError(f"--controller = '{command}': {error}. Close the quotation.") from None
     if not words or shutil.which(words[0]) is None:
-        raise ValueError(
+        raise OptionError(
             f"--controller = '{command}': cannot be started: no such program. Give its path."
         )
     if sum(place in command for place in _PLACES) == 1:
-        raise ValueError(
+        raise OptionError(
             f"--controller = '{command}': has one of {{listen}} and {{connect}}. Use both, or "
             f"none for a program that uses the ports from {BASE_PORT} on."
         )

@@ -1398,7 +1398,7 @@ def parse(
         ) from error
     _take_in(data, folder or Path())
     before = copy.deepcopy(data)
-    pairs = [_setting(text) for text in settings]
+    pairs = [setting_of(text) for text in settings]
     _switch(data, dict(pairs), folder)
     for key, value in pairs:
         _put(data, key, value)
@@ -1430,7 +1430,7 @@ def on_modes(source: str, settings: Iterable[str], modes: str, name: str) -> dic
     material = plate.get("material") if isinstance(plate, dict) else None
     data["plate"] = {"material": material} if material else {}
     _take_in(data, folder)
-    pairs = [_setting(text) for text in settings]
+    pairs = [setting_of(text) for text in settings]
     _switch(data, dict(pairs), folder)
     for key, value in pairs:
         _put(data, key, value)
@@ -1588,10 +1588,12 @@ def _latencies(path: Path) -> list[float]:
     heading, or else in us. Of a recording (.mcap) of a paced run, those that it had."""
     said = f"controller.latency_trace = {_echoed(path)}"
     if path.suffix == ".mcap":
-        from hertzloop.recordings.latencies import read_latencies
+        # 0.03 s of every start, for traces of this kind alone.
+        from hertzloop.recordings.latencies import latencies_of
+        from hertzloop.recordings.reader import read
 
         try:
-            return read_latencies(path)
+            return [float(x) for x in latencies_of(read(path))]
         except (ValueError, OSError, RuntimeError) as error:
             raise ValueError(f"{said}: {shortened(str(error))}") from error
     try:
@@ -1733,8 +1735,9 @@ def _switch(data: dict[str, Any], settings: Mapping[str, Any], folder: Path | No
             switch_law(table, resolve(law), written=True)
 
 
-def _setting(setting: str) -> tuple[str, Any]:
-    """Key and value of one key=value; the value is TOML, a bare word counts as text."""
+def setting_of(setting: str) -> tuple[str, Any]:
+    """Key and value of one key=value; the value is TOML, a bare word counts as text. Raises
+    SceneError."""
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         raise SceneError(

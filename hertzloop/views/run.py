@@ -738,20 +738,28 @@ def noise_rows(
     """The rows of that table: label, a cell for every column, and the change if they `compare`."""
     rows = []
     for key, row in _NOISE_ROWS.items():
-        values, factor, unit = [getattr(one, key) for one in columns], row.factor, row.unit
-        if unit == "uJ":
-            factor, unit = energy_unit(values)
+        values = [getattr(one, key) for one in columns]
         wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
-        cells = [
-            "not defined"
-            if math.isnan(value)
-            else _with_unit(known_digits(value * factor, ".4g", error * factor), unit)
-            for value, error in zip(values, wrong, strict=True)
-        ]
+        cells = _cells(row, values, wrong, ".4g", "not defined")
         if compare:
             cells.append(_change(row, *values, *wrong))
         rows.append([row.words, *cells])
     return rows
+
+
+def _cells(
+    row: meters.FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
+) -> list[str]:
+    """A figure of several runs with its unit and predictable digits; `without`: what nan says."""
+    factor, unit = row.factor, row.unit
+    if unit == "uJ":
+        factor, unit = energy_unit(value for value in values if not math.isnan(value))
+    return [
+        without
+        if math.isnan(value)
+        else _with_unit(known_digits(value * factor, form, error * factor), unit)
+        for value, error in zip(values, errors, strict=True)
+    ]
 
 
 def _with_unit(number: str, unit: str) -> str:
@@ -774,8 +782,13 @@ def _change(
         share = 100.0 * value / reference
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
         return _with_unit(known_digits(share, ".1f", wrong), "%")
-    change, wrong = meters.change_db(value, reference, row.db, error, reference_error)
-    return "" if math.isnan(change) else _with_unit(known_digits(change, "+.2f", wrong), "dB")
+    return _in_db(meters.change_db(value, reference, row.db, error, reference_error), "+.2f")
+
+
+def _in_db(found: tuple[float, float], form: str) -> str:
+    """A change in dB and its error in words; empty where there is none."""
+    change, wrong = found
+    return "" if math.isnan(change) else _with_unit(known_digits(change, form, wrong), "dB")
 
 
 def run_table(report: RunReport) -> Table:
@@ -1020,16 +1033,9 @@ def figures_table(ran: Ran, known: trust.Predictability, free: Figures | None = 
     right = [own, "without"][: len(cases)] + ["change"] * compare
     table = Table("figure", right=right, title="Figures of the first impact")
     for label, span, key, form in _FIGURES:
-        factor, unit = meters.SPAN_ROWS[key].factor, meters.SPAN_ROWS[key].unit
         found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
-        if unit == "uJ":
-            factor, unit = energy_unit(one for one in found if not math.isnan(one))
-        row = [
-            "-" if math.isnan(value)
-            else _with_unit(known_digits(value * factor, form, error * factor), unit)
-            for value, error in zip(found, wrong, strict=True)
-        ]  # fmt: skip
+        row = _cells(meters.SPAN_ROWS[key], found, wrong, form, "-")
         if compare:
             row.append("" if key == "contacts" else _change_of_figure(key, *found, *wrong))
         table.add_row(label, *(cell.strip() for cell in row))
@@ -1053,10 +1059,8 @@ def _change_of_figure(
     if math.isnan(value) or math.isnan(reference) or reference == 0.0:
         return ""
     if key in _IN_DB:
-        change, wrong = meters.change_db(
-            value, reference, meters.DECIBELS[key], error, reference_error
-        )
-        return "" if math.isnan(change) else _with_unit(known_digits(change, "+.1f", wrong), "dB")
+        times = meters.DECIBELS[key]
+        return _in_db(meters.change_db(value, reference, times, error, reference_error), "+.1f")
     if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
         return ""
     wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)

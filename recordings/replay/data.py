@@ -202,6 +202,11 @@ SIGNALS = (
 )  # fmt: skip
 
 
+TITLES = {
+    "gap": "Gap xi (µm)", "force": "Contact F_c, actuator F_a (N)",
+    "velocity": "Plate velocity v_p (m/s)", "acceleration": "Plate acceleration (m/s²)",
+    "late": "Force too old (steps)",
+}  # fmt: skip
 # Of a paced run, too: by how much the force that acted was too old.
 LATE = ("late", "held", "held_steps", 1.0, True)
 
@@ -321,21 +326,13 @@ def plots(
 ) -> list[Plot]:
     """Gap, forces and plate velocity, with what the data acquisition saw where it belongs, and
     with the twin's; thinned away from contacts."""
-    curves: dict[str, list[PlotCurve]] = {
-        "gap": [],
-        "force": [],
-        "velocity": [],
-        "acceleration": [],
-    }
-    if twin is not None:  # first, to lie behind
-        for plot in curves:
-            curves[plot] += twin.curves.get(plot, [])
+    # Those of the twin first, to lie behind.
+    curves = {plot: list(twin.curves.get(plot, ())) if twin else [] for plot in TITLES}
     own = f" {twin.own}" if twin and twin.own else ""
     spans = [(contact.first, contact.end) for contact in contacts]
     signals = list(SIGNALS)
     if LATE[2] in recording.truth.arrays:
         signals.append(LATE)
-        curves[LATE[0]] = []
     lines = _signals(recording, spans, [field for _, _, field, _, _ in signals])
     for (plot, name, _, factor, held), line in zip(signals, lines, strict=True):
         times = recording.truth.step_at(line.at) * recording.truth.step_ns
@@ -348,14 +345,7 @@ def plots(
         line = _measured(recording, spans)
         times = recording.daq.step_at(line.at) * recording.daq.step_ns
         curves[plot].append(curve_of("measured", line, times, factor, held=True))
-    titles = {
-        "gap": "Gap xi (µm)",
-        "force": "Contact F_c, actuator F_a (N)",
-        "velocity": "Plate velocity v_p (m/s)",
-        "acceleration": "Plate acceleration (m/s²)",
-        "late": "Force too old (steps)",
-    }
-    return [Plot(key, titles[key], tuple(found)) for key, found in curves.items() if found]
+    return [Plot(key, TITLES[key], tuple(found)) for key, found in curves.items() if found]
 
 
 def curve_of(

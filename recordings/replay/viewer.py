@@ -21,6 +21,7 @@ from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.wire import LOOPBACK, reserved_ports
 from hertzloop.recordings.replay.blueprint import TIMELINE
+from hertzloop.recordings.replay.data import TITLES
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.whole_files import write_whole
 
@@ -138,11 +139,7 @@ def live_blueprint() -> rrb.Blueprint:
     """Three plots of the whole run until now."""
     views = [
         rrb.TimeSeriesView(origin=f"live/{key}", name=title)
-        for key, title in (
-            ("gap", "Gap xi (µm)"),
-            ("force", "Contact F_c, actuator F_a (N)"),
-            ("velocity", "Plate velocity v_p (m/s)"),
-        )
+        for key, title in list(TITLES.items())[:3]
     ]
     return rrb.Blueprint(rrb.Vertical(*views), auto_layout=False, auto_views=False)
 
