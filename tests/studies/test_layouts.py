@@ -134,3 +134,14 @@ def test_groups_of_hdf5_state_the_rate_of_their_data(tmp_path: Path) -> None:
         group.attrs["Sampling Frequency (Hz)"] = 2e6
         group.create_dataset("force", data=FORCE)
     assert read_record(tmp_path / "r.h5").interval_s == pytest.approx(STEP_S)
+
+
+def test_levels_of_a_converter_are_no_values(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        data = file.create_dataset("force", data=np.round(100.0 * FORCE).astype("i2"))
+        data.attrs.update({"XInc": STEP_S, "YInc": 0.01, "YOrg": 0.0})
+    with pytest.raises(RecordError, match="a factor of its values, 'YInc = "):
+        read_record(tmp_path / "r.h5")
+    record = read_record(tmp_path / "r.h5", {"sensitivity": 100.0})
+    assert record.value == pytest.approx(FORCE, abs=0.006)

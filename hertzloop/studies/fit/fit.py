@@ -178,7 +178,7 @@ class Nuisance:
     error_percent: tuple[float, float]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FitResult:
     """The result of `fit`.
 
@@ -213,13 +213,13 @@ class FitResult:
     reasons: list[str]
     combinations: list[Combination]
     measure_next: list[str]
-    hold_out: dict[str, Any] | None
     evaluations: int
     wall_s: float
     covariance: np.ndarray
-    setup: Setup | None
     notes: list[str]
     speeds_m_s: tuple[float, float]
+    hold_out: dict[str, Any] | None = None
+    setup: Setup | None = None
     records: list[Record] = field(default_factory=list)
     curves: list[dict[str, np.ndarray]] = field(default_factory=list)
     checked_only: bool = False
@@ -703,15 +703,26 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
         for f, sd, alone in zip(problem.moving, known.sd, known.alone, strict=True)
     ]
     estimates = _with_steps(problem, estimates, known, profile)
+    fits = Fitness(Model.CANNOT_TELL, math.nan)
+    fits.reasons.append("This is a check before a fit: nothing was fitted.")
     return FitResult(
-        estimates, _nuisances(problem, point, until_s), _noise(problem), math.nan,
-        Model.CANNOT_TELL, Fitness(Model.CANNOT_TELL, math.nan).as_json(),
-        ["This is a check before a fit: nothing was fitted."],
-        known.combinations, _next(problem, point, known), None, problem.evaluations,
-        time.perf_counter() - began, known.covariance, None,
-        _notes(problem, setup), _speeds(problem, {}), list(records),
+        **_common(problem, point, point, until_s, known, fits), estimates=estimates,
+        evaluations=problem.evaluations, wall_s=time.perf_counter() - began,
+        notes=_notes(problem, setup), speeds_m_s=_speeds(problem, {}), records=list(records),
         checked_only=True,
     )  # fmt: skip
+
+
+def _common(
+    problem: Problem, point: Point, plain: Point, until_s: float, known: Uncertainty, fits: Fitness
+) -> dict[str, Any]:
+    """What fit and check have in common, by name; `plain` is the point of an exact model."""
+    return {
+        "nuisances": _nuisances(problem, plain, until_s), "noise_rms": problem.channels[0].noise,
+        "residual_over_noise": fits.residual_over_noise, "model": fits.verdict,
+        "statistics": fits.as_json(), "reasons": fits.reasons, "covariance": known.covariance,
+        "combinations": known.combinations, "measure_next": _next(problem, point, known),
+    }  # fmt: skip
 
 
 def _named_apart(records: Sequence[Record]) -> list[Record]:
@@ -928,28 +939,25 @@ def fit(
             for name in (key, *own_values({key: value}, records[0])) if "[" not in name
         })  # fmt: skip
     held = _held_out(fitted, held_records, free, exact) if held_records else None
-    verdict, reasons = fits.verdict, list(fits.reasons)
     curves = _curves(problem, plain, until_s)
-    if verdict is Model.DOES_NOT_FIT:
-        reasons += [
+    if fits.verdict is Model.DOES_NOT_FIT:
+        fits.reasons += [
             sentence
             for c, curve in zip(problem.channels, curves, strict=True)
             for sentence in _other_impact(c, curve)
         ]
-    if held is not None and verdict is Model.FITS and held["residual_over_noise"] > 2.0:
-        verdict = Model.DOES_NOT_FIT
-        reasons.append(
+    if held is not None and fits.verdict is Model.FITS and held["residual_over_noise"] > 2.0:
+        fits.verdict = Model.DOES_NOT_FIT
+        fits.reasons.append(
             f"The held-out records are {held['residual_over_noise']:.3g} times the noise away."
         )
-    if verdict is Model.FITS and any(e.verdict is Verdict.NOT_IDENTIFIABLE for e in estimates):
-        reasons.append("The model fits, but not every key is identifiable.")
+    if fits.verdict is Model.FITS and unsure:
+        fits.reasons.append("The model fits, but not every key is identifiable.")
     return FitResult(
-        estimates, _nuisances(problem, plain, until_s), _noise(problem),
-        fits.residual_over_noise, verdict, fits.as_json(), reasons, known.combinations,
-        _next(problem, point, known), held, evaluations + problem.evaluations,
-        time.perf_counter() - began, known.covariance, fitted,
-        _notes(problem, setup), _speeds(problem, values), list(records),
-        curves,
+        **_common(problem, point, plain, until_s, known, fits), estimates=estimates,
+        hold_out=held, evaluations=evaluations + problem.evaluations, setup=fitted, curves=curves,
+        wall_s=time.perf_counter() - began, notes=_notes(problem, setup),
+        speeds_m_s=_speeds(problem, values), records=list(records),
     )  # fmt: skip
 
 
@@ -1318,10 +1326,6 @@ def _samples(problem: Problem, point: Point, index: int, until_s: float) -> floa
     touch_s, ppm, _, _ = problem.nuisances(point.x, index)
     tau = channel.after_touch_s(touch_s, ppm)
     return float(np.sum(channel.independent(channel.counted(tau <= until_s))))
-
-
-def _noise(problem: Problem) -> float:
-    return problem.channels[0].noise
 
 
 def _speeds(problem: Problem, values: dict[str, float]) -> tuple[float, float]:

@@ -220,6 +220,9 @@ def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]
         unit = about.get("units", about.get("unit", ""))
         unit = unit.decode() if isinstance(unit, bytes) else str(unit)
         made = _series(own, values, unit, len(found.series) + 1, notes)
+        step = next((k for k in about if plain_name(k) in ("yinc", "y_increment", "y_mult")), None)
+        if step and np.asarray(values).dtype.kind in "iu":  # levels of a converter
+            found.multiplier = f"{step} = {about[step]}"
         spacing = _spacing(about)
         found.series += [
             one._replace(
