@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type
+from hertzloop.jit.by_type import by_type, no, nothing
 
 # Indices into a state's body (m, m/s, N).
 # V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
@@ -123,18 +123,8 @@ class Hand(NamedTuple):
 
 
 @kernel(inline=True, borrowed=True)
-def _never(hand, counts):
-    return False
-
-
-@kernel(inline=True, borrowed=True)
 def _is_withdrawn(hand, counts):
     return counts[WITHDRAWN] == 1
-
-
-@kernel(inline=True, borrowed=True)
-def _nothing(hand, model, state):
-    pass
 
 
 @kernel(inline=True, borrowed=True)
@@ -151,5 +141,5 @@ def _withdraw(hand, model, state):
 
 # Whether a striker was withdrawn, so that it touches nothing more; and let a hand move it, before
 # the count of steps goes on. Balances keep the speed with which it left: they end at the hand.
-withdrawn = by_type({type(None): _never, Hand: _is_withdrawn})
-withdraw = by_type({type(None): _nothing, Hand: _withdraw})
+withdrawn = by_type({type(None): no, Hand: _is_withdrawn})
+withdraw = by_type({type(None): nothing, Hand: _withdraw})

@@ -70,16 +70,30 @@ def _class_of(part: Any) -> Any:
     return type(None) if isinstance(part, types.NoneType) else None
 
 
+# Choices that are settled by the type alone.
+
+
 @kernel(inline=True, borrowed=True)
-def yes(part):
-    """True, for a choice that is settled by the type alone."""
+def yes(part, *others):
+    """True."""
     return True
 
 
 @kernel(inline=True, borrowed=True)
-def no(part):
-    """False, as `yes`."""
+def no(part, *others):
+    """False."""
     return False
+
+
+@kernel(inline=True, borrowed=True)
+def zero(part, *others):
+    """0.0, what something that is not there adds."""
+    return 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def nothing(part, *others):
+    """Does nothing."""
 
 
 def apart(kernel: Callable[..., Any]) -> Callable[..., Any]:

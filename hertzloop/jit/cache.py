@@ -19,6 +19,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+import llvmlite
+import numba
 from numba import config, typeof
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
@@ -40,9 +42,6 @@ _CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
 @cache
 def code_digest() -> str:
     """16 hex digits that change with any source of kernels, and with what compiles them."""
-    import llvmlite
-    import numba
-
     digest = hashlib.sha256()
     for what in (sys.version, numba.__version__, llvmlite.__version__):
         digest.update(what.encode() + b"\0")

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from numba import config, njit
+
 from hertzloop.jit.cache import cache_folder, kept_in, stored
 
 
@@ -43,8 +45,6 @@ def kernel(
             kernel, inline=inline, borrowed=borrowed, fused=fused, reordered=reordered, kept=kept,
             released=released, spliced=spliced, bare=bare,
         )  # fmt: skip
-    from numba import config, njit  # here, so that what needs the cache's place alone starts fast
-
     if config.DISABLE_JIT:
         return function
     options: dict[str, Any] = {"no_cfunc_wrapper": True}

@@ -349,7 +349,7 @@ def draw_front(
     path: Path, title: str, best: list[Found], reference: Found, objectives: Sequence[str]
 ) -> None:
     """Write the Pareto front as PNG."""
-    from hertzloop.studies import pictures
+    from hertzloop.studies import pictures  # matplotlib belongs to an extra
 
     pictures.save(front_sheet(title, best, reference, objectives), path)
 
@@ -358,7 +358,7 @@ def front_sheet(
     title: str, best: list[Found], reference: Found, objectives: Sequence[str]
 ) -> "Figure":
     """The settings found, law by law, over the first two objectives (or over their number)."""
-    from hertzloop.studies import pictures
+    from hertzloop.studies import pictures  # matplotlib belongs to an extra
 
     sheet, axes = pictures.sheet(1, 1, width=8.5, height=4.2)
     ax = axes[0, 0]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type
+from hertzloop.jit.by_type import by_type, no, nothing, yes, zero
 from hertzloop.plant import state_kernels as pk
 
 
@@ -32,11 +32,6 @@ class DampedTail(NamedTuple):
     mobility_m_ns: float
     energy: np.ndarray
     lost: np.ndarray
-
-
-@kernel(inline=True, borrowed=True)
-def _there(tail):
-    return True
 
 
 @kernel(inline=True, borrowed=True)
@@ -77,37 +72,17 @@ def _energy(tail, body):
 
 
 @kernel(inline=True, borrowed=True)
-def _not_there(tail):
-    return False
-
-
-@kernel(inline=True, borrowed=True)
 def _none(tail, body):
     return 0.0, 0.0, 0.0
 
 
-@kernel(inline=True, borrowed=True)
-def _nothing(tail, state, f0, f1):
-    pass
-
-
-@kernel(inline=True, borrowed=True)
-def _zero(tail):
-    return 0.0
-
-
-@kernel(inline=True, borrowed=True)
-def _no_energy(tail, body):
-    return 0.0
-
-
 # Whether there is one, known when a caller is compiled.
-there = by_type({type(None): _not_there, DampedTail: _there})
+there = by_type({type(None): no, DampedTail: yes})
 # Turn it by a step: displacement at its end (m), velocity Im(s z) there, mean displacement.
 turned = by_type({type(None): _none, DampedTail: _turned})
 # Let a force F_0 + F_1 (2 t/h - 1) of the step act on it (state), and book what it loses.
-pushed = by_type({type(None): _nothing, DampedTail: _pushed})
+pushed = by_type({type(None): nothing, DampedTail: _pushed})
 # Velocity that follows a force at once, m/(N s).
-mobility = by_type({type(None): _zero, DampedTail: _mobility})
+mobility = by_type({type(None): zero, DampedTail: _mobility})
 # Energy in it, J, by the state's body.
-energy = by_type({type(None): _no_energy, DampedTail: _energy})
+energy = by_type({type(None): zero, DampedTail: _energy})

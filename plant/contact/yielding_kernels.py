@@ -18,7 +18,7 @@ import math
 from typing import Any, NamedTuple
 
 from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, yes
+from hertzloop.jit.by_type import by_type, no, yes, zero
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.contact import tail_kernels
@@ -426,11 +426,6 @@ def _slope(law, model, body, gap, root, approaching):
 
 
 @kernel(inline=True, borrowed=True)
-def _no_dent(law, body):
-    return 0.0
-
-
-@kernel(inline=True, borrowed=True)
 def _elastic_slope(law, model, body, gap, root, approaching):
     return elastic.slope_by_gap(model, root)
 
@@ -449,7 +444,7 @@ def _settle_elastic(law, model, state, gap, root):
 # of the contact (m), below which there is none; dF/dgap at a modal gap; the force of a step; its
 # end.
 yields = by_type({type(None): no, Yielding: yes})
-dent = by_type({type(None): _no_dent, Yielding: _dent})
+dent = by_type({type(None): zero, Yielding: _dent})
 slope = by_type({type(None): _elastic_slope, Yielding: _slope})
 solve_contact = by_type({type(None): _elastic, Yielding: _solve})
 settle = by_type({type(None): _settle_elastic, Yielding: _settle})

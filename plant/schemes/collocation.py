@@ -13,7 +13,7 @@ from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import aligned, damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
-from hertzloop.plant.plant import NO_IMPEDANCE, Plant, PlantSpec, air_eta, common_fields
+from hertzloop.plant.plant import Plant, PlantSpec, air_eta, common_fields
 from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -289,10 +289,7 @@ def damped_tail(spec: PlantSpec) -> tuple[DampedTail | None, dict[int, float]]:
     left_out = residual_m_n(spec) if spec.damped_tail else 0.0
     if left_out == 0.0:
         return None, {}
-    plate = spec.plate.local_plate
-    if plate is None:
-        raise ValueError(NO_IMPEDANCE)
-    mobility = 1.0 / plate.infinite_plate_impedance_n_s_m
+    mobility = 1.0 / spec.local_plate.infinite_plate_impedance_n_s_m
     return build_tail(mobility, tail_limit(mobility, left_out), spec.step_s, spec.same_point)
 
 

@@ -24,7 +24,7 @@ from numba import types
 from numba.extending import overload
 
 from hertzloop.jit import kernel
-from hertzloop.jit.by_type import apart, by_type
+from hertzloop.jit.by_type import apart, by_type, nothing, zero
 from hertzloop.plant import actuator_kernels as act
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
@@ -119,22 +119,12 @@ class Probe(NamedTuple):
     by_a1: float
 
 
-@kernel(inline=True, borrowed=True)
-def _no_probe(probe, model, z, awake):
-    return 0.0
-
-
 @kernel(borrowed=True, fused=True, reordered=True)
 def _probed(probe, model, z, awake):
     total = 0.0
     for i in range(awake):
         total += probe.weight[i] * (z[0, i] - of_mode(model.rho, i) * z[1, i])
     return total
-
-
-@kernel(inline=True, borrowed=True)
-def _not_noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
-    pass
 
 
 @kernel(inline=True, borrowed=True)
@@ -146,8 +136,8 @@ def _noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
 
 
 # Velocity there after a step without forces, and its value and mean acceleration with them.
-_probe = by_type({type(None): _no_probe, Probe: _probed})
-_note = by_type({type(None): _not_noted, Probe: _noted})
+_probe = by_type({type(None): zero, Probe: _probed})
+_note = by_type({type(None): nothing, Probe: _noted})
 
 
 @apart
@@ -324,16 +314,6 @@ def _dissipated_in_flight(model, state, table, steps):
     return lost
 
 
-@kernel(inline=True, borrowed=True)
-def _no_air(air, model, state, f0, f1, f_a):
-    return 0.0
-
-
-@kernel(inline=True, borrowed=True)
-def _no_air_in_flight(air, model, state, steps):
-    return 0.0
-
-
 @kernel(borrowed=True)
 def _radiated(air, model, state, f0, f1, f_a):
     return _dissipated_in_step(model, state, air.gains, air.table, f0, f1, f_a)
@@ -345,8 +325,8 @@ def _radiated_in_flight(air, model, state, steps):
 
 
 # The parts of both that go into air, known to be none when a caller is compiled.
-_to_air_in_step = by_type({type(None): _no_air, Air: _radiated})
-_to_air_in_flight = by_type({type(None): _no_air_in_flight, Air: _radiated_in_flight})
+_to_air_in_step = by_type({type(None): zero, Air: _radiated})
+_to_air_in_flight = by_type({type(None): zero, Air: _radiated_in_flight})
 
 
 @kernel(inline=True, borrowed=True)

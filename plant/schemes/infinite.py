@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.plant import NO_IMPEDANCE, NO_MODES, Plant, PlantSpec, common_fields
+from hertzloop.plant.plant import NO_MODES, Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes import infinite_kernels as infinite_k
 from hertzloop.plant.structures.plate import Plate
 
@@ -28,10 +28,7 @@ def build_model(spec: PlantSpec) -> infinite_k.InfiniteModel:
     """Coefficients of one step. Raises ValueError when the actuator is not at the contact."""
     if not spec.same_point:
         raise ValueError("the infinite plate knows a force at the contact point only")
-    plate = spec.plate.local_plate
-    if plate is None:
-        raise ValueError(NO_IMPEDANCE)
-    h, m, z = spec.step_s, spec.sphere.mass_kg, impedance_n_s_m(plate)
+    h, m, z = spec.step_s, spec.sphere.mass_kg, impedance_n_s_m(spec.local_plate)
     gains = np.zeros(elastic.GAINS)
     # Displacement, velocity and mean displacement of the plate by F_0 and F_1.
     gains[elastic.PX0], gains[elastic.PX1] = h / z, 0.0

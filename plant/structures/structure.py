@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import ModeSource, Oscillators, grouped, spanned
+from hertzloop.plant.structures.modes import ModeSource, Oscillators, Point, grouped, spanned
 from hertzloop.plant.structures.plate import Plate
 
 
@@ -86,10 +86,10 @@ class SizedPlate(Structure):
 
 def oscillators(
     structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
+    contact_m: Point,
+    actuator_m: Point,
     omega_max: float,
-    sensor_m: tuple[float, float] | None = None,
+    sensor_m: Point | None = None,
     moved: bool = False,
 ) -> Oscillators:
     """Reduce the modes below `omega_max` to what forces at two points move; see `grouped`.
@@ -117,22 +117,17 @@ def oscillators(
 
 def oscillator_shapes(
     structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
+    contact_m: Point,
+    actuator_m: Point,
     omega_max: float,
     of_modes: np.ndarray,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
     modes = structure.modes(omega_max, contact_m, actuator_m)
     return grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)
 
 
-def frequencies(
-    structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
-    omega_max: float,
-) -> int:
+def frequencies(structure: Structure, contact_m: Point, actuator_m: Point, omega_max: float) -> int:
     """How many oscillators there are below a limit, zero without any."""
     try:
         return len(oscillators(structure, contact_m, actuator_m, omega_max).omega)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+import scipy
 
 from hertzloop.extras import need
 from hertzloop.scenes.quantities import SENSED
@@ -173,6 +174,4 @@ class LinearSystem(PoleForm):
             if path.suffix == ".npz":
                 np.savez(unfinished, **arrays)
             else:
-                import scipy.io
-
                 scipy.io.savemat(unfinished, arrays)

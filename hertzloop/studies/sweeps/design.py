@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError, shortened, shown
@@ -161,8 +162,7 @@ class Design:
         if self.kind == "grid":
             every = itertools.product(*(axis.values for axis in self.axes))
             return [dict(zip(keys, values, strict=True)) for values in every]
-        from scipy.stats import qmc  # half a second, which a grid need not wait for
-
+        qmc = scipy.stats.qmc  # loaded here: half a second, which a grid need not wait for
         sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
         spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
         with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2

@@ -93,24 +93,20 @@ class Journal:
         self.damaged: list[int] = []
         self._file = path.open("a+b")
         try:
-            self._lock()
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             whole = self._read(header)
             # A line that a kill has torn is dropped; its case is not finished.
             self._file.truncate(whole)
             if not whole:
                 self._write(header)
-        except BaseException:
+        except BaseException as error:
             self._file.close()
+            if isinstance(error, BlockingIOError):
+                raise JournalError(
+                    f"{path} is in use by another command. Wait for its end, or write to another "
+                    "folder."
+                ) from error
             raise
-
-    def _lock(self) -> None:
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise JournalError(
-                f"{self.path} is in use by another command. Wait for its end, or write to another "
-                "folder."
-            ) from error
 
     def _read(self, header: dict[str, Any]) -> int:
         """Take over the finished cases; the length of the whole lines in bytes."""

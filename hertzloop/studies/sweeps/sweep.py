@@ -26,6 +26,7 @@ from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, toml_value
+from hertzloop.studies.margin.margin import growth_of
 from hertzloop.studies.sweeps.design import Design, keys_of, toml_text
 from hertzloop.studies.sweeps.evaluate import (
     Numbered,
@@ -176,8 +177,6 @@ def sweep(
 def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
     """Return rows with the column `growth_per_s`: growth of the linear loop in flight, 1/s; 0 if
     it is stable, nan if undecided, None without a linear loop."""
-    from hertzloop.studies.margin.margin import growth_of
-
     known: dict[str, float | None] = {}
     without: dict[str, bool] = {}  # laws without a loop
     varied = [key for key in keys if key not in _NOT_OF_LOOP]
