@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.interop import fmu
+from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,11 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.analysis.impacts import F_C
 from hertzloop.interop.fmu import NoCompiler, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.compiled import SimulatedRun, simulate
+from hertzloop.plant.time_series import F_C
 from hertzloop.setup import load
 from hertzloop.studies.words import write_records
 

@@ -28,12 +28,12 @@ from benchmarks.program import (
     start,
     written,
 )
-from hertzloop.analysis.impacts import F_A, XI, XI_P, consistent_impacts
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.time_series import series_under
+from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
 from hertzloop.setup import Setup, load, model_error, parts
 from hertzloop.studies.words import write_records
 

@@ -29,10 +29,9 @@ from benchmarks.program import (
     start,
     written,
 )
-from hertzloop.analysis.impacts import modal_displacement, starting_speed
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
-from hertzloop.plant.figures.impacts import Impact, impacts
+from hertzloop.plant.figures.impacts import Impact, impacts, modal_displacement, starting_speed
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS

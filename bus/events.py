@@ -3,30 +3,13 @@
 The sentences are made here and nowhere else, and no program reads them: a fact is in the fields.
 """
 
-import sys
-from typing import Any, NamedTuple
+from typing import Any
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from hertzloop.bus.messages_pb2 import Event, EventKind
 
 MODES = ("idle", "watching", "acting", "spent")  # of a law; it may have more
-
-
-class Fact(NamedTuple):
-    """What programs read of an event."""
-
-    kind: EventKind = EventKind.SENTENCE
-    number: int = 0
-    quantity: str = ""
-    mode_before: int = 0
-    mode: int = 0
-
-
-def fact_of(event: Event) -> Fact:
-    """The typed part of an event."""
-    quantity = sys.intern(event.quantity)
-    return Fact(event.kind, event.number, quantity, event.mode_before, event.mode)
 
 
 def event(name: str, step: int, step_ns: int, level: Any = Log.INFO, **fact: Any) -> Event:

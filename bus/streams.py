@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from importlib.metadata import version
 from itertools import zip_longest
 from typing import Any
@@ -17,8 +16,6 @@ from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
 
 PLANT, CONTROLLER, RECORDER = ROLES = "plant", "controller", "recorder"
-# Stated in the first message of a run, as far as a sample depends on them.
-_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
 _LONGEST_VERSION = 20  # characters: it comes from another process
 LAST_NS = 2**63 - 1  # simulated time that every reader of a recording can hold
 
@@ -35,6 +32,10 @@ class Stream:
     compared: bool = False  # its samples must be the same in every repeat of a run
     once: bool = False  # one message a run
     recorded_as: type[Message] | None = None  # schema in the recording, if another
+    numbered: bool = field(init=False)  # whether its messages carry their own sequence number
+
+    def __post_init__(self) -> None:
+        vars(self)["numbered"] = "sequence" in self.message.DESCRIPTOR.fields_by_name
 
 
 STREAMS = {
@@ -108,11 +109,6 @@ def decode(envelope: Envelope) -> wire.DecodedBlock:
     """Decode any stream's message. Raises wire.MessageError if it is malformed."""
     stream = STREAMS[envelope.stream]
     return wire.decode(stream.message, envelope.payload)
-
-
-def has_header_sequence(stream: str) -> bool:
-    """Whether the messages of a stream carry their own sequence number."""
-    return "sequence" in STREAMS[stream].message.DESCRIPTOR.fields_by_name
 
 
 def refuse_not_finite(
@@ -315,12 +311,6 @@ def _compare_set_up(announced: Hello, ran: SetUp) -> None:
             f"the controller worked with a contact stiffness of {ran.stiffness:g} N/m^1.5, "
             f"the plant announced {announced.stiffness:g}"
         )
-
-
-@cache
-def versions_here() -> str:
-    """Versions of this package and of those that a run depends on: JSON, by package."""
-    return json.dumps({name: version(name) for name in _PACKAGES})
 
 
 def other_version(versions: str, who: str) -> str:

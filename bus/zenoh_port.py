@@ -17,7 +17,7 @@ from hertzloop.bus import LEAVING
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.presence import Presence
 from hertzloop.bus.process_clock import clock
-from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
+from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope
 from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
 from hertzloop.bus.zenoh_config import role_of, session_config
 
@@ -95,7 +95,7 @@ class ZenohPort:
         self._sender.start()
 
     def _handler(self, stream: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
-        put, numbered = self._inbox.put, not has_header_sequence(stream)
+        put, numbered = self._inbox.put, not STREAMS[stream].numbered
 
         def receive(sample: zenoh.Sample) -> None:
             sequence = None
@@ -147,7 +147,7 @@ class ZenohPort:
 
     def _put(self, envelope: Envelope) -> None:
         attachment = None
-        if not has_header_sequence(envelope.stream):
+        if not STREAMS[envelope.stream].numbered:
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
         started = time.monotonic()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)

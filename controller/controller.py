@@ -69,7 +69,7 @@ class Controller:
         self.bound = law
         self.law = law.model
         self.law_state = laws.LawState(
-            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.new_state()
+            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.state.data.copy()
         )
         jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
         if line.jitter_steps > 0:

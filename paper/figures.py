@@ -19,13 +19,14 @@ from benchmarks.program import (
     tracked,
     written,
 )
-from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import noise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import sampled
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.structure import oscillators
+from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.pictures import look

@@ -24,7 +24,7 @@ from benchmarks.program import (
     tracked,
     written,
 )
-from hertzloop.analysis.impacts import F_C, consistent_impacts, first_impact
+from hertzloop.analysis.impacts import consistent_impacts, first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -39,6 +39,7 @@ from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.time_series import F_C
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records

@@ -36,7 +36,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 
 from hertzloop.bus import streams
-from hertzloop.bus.events import MODES, Fact, fact_of
+from hertzloop.bus.events import MODES
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
 from hertzloop.recordings import writer
@@ -64,7 +64,7 @@ _CHECKSUM = {Opcode.ATTACHMENT: 4}  # bytes after the pieces
 _CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)  # kinds with a checksum of their own
 _CHAIN = 4  # records that follow one another are no chance
 
-SAMPLED = tuple(sorted(filter(streams.has_header_sequence, streams.STREAMS)))  # daq, force, truth
+SAMPLED = tuple(sorted(s.name for s in streams.STREAMS.values() if s.numbered))  # daq, force, truth
 
 
 class Damaged(Exception):
@@ -671,6 +671,16 @@ _KINDS = {
 }
 
 
+class Fact(NamedTuple):
+    """What programs read of an event."""
+
+    kind: EventKind = EventKind.SENTENCE
+    number: int = 0
+    quantity: str = ""
+    mode_before: int = 0
+    mode: int = 0
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """Simulated time in ns, publisher ("plant", "controller"), level as in foxglove.Log, the
@@ -992,6 +1002,12 @@ _OF_PLANT = (
     (EventKind.RANGE_REGAINED, re.compile(r"(?P<quantity>\w+) is back in the converter's range")),
 )
 _LAW = re.compile(r"law (mode )?(\w+) -> (mode )?(\w+)(, .*)?")
+
+
+def fact_of(event: Any) -> Fact:
+    """The typed part of a message `Event`."""
+    quantity = sys.intern(event.quantity)
+    return Fact(event.kind, event.number, quantity, event.mode_before, event.mode)
 
 
 def older_fact(name: str, message: str) -> Fact:

@@ -20,7 +20,6 @@ from hertzloop.bus.streams import (
     STREAMS,
     SUBSCRIPTIONS,
     Envelope,
-    has_header_sequence,
 )
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.program import BASE_PORT
@@ -42,7 +41,7 @@ def test_the_table_of_streams() -> None:
             stream.publisher,
             stream.message.DESCRIPTOR.name,
             ", ".join(role for role in roles if stream.name in SUBSCRIPTIONS[role]),
-            "header" if has_header_sequence(stream.name) else "attachment",
+            "header" if stream.numbered else "attachment",
         )
         for stream in STREAMS.values()
     ]

@@ -22,7 +22,7 @@ class LawFault(RuntimeError):
 
 
 class BoundLaw:
-    """A law's functions, the bytes of its constants, and its state at the start.
+    """A law's functions, the bytes of its constants, and its `state` at the start.
 
     `trouble`: why it runs as Python, empty if it is compiled; `ended`: what was raised in the law
     that is to end more than the law, as Ctrl-C is, a list that its callbacks `held` may share.
@@ -40,16 +40,12 @@ class BoundLaw:
         self.name, self.trouble, self.ended = name, "", ended
         at: list[Any] = [addresses.get(function, 0) for function in law_code.FUNCTIONS]
         self.model = LawModel(*[*at, constants.data])
-        self._state, self._held = state, (constants, held)
-
-    def new_state(self) -> np.ndarray:
-        """Words of the state at the start of a run."""
-        return self._state.data.copy()
+        self.state, self._held = state, (constants, held)
 
     @cached_property
     def waits_above(self) -> float:
         """Level above which samples leave the law at zero, as it is at the start; inf without."""
-        state = LawState(np.zeros(LAW_COUNTS, np.int64), np.zeros(0), self.new_state())
+        state = LawState(np.zeros(LAW_COUNTS, np.int64), np.zeros(0), self.state.data.copy())
         return float(quiet_level(self.model, state))
 
     def explain(self, samples: np.ndarray, index: int) -> str:
@@ -112,7 +108,7 @@ class BoundPython(BoundLaw):
 
     def _in_python(self, samples: np.ndarray) -> Iterator[tuple[int, Any]]:
         """Every sample with the command, or with what the law raised, which is the last."""
-        state = callbacks.state_view(self.new_state(), self._state.dtype)
+        state = callbacks.state_view(self.state.data.copy(), self.state.dtype)
         command = callbacks.uncompiled(self._home.command)
         for i in range(len(samples)):
             try:
@@ -127,10 +123,8 @@ class BoundPython(BoundLaw):
 
     def cost_us(self, samples: np.ndarray) -> float:
         """What a sample costs, us; measured with samples that it is known to take."""
-        state, command = (
-            callbacks.state_view(self.new_state(), self._state.dtype),
-            callbacks.plain(self._home.command),
-        )
+        state = callbacks.state_view(self.state.data.copy(), self.state.dtype)
+        command = callbacks.plain(self._home.command)
         started = time.perf_counter()
         for i in range(len(samples)):
             command(self._constants, state, samples[: i + 1], i)

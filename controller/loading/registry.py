@@ -30,11 +30,6 @@ _FILE = re.compile(r"(?P<file>.+\.(?:py|so|dylib|fmu))(?::(?P<name>\w+))?", re.D
 _MODULE = re.compile(r"(?P<module>\w+(?:\.\w+)+|\w+(?=:))(?::(?P<name>\w+))?")
 
 
-def controls(name: str) -> bool:
-    """Whether a law of this name controls: every one but that which stands for none."""
-    return name != NO_CONTROL
-
-
 @cache
 def shipped() -> tuple[str, ...]:
     """Names of the laws that come with hertzloop, one file each."""

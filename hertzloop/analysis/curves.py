@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_A, XI_P, XI_S, Block
+from hertzloop.analysis.impacts import Block
+from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_A, XI_P, XI_S
 from hertzloop.recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 from hertzloop.setup import Setup
 

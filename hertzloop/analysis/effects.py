@@ -83,6 +83,9 @@ class Facts:
     def __init__(self, setup: Setup, run: Extremes, end_s: float | None = None) -> None:
         self.setup, self.run, self.spec = setup, run, setup.plant
         lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
+        # From a sample to the force that it causes.
+        line_s = setup.step_s + 1e-6 * setup.latency_us
+        self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         self.standing = _standing(self.spec, setup.bodies)
         self.local = self.standing.local
         self.end_s = setup.duration_s if end_s is None else end_s
@@ -94,9 +97,6 @@ class Facts:
         # Radius, m, and mean pressure, Pa, at the largest force by Hertz.
         self.radius_m = criteria.contact_radius_m(run.force_n, radius_m, contact.stiffness)
         self.pressure_pa = criteria.mean_pressure_pa(run.force_n, self.radius_m)
-        # From a sample to the force that it causes.
-        line_s = setup.step_s + 1e-6 * setup.latency_us
-        self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         self.sphere_periods = criteria.sphere_periods(sphere, run.contact_s)  # nan if it is no ball
         self.first_return_s = math.nan  # of bending waves from an edge, s
         if self.local is None:

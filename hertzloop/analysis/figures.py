@@ -1,6 +1,6 @@
 """Figures of a run from its rows of truth."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Event
@@ -97,10 +97,5 @@ def free_figures(setup: Setup) -> Figures | None:
     if not setup.has_law:
         return None
     without = setup.uncontrolled()
-    return figures_of(without, _while_no_loop(parts.free_series(without)))
-
-
-def _while_no_loop(blocks: Iterable[Block]) -> Iterator[Block]:
-    for block in blocks:
-        no_loop.wait()
-        yield block
+    # `wait` returns True, when it does.
+    return figures_of(without, (block for block in parts.free_series(without) if no_loop.wait()))

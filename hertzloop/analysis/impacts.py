@@ -9,22 +9,26 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
-from hertzloop.plant.contact.yielding import dents_m, elastic_n
+from hertzloop.plant.contact.yielding import dents_m
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import (
+    FIGURES,
     TO_CUBIC,
     Impact,
+    ImpactPart,
+    Reading,
     contacts,
-    impact_of,
-    impacts,
+    impacts_in,
+    modal_displacement,
     peak_force_n,
     peak_speed_m_s,
-    step_work_j,
+    read_impact,
+    starting_speed,
 )
 from hertzloop.plant.figures.noise import (
     ImpactNoise,
@@ -35,23 +39,18 @@ from hertzloop.plant.figures.noise import (
     turned,
 )
 from hertzloop.plant.plant import PlantSpec, modes_of
-from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
+from hertzloop.plant.schemes.collocation import damped_tail
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import (
     COLUMNS,
-    DEEPEST,
     F_A,
-    F_A1,
     F_C,
     F_C1,
     V_P,
     XI,
-    XI_A,
-    XI_P,
-    XI_S,
 )
 from hertzloop.setup import Setup
 
@@ -130,61 +129,6 @@ def _closed(window: ImpactWindow | None, following: np.ndarray | None) -> Iterat
         yield found
 
 
-def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
-    """Displacement at the struck point without that of the modes left out, a spring between the
-    present contact force and the actuator force of the step before. It takes no energy."""
-    spring = flexibility_m_n(spec)
-    if spring == 0.0:
-        return rows[XI_P]
-    contact_n = elastic_n(spec.contact, -rows[XI], rows[DEEPEST])
-    before = np.concatenate([[0.0], rows[F_A, :-1] + rows[F_A1, :-1]])
-    actuator_n = before if spec.same_point else 0.0
-    return np.asarray(rows[XI_P] - spring * (actuator_n - contact_n))
-
-
-def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
-    """Velocity of the struck point right at the start of every step, under its forces, m/s: the
-    part of a damped tail follows them at once. In the first row it is that of the row."""
-    tail = damped_tail(spec)[0]
-    if tail is None:
-        return rows[V_P]
-    found = np.empty(rows.shape[1])
-    if len(found):
-        rows_k.starting_speeds(
-            rows[V_P], rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], spec.same_point,
-            tail.mobility_m_ns, found,
-        )  # fmt: skip
-    return found
-
-
-def impacts_in(
-    spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray,
-    first_step: int = 0,
-) -> list[Impact]:  # fmt: skip
-    """Contact figures of every impact from rows (10, steps), `modal_displacement` and
-    `starting_speed` of them."""
-    same = spec.same_point
-    return impacts(
-        rows[XI], rows[XI_S], displaced, rows[F_C], rows[F_A], None if same else rows[XI_A],
-        spec.sphere.mass_kg, spec.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
-        impedance_n_s_m=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None,
-        first_step=first_step, f_a1=rows[F_A1],
-        dent_m=dents_m(spec.contact, rows[DEEPEST]), v_start=v_start,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-    )  # fmt: skip
-
-
-def work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> float:
-    """Work of both forces on the plate over rows (10, steps), J."""
-    same = spec.same_point
-    impedance = impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None
-    work = step_work_j(
-        displaced, rows[F_C], rows[F_A], displaced if same else rows[XI_A], rows[F_C1],
-        rows[V_P], spec.step_s, impedance, rows[F_A1], same, v_start,
-    )  # fmt: skip
-    return float(work.sum())
-
-
 class ConsistentWindow:
     """Figures of one impact of a consistent scheme, from its start until it is over."""
 
@@ -245,7 +189,9 @@ class ConsistentWindow:
         if count:
             self._add(piece, following, count)
         if not self._lasts.counts[rows_k.OVER]:
-            self._silent_max = max(self._silent_max, rows_k.largest(piece[V_P, count:]))
+            self._silent_max = max(
+                self._silent_max, float(np.abs(piece[V_P, count:]).max(initial=0.0))
+            )
         self._before = piece[:, -1:].copy()
         self._done += piece.shape[1]
 
@@ -263,6 +209,7 @@ class ConsistentWindow:
             self._continue(part, float(part.work_j[lead:].sum()))
         elif part.known:
             self._impact = part.impact(spec.step_s)
+        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         if not self._ended:
             self._ended = part.touching < piece.shape[1]
             touched = piece[:, : part.touching]
@@ -271,11 +218,10 @@ class ConsistentWindow:
             # The speed to the step after the contact.
             speed = piece[V_P, : part.touching + 1]
             self._fastest.follow(np.abs(speed), speed[np.newaxis])
-        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
 
-    def _continue(self, part: "_Part", work_j: float) -> None:
+    def _continue(self, part: ImpactPart, work_j: float) -> None:
         """Carry the impact on over further rows, which take `work_j` in all, J."""
         impact = self._impact
         if impact is None:
@@ -295,38 +241,21 @@ class ConsistentWindow:
         )
 
 
-class _Part(NamedTuple):
-    """What `read_impact` finds and writes."""
-
-    known: bool
-    start: int
-    until: int
-    touching: int
-    speed_max_m_s: float
-    figures: np.ndarray
-    work_j: np.ndarray
-    drive: np.ndarray
-
-    def impact(self, step_s: float) -> Impact:
-        """The contact that is known, with the work on the plate that belongs to it."""
-        return impact_of(self.figures, step_s, float(self.work_j[self.start : self.until].sum()))
-
-
 def _read(
     spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
     continued: bool = False, first_step: int = 0,
-) -> _Part:  # fmt: skip
+) -> ImpactPart:  # fmt: skip
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
+    figures, drive = np.empty(FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = rows_k.read_impact(
+    known, start, until, touching, speed_max = read_impact(
         xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
         modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
         _reading(spec, modes), figures, work, speeds, drive,
     )  # fmt: skip
-    return _Part(known, start, until, touching, speed_max, figures, work, drive)
+    return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
 
 
 def _noise(
@@ -369,10 +298,10 @@ class _Highest:
 
 
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
+def _reading(spec: PlantSpec, modes: Oscillators) -> Reading:
     """What the rows of a plant's impacts are read with."""
     tail = damped_tail(spec)[0]
-    return rows_k.Reading(
+    return Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,

@@ -9,25 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hertzloop.analysis.impacts import (
-    F_A,
-    F_A1,
-    F_C,
-    F_C1,
-    PIECE,
-    V_P,
-    XI_A,
-    XI_P,
-    Block,
-    RowsOfImpact,
-    modal_displacement,
-    starting_speed,
-    work_j,
-)
+from hertzloop.analysis.impacts import PIECE, Block, RowsOfImpact
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures import rows_kernels as rows_k
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.impacts import Impact, modal_displacement, starting_speed, work_j
 from hertzloop.plant.figures.noise import (
     RADIATED_UP_TO_HZ,
     ImpactNoise,
@@ -40,7 +26,7 @@ from hertzloop.plant.figures.noise import (
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import COLUMNS
+from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parts
 
@@ -475,7 +461,7 @@ class WholeRunMeter(Meter):
         rows = np.concatenate([self._before, piece, following], axis=1)
         displaced, v_start = modal_displacement(spec, rows), starting_speed(spec, rows)
         self._work_j += work_j(spec, rows[:, lead:], displaced[lead:], v_start[lead:])
-        self._speed_max = max(self._speed_max, rows_k.largest(piece[V_P]))
+        self._speed_max = max(self._speed_max, float(np.abs(piece[V_P]).max(initial=0.0)))
         pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
         for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
             if not len(some):
@@ -557,8 +543,3 @@ def _difference(span: str, name: str, a: float, b: float) -> Difference:
         return Difference(span, name, a, b, b - a, "")
     change = 100.0 * (b / a - 1.0) if a else float("nan")
     return Difference(span, name, a, b, change, "%")
-
-
-def predictable(value: float, error: float) -> bool:
-    """Whether any digit of a number is, by its largest absolute error; 0 where all digits are."""
-    return error == 0.0 or error < abs(value)

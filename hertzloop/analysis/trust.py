@@ -7,23 +7,14 @@ keep its accuracy (`law_accuracy`), and how well later impacts can be known at a
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum, StrEnum, auto
 
 import numpy as np
 
 from hertzloop.analysis.cases import latched_us
 from hertzloop.analysis.figures import Figures, Ran
-from hertzloop.analysis.impacts import (
-    F_A,
-    F_A1,
-    F_C,
-    F_C1,
-    XI,
-    consistent_impacts,
-    first_impact,
-    impacts_of_blocks,
-)
+from hertzloop.analysis.impacts import consistent_impacts, first_impact, impacts_of_blocks
 from hertzloop.analysis.meters import control_force_n
 from hertzloop.analysis.recorded import LawRan, law_of
 from hertzloop.loop.compiled import LawStopped, closed_loop_rows, finer_loop, simulate
@@ -33,6 +24,7 @@ from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, XI
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, model_error, parse, parts
@@ -52,11 +44,12 @@ class Verification:
     plate_energy: float
     step_ns: float
     frequency_limit_hz: float
+    largest: float = field(init=False)
+    """largest of the three relative changes"""
 
-    @property
-    def largest(self) -> float:
-        """Largest of the three relative changes."""
-        return max(self.penetration, self.rebound_speed, self.plate_energy)
+    def __post_init__(self) -> None:
+        largest = max(self.penetration, self.rebound_speed, self.plate_energy)
+        object.__setattr__(self, "largest", largest)
 
 
 def verify(setup: Setup, rows: np.ndarray) -> Verification | None:
@@ -187,11 +180,12 @@ class LawAccuracy:
     expected: float
     delay_us: float
     finer_delay_us: float
+    kept: bool = field(init=False)
+    """whether the changes are what the run expects"""
 
-    @property
-    def kept(self) -> bool:
-        """Whether the changes are what the run expects."""
-        return self.by_modes.largest <= _FAR * max(self.asked, self.expected)
+    def __post_init__(self) -> None:
+        kept = self.by_modes.largest <= _FAR * max(self.asked, self.expected)
+        object.__setattr__(self, "kept", kept)
 
     @property
     def most_moved(self) -> Moved:

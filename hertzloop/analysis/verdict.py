@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
-from hertzloop.analysis.meters import DECIBELS, change_db, predictable
+from hertzloop.analysis.meters import DECIBELS, change_db
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
 from hertzloop.analysis.trust import (
@@ -180,7 +180,7 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
         return Control(ControlEffect.IDLE)
     contacts = len(figures.impacts), len(free.impacts)
     energy, error, later, whole_db = _plate_energy(figures, free, known)
-    if error > HARDLY_DB and not predictable(energy, error):
+    if error > HARDLY_DB and not _predictable(energy, error):
         return Control(ControlEffect.UNPREDICTABLE)
     outcome = ControlEffect.HARDLY
     if energy < -HARDLY_DB:
@@ -192,6 +192,11 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
         reasons = _reasons(ran, free.impacts[0].duration_s)
     changes = tuple(_changes(figures, free, known))
     return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
+
+
+def _predictable(value: float, error: float) -> bool:
+    """Whether any digit of a number is, by its largest absolute error; 0 where all digits are."""
+    return error == 0.0 or error < abs(value)
 
 
 def _plate_energy(
@@ -232,14 +237,14 @@ def _changes(figures: Figures, free: Figures, known: Predictability | None) -> I
         change, error = change_db(
             with_[key], without[key], DECIBELS[key], wrong.get(key, 0.0), other.get(key, 0.0)
         )
-        if abs(change) > HARDLY_DB and predictable(change, error):
+        if abs(change) > HARDLY_DB and _predictable(change, error):
             yield Change(key, change, error, change < 0.0)
     key = "rebound_height_m"
     height, before = with_[key], without[key]
     if before > 0.0 and abs(height / before - 1.0) > _HARDLY_SHARE:
         error = (wrong.get(key, 0.0) + other.get(key, 0.0) * height / before) / before
         share, error = 100.0 * height / before, 100.0 * error
-        if predictable(share, error):
+        if _predictable(share, error):
             from_nothing = height > _FROM_NOTHING * before
             yield Change(key, share, error, height < before, from_nothing)
 

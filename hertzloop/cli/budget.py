@@ -32,7 +32,7 @@ from hertzloop.studies.sweeps.design import Design
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.sweeps.uncertain import read_uncertain
-from hertzloop.views.format import Table, styled
+from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.run import spans_differ
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def check_requirements(
             advance(len(found))
     for one in found:
         head = ("holds", "green") if one.passed else ("FAILS", "bold red")
-        out.say(styled(head, f"  {one.row.name}"))
+        out.say(unwrapped(head, f"  {one.row.name}"))
         for sentence in (*one.fails, *one.holds):
             out.say(f"    {sentence}")
         if not one.passed:

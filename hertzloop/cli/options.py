@@ -6,8 +6,8 @@ import math
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import Field, is_dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import is_dataclass
 from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +18,7 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
-from hertzloop.loop.run_options import LOCK_STEP, RunOptions, given_that_need, options_and_flags
+from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags, options_of
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.warmup import anything_compiled, ensure_compiled
 from hertzloop.scenes.scene import load as load_scene
@@ -73,7 +73,17 @@ def takes(
             found, types = options_and_flags(kind, role), get_type_hints(kind)
             found = [(field, flag) for field, flag in found if field.name in only or not only]
             made[one.name] = kind, [field.name for field, _ in found]
-            shown += [_parameter(field, types[field.name], flag, defaults) for field, flag in found]
+            for field, flag in found:
+                kind, about = types[field.name], field.metadata
+                if get_origin(kind) is Sequence:
+                    kind = list[get_args(kind)[0]]  # type: ignore[misc]
+                typed = Annotated[kind, typer.Option(flag, help=about["help"], **about["typer"])]
+                default = defaults.get(field.name, field.default)
+                shown.append(
+                    inspect.Parameter(
+                        field.name, one.KEYWORD_ONLY, default=default, annotation=typed
+                    )
+                )
 
         @wraps(command)
         def called(**given: Any) -> None:
@@ -86,21 +96,6 @@ def takes(
         return called
 
     return decorated
-
-
-def _parameter(
-    field: Field[Any], kind: Any, flag: str, defaults: dict[str, Any]
-) -> inspect.Parameter:
-    """An option of a command."""
-    default, about = defaults.get(field.name, field.default), field.metadata
-    if get_origin(kind) is Sequence:
-        kind = list[get_args(kind)[0]]  # type: ignore[misc]
-    return inspect.Parameter(
-        field.name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=default,
-        annotation=Annotated[kind, typer.Option(flag, help=about["help"], **about["typer"])],
-    )
 
 
 def scene_from(
@@ -119,6 +114,13 @@ def scene_from(
     if not tried:
         check_law(setup)
     return setup
+
+
+def given_that_need(options: Any, what: str) -> Iterator[str]:
+    """Names of the options that have a value and need something."""
+    for one in options_of(options):
+        if what in one.metadata["needs"] and getattr(options, one.name):
+            yield one.name
 
 
 def check_pace(setup: Setup, options: RunOptions) -> None:

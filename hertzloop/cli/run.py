@@ -15,7 +15,7 @@ from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
-from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport, given_that_need
+from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
 from hertzloop.processes import fork_server
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
@@ -24,7 +24,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import parts
 from hertzloop.views import run as run_view
-from hertzloop.views.format import styled
+from hertzloop.views.format import unwrapped
 
 
 @options.takes(realtime="auto")
@@ -58,7 +58,7 @@ def run(
     options.check_json(json_file, recording)
     if request.verify:
         check_verifiable(resolved)
-    needing = [*(["live"] if live else []), *given_that_need(request, PROCESSES)]
+    needing = [*(["live"] if live else []), *options.given_that_need(request, PROCESSES)]
     for option in needing if request.transport is not Transport.ZENOH else ():
         fail(
             f"--{option}: not available with --transport {request.transport}. Use --transport "
@@ -105,11 +105,11 @@ def run(
         try:
             growth = growth_of(resolved)
         except Exception as error:  # whatever it is, the run has ended well
-            warning = styled(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
+            warning = unwrapped(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
     if growth is not None and growth.unstable_poles != 0:
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"
-        warning = styled((head, "bold red"), f" {unstable_line(growth)}")
+        warning = unwrapped((head, "bold red"), f" {unstable_line(growth)}")
     run_view.print_run(out, report, details, warning)
     linear = {"linear_loop": None if growth is None else asdict(growth)}
     options.write_json(json_file, run_view.run_as_json(report) | linear)

@@ -11,7 +11,7 @@ from hertzloop.scenes import keys as all_keys
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import load
-from hertzloop.views.format import Table, styled
+from hertzloop.views.format import Table, print_all, unwrapped
 
 
 def list_scenes() -> None:
@@ -21,7 +21,7 @@ def list_scenes() -> None:
     """
     for one in shipped():
         note = " (default)" if one == DEFAULT else ""
-        out.say(styled((one, "bold"), f"{note}\n    {load(one).scene.shows}"))
+        out.say(unwrapped((one, "bold"), f"{note}\n    {load(one).scene.shows}"))
 
 
 def show(
@@ -116,7 +116,7 @@ def check(
 
     # 0.07 s, which the other commands save.
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
-    from hertzloop.views.run import effects_as_json, not_evaluated, show_neglected, table_of
+    from hertzloop.views.run import effects_as_json, neglected_lines, not_evaluated, table_of
 
     neglected = neglected_of_scene(resolved)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
@@ -125,8 +125,7 @@ def check(
     elif not neglected.findings:
         out.print("No contact occurs within the run, so no effect is neglected.")
     else:
-        out.print(table_of(neglected.findings))
-        show_neglected(out, neglected.findings)
+        print_all(out, [table_of(neglected.findings), *neglected_lines(neglected.findings)])
         for one in neglected.findings:
             if one.state == EffectState.NOT_KNOWN:
                 out.say(f"Unknown: {one.sentence}.")

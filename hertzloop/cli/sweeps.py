@@ -31,7 +31,7 @@ from hertzloop.studies.sweeps.sweep import (
     short,
 )
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
-from hertzloop.views.format import Table, styled
+from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.run import spans_differ
 
 
@@ -135,7 +135,7 @@ def sweep(
     beyond = counted(found.rows, "out_of_range")
     if beyond:
         words = ", ".join(f"{name} in {times} of {total} cases" for name, times in beyond.items())
-        out.say(styled(("OUT OF RANGE:", "bold red"), f" {words}"))
+        out.say(unwrapped(("OUT OF RANGE:", "bold red"), f" {words}"))
     if found.unstable:
         out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
     growing = found.growing
@@ -143,7 +143,7 @@ def sweep(
         most = max((one for one in growing if not math.isnan(one)), default=math.nan)
         size = "" if math.isnan(most) else f"; the loop grows up to {most:.4g}/s"
         out.say(
-            styled(("Linear loop unstable", "bold red"),
+            unwrapped(("Linear loop unstable", "bold red"),
                    f" in {len(growing)} of {total} cases that are too short to show it{size} "
                    "(column growth_per_s)."))  # fmt: skip
     options.write_json(

@@ -29,7 +29,7 @@ from hertzloop.studies.sweeps.design import Design, DesignError, check_keys, par
 from hertzloop.studies.sweeps.evaluate import CaseTally
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import code_version
-from hertzloop.views.format import Table, styled
+from hertzloop.views.format import Table, unwrapped
 from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> N
     unstable = sum(growth is not None for growth in growths)
     if unstable:
         said = f" in {unstable} of {len(growths)} settings. --require-stable refuses these."
-        out.say(styled(("Linear loop unstable", "bold red"), said))
+        out.say(unwrapped(("Linear loop unstable", "bold red"), said))
     if of_best is not None:
         out.say(f"The loop of the best setting {unstable_line(of_best)}")
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.impacts import F_A, F_C
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
 from hertzloop.jit.object_code import leaves
 from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors.acquisition import NOISE_STREAM

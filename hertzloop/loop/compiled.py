@@ -23,7 +23,7 @@ from hertzloop.loop.run_options import RunOptions
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import rest_force_n
-from hertzloop.plant.figures.rows_kernels import Answer, answer
+from hertzloop.plant.figures.rows_kernels import NEVER, Answer, answer
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.time_series import COLUMNS
 from hertzloop.recordings.writer import Recorder, RecordingError
@@ -56,9 +56,6 @@ def ending_of(setup: Setup) -> Answer:
         return answer_of(setup)
     blur_m = _SIGMAS * setup.sensor.noise_rms + setup.converter_step
     return answer_of(setup)._replace(blur_m=blur_m)
-
-
-NEVER = answer(-1)  # what a loop takes that does not end before its last step
 
 
 _PIECE_STEPS = 1 << 16

@@ -1,8 +1,11 @@
 """What the plant produces, on its way onto the bus: samples, truth, events, books."""
 
+import json
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -19,7 +22,7 @@ from hertzloop.bus.messages_pb2 import (
     TruthBlock,
 )
 from hertzloop.bus.port import BusError, Publisher
-from hertzloop.bus.streams import StreamFault, versions_here
+from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.events import PlantEvents
 from hertzloop.plant import state_kernels as pk
@@ -32,6 +35,14 @@ from hertzloop.setup import Setup, model_error, parts
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
 EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
+# Stated in the first message of a run, as far as a sample depends on them.
+_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+
+
+@cache
+def versions_here() -> str:
+    """Versions of this package and of those that a run depends on: JSON, by package."""
+    return json.dumps({name: version(name) for name in _PACKAGES})
 
 
 def hello(setup: Setup, stiffness: float) -> Hello:

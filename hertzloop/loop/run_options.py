@@ -56,13 +56,6 @@ def flag_of(one: Field[Any]) -> str:
     return f"--{name}/--no-{name}" if one.default is True else f"--{name}"
 
 
-def given_that_need(options: Any, what: str) -> Iterator[str]:
-    """Names of the options that have a value and need something."""
-    for one in options_of(options):
-        if what in one.metadata["needs"] and getattr(options, one.name):
-            yield one.name
-
-
 def words_of(options: Any, role: str = "") -> list[str]:
     """The command line of these options, of those with a value; `role`: as in `options_of`."""
     words: list[str] = []

@@ -59,7 +59,7 @@ from hertzloop.scenes.errors import (
     unknown_key,
 )
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.sensors.filters import HIGHEST_ORDER
+from hertzloop.sensors.acquisition import HIGHEST_ORDER
 from hertzloop.text_tables import TableError, read_table
 from hertzloop.units import name_and_unit, plain_name, unit_of
 

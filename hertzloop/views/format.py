@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from itertools import chain
 from typing import Any
 
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -53,9 +53,15 @@ class Table(RichTable):
         yield from super().__rich_console__(console, options)
 
 
-def styled(*pieces: str | tuple[str, str]) -> Text:
-    """Text of pieces, each a string or (string, style)."""
-    return Text.assemble(*pieces)
+def unwrapped(*pieces: str | tuple[str, str]) -> Text:
+    """A line of pieces, each a string or (string, style), that the terminal alone breaks: paths and
+    commands in it can be copied whole."""
+    return Text.assemble(*pieces, no_wrap=True, overflow="ignore")
+
+
+def print_all(console: Console, pieces: Iterable[RenderableType]) -> None:
+    """Print lines and tables, one below the other."""
+    console.print(Group(*pieces), crop=False)
 
 
 def known_digits(value: float, form: str, error: float = 0.0) -> str:
@@ -74,7 +80,7 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
     usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
     if error == 0.0:
         return usual
-    if not error < abs(value):  # as `predictable` of analysis has it
+    if not error < abs(value):  # as `_predictable` of analysis.verdict has it
         return UNKNOWN
     whole = math.floor(math.log10(abs(value)))
     digits = max(whole - math.floor(math.log10(error)), 1)

@@ -27,7 +27,7 @@ from hertzloop.recordings.reader import JoinedStream, Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.views import run as run_view
-from hertzloop.views.format import Table, styled
+from hertzloop.views.format import Table, print_all, unwrapped
 
 
 @dataclass(frozen=True)
@@ -159,35 +159,38 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         details: Whether to print all tables as well.
     """
     recording, ran, known = found.recording, found.ran, found.known
-    for problem in found.problems:
-        console.print(styled(("Missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
+    said: list[Text | Table] = [
+        unwrapped(("Missing or damaged:", "red"), f" {problem}") for problem in found.problems
+    ]
     if not found.problems:
-        console.print(styled(("Complete: no announced message is missing.", "bold")))
+        said.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
-        console.print(f"Not checked: {without_checksum(recording.unchecked)}.", soft_wrap=True)
+        said.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
     if ran and known:
-        run_view.show_verdict(console, found.verdict, ran.figures.stability.unstable)
+        said += run_view.verdict_lines(found.verdict, ran.figures.stability.unstable)
         if ran.figures.impacts:
-            console.print(run_view.figures_table(ran, known))
+            said.append(run_view.figures_table(ran, known))
         why_not = run_view.why_not_words(known.not_again)
         if why_not and len(ran.figures.impacts) > 1 and not details:
-            console.print(f"Later impacts: digits as recorded, since {why_not}.")
-        run_view.show_warnings(console, ran.figures.neglected.findings)
+            said.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
+        said += run_view.warning_lines(ran.figures.neglected.findings)
     if details:
-        _show_details(console, found)
-    run_view.show_pacing(console, found.pacing)
+        said += _details(found)
+    said += run_view.pacing_lines(found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
-    console.print(styled(f"Scene {scene}, seed {seed}. Law: {run_view.law_line(found.law)}."))
+    said.append(Text(f"Scene {scene}, seed {seed}. Law: {run_view.law_line(found.law)}."))
     if recording.books is not None:
-        console.print(
-            f"Energy residual {recording.books.energy_residual:.1e}, "
-            f"momentum {recording.books.momentum_residual:.1e} (relative)."
+        said.append(
+            Text(
+                f"Energy residual {recording.books.energy_residual:.1e}, "
+                f"momentum {recording.books.momentum_residual:.1e} (relative)."
+            )
         )
-    run_view.show_next(console, str(recording.path))
+    print_all(console, [*said, *run_view.next_lines(str(recording.path))])
 
 
-def _show_details(console: Console, found: Inspected) -> None:
-    """Print streams, all impacts, noise figures and neglected effects."""
+def _details(found: Inspected) -> list[Text | Table]:
+    """Streams, all impacts, noise figures and neglected effects."""
     recording, known = found.recording, found.known
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     table = Table(title=f"{recording.path}: scene {scene}, seed {seed}")
@@ -197,25 +200,22 @@ def _show_details(console: Console, found: Inspected) -> None:
         counts = (f"{stream.messages:,}", f"{stream.samples:,}")
         table.add_row(f"/{name}", *counts, ", ".join(sorted(stream.arrays)))
     table.add_row("/events", f"{len(recording.events):,}", "", "")
-    console.print(table)
+    said: list[Text | Table] = [table]
     if recording.others:
-        console.print(f"Ignored: {recording.others:,} messages of other topics.")
+        said.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
     figures = found.ran.figures if found.ran else None
     own, why_not = (
         (known.controlled, run_view.why_not_words(known.not_again)) if known else (None, "")
     )
-    console.print(
-        run_view.impacts_table("Impacts", figures.impacts if figures else [], own, why_not)
-    )
+    said.append(run_view.impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
     if figures and figures.noise:
         errors = [errors_of(own, 0, "noise_errors")]
-        console.print(run_view.noise_table([("", figures.noise[0])], errors=errors))
+        said.append(run_view.noise_table([("", figures.noise[0])], errors=errors))
     if figures and figures.demand:
-        console.print(f"Actuator demand: {run_view.demand_words(figures.demand)}.")
+        said.append(Text(f"Actuator demand: {run_view.demand_words(figures.demand)}."))
     if found.yielded:
-        console.print(f"Yield: {run_view.yield_words(found.yielded)}.")
-    if figures:
-        run_view.show_neglected(console, figures.neglected.findings)
+        said.append(Text(f"Yield: {run_view.yield_words(found.yielded)}."))
+    return [*said, *(run_view.neglected_lines(figures.neglected.findings) if figures else ())]
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

@@ -3,7 +3,7 @@
 from typing import Any
 
 from hertzloop.analysis.recorded import law_of
-from hertzloop.controller.loading.registry import controls
+from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.keys import unit_of
@@ -73,7 +73,7 @@ def control(setup: Setup, law: str | None = None) -> str:
     really ran, where that is known."""
     table = setup.scene.controller
     name = law or table.law
-    if not controls(name):
+    if name == NO_CONTROL:
         return "no control"
     pieces = [name]
     for key, value in table.model_dump(exclude_none=True).items():

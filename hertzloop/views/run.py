@@ -20,7 +20,7 @@ from hertzloop.analysis.figures import Figures, Ran, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.bus.messages_pb2 import Books
-from hertzloop.controller.loading.registry import controls, shipped
+from hertzloop.controller.loading.registry import NO_CONTROL, shipped
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
@@ -32,7 +32,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup, parts
-from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
+from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, print_all, unwrapped
 
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
@@ -340,10 +340,9 @@ def brief_warnings(found: Iterable[effects.Finding]) -> list[tuple[str, str, str
     return lines
 
 
-def show_neglected(console: Console, found: Iterable[effects.Finding]) -> None:
-    """Print a sentence on each neglected effect."""
-    for head, style, sentence in _styled_sentences(found):
-        console.print(styled((head, style), f" {sentence}"), soft_wrap=True)
+def neglected_lines(found: Iterable[effects.Finding]) -> list[Text]:
+    """A sentence on each neglected effect."""
+    return [unwrapped((head, style), f" {said}") for head, style, said in _styled_sentences(found)]
 
 
 def table_of(found: Iterable[effects.Finding]) -> Table:
@@ -356,7 +355,7 @@ def table_of(found: Iterable[effects.Finding]) -> Table:
         table.add_row(
             one.name, one.formula, "" if math.isnan(one.value) else f"{one.value:.2g}",
             f"{'>' if one.beyond < one.threshold else '<'} {one.threshold:.2g}",
-            styled((_STATE_WORDS.get(one.state, one.state), style)),
+            Text(_STATE_WORDS.get(one.state, one.state), style),
         )  # fmt: skip
     return table
 
@@ -399,11 +398,6 @@ def predictability_as_json(found: trust.Predictability) -> dict[str, Any]:
     }
 
 
-def verification_as_json(found: trust.Verification | None) -> dict[str, float] | None:
-    """Fields as in `Verification`, and the largest change."""
-    return None if found is None else {**asdict(found), "largest": found.largest}
-
-
 def comparison_as_json(found: meters.Comparison) -> list[dict[str, Any]]:
     """A dictionary for each figure, with fields as in `Difference`."""
     return [asdict(row) for row in found.rows]
@@ -424,7 +418,7 @@ def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
     if found.free is not None:
         data["uncontrolled"] = figures_as_json(found.free)
     law = ends.law_accuracy
-    more = {"largest": law.by_modes.largest, "kept": law.kept} if law else {}
+    more = {"largest": law.by_modes.largest} if law else {}
     return data | {
         "predictability": predictability_as_json(ends.predictability),
         "law_accuracy": None if law is None else asdict(law) | more,
@@ -447,8 +441,7 @@ def struck(setup: Setup) -> dict[str, Any]:
 def _parts(found: model.PlantParts) -> dict[str, Any]:
     data = asdict(found)
     if found.theory is not None:
-        error = found.theory.kirchhoff_error
-        data["theory"]["kirchhoff_error"] = error._asdict() | {"largest": error.largest}
+        data["theory"]["kirchhoff_error"] = found.theory.kirchhoff_error._asdict()
     return data
 
 
@@ -479,20 +472,6 @@ class RunReport:
         return self.judged.ran.expected_error, self.judged.requested_accuracy
 
 
-def report_of(
-    setup: Setup, recording: Recording, judged: verdicts.Judged, transport: str, wall_s: float,
-    exchanges: int, **more: Any,
-) -> RunReport:  # fmt: skip
-    """All that is to be said of a run; more fields of `RunReport` by name. Raises ValueError for a
-    run that did not end."""
-    books = recording.books
-    if books is None:
-        raise ValueError("the recording has no energy balance: the run did not end")
-    parts = model.parts_of(setup, books)
-    about = books, struck(setup), parts, transport, wall_s, exchanges
-    return RunReport(setup, recording, judged, *about, **more)
-
-
 def run_as_json(report: RunReport) -> dict[str, Any]:
     """Everything that `run --json` writes."""
     setup, books, wall_s, judged = report.setup, report.books, report.wall_s, report.judged
@@ -520,7 +499,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
     if report.repeats:
         data |= {"repeats": str(report.repeats), "differs": report.differs}
     if report.verifies:
-        data["verification"] = verification_as_json(report.verification)
+        data["verification"] = _plain(report.verification)
     return data
 
 
@@ -592,8 +571,12 @@ def run_of(
     if options.verify:
         verified = trust.verify(setup, through_first_contact(blocks_of(recorded)))
     judged = verdicts.judge(setup, recorded, free_figures(setup))
-    return report_of(
-        setup, recorded, judged, options.transport.value, stats["wall_s"], int(stats["exchanges"]),
+    books = recorded.books
+    assert books is not None  # else there were a problem
+    parts = model.parts_of(setup, books)
+    return RunReport(
+        setup, recorded, judged, books, struck(setup), parts,
+        options.transport.value, stats["wall_s"], int(stats["exchanges"]),
         lane=stats["lane"], realtime=stats.get("realtime", ""), repeats=options.repeat,
         differs=first_difference(read(options.repeat), recorded) if options.repeat else None,
         verifies=options.verify, verification=verified,
@@ -797,7 +780,7 @@ def run_table(report: RunReport) -> Table:
     books, demand = report.books, report.judged.ran.figures.demand
     table = Table("", "", show_header=False)
     table.add_row("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}")
-    table.add_row("law that ran", styled(law_line(report.judged.law)))
+    table.add_row("law that ran", law_line(report.judged.law))
     table.add_row("steps", f"{setup.steps:,}")
     table.add_row(
         "wall time",
@@ -816,7 +799,7 @@ def run_table(report: RunReport) -> Table:
         table.add_row("radiation", radiation_words(parts.radiation))
     table.add_row("exchanges", _exchanges(report))
     if report.realtime:
-        table.add_row("real-time profile", styled(report.realtime))
+        table.add_row("real-time profile", report.realtime)
     if not report.struck["closed_form"]:
         table.add_row("structure", _struck(report.struck))
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
@@ -924,7 +907,7 @@ def _model_order(report: RunReport) -> str:
         return chosen
     theory, law = report.parts.theory, report.judged.law.scene_law
     why = what_limits(
-        theory is not None and STRUCTURES[theory.chosen].solid, controls(law or ""),
+        theory is not None and STRUCTURES[theory.chosen].solid, law != NO_CONTROL,
         "modes_in_file" in report.struck, limit_hz, model.full.frequency_limit_hz,
     )  # fmt: skip
     return f"{chosen} (requested: {asked:g}; {why})"
@@ -974,22 +957,21 @@ def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
     )
 
 
-def show_verdict(console: Console, verdict: Sequence[str], unstable: bool) -> None:
-    """Print the verdict on a run, the first sentence in bold."""
-    for i, sentence in enumerate(verdict):
-        text = styled((sentence, "" if i else "bold"))
-        if i == 0 and unstable:
-            text = styled((UNSTABLE, "bold red"), sentence[len(UNSTABLE) :])
-        console.print(text)
+def verdict_lines(verdict: Sequence[str], unstable: bool) -> list[Text]:
+    """The verdict on a run, the first sentence in bold."""
+    lines = [Text(sentence, "" if i else "bold") for i, sentence in enumerate(verdict)]
+    if lines and unstable:
+        lines[0] = Text.assemble((UNSTABLE, "bold red"), verdict[0][len(UNSTABLE) :])
+    return lines
 
 
 def _verification_line(report: RunReport) -> Text:
     """What halving the step and doubling the modes changed."""
     found, asked = report.verification, report.judged.requested_accuracy
     if found is None:
-        return styled("Nothing to verify: no impact ends within the run.")
+        return unwrapped("Nothing to verify: no impact ends within the run.")
     met = ("met", "") if found.largest <= asked else ("missed", "red")
-    return styled(
+    return unwrapped(
         f"Verified with half the step and modes to {found.frequency_limit_hz / 1e3:.4g} kHz: "
         f"penetration {found.penetration:.1e}, rebound speed {found.rebound_speed:.1e}, "
         f"plate energy {found.plate_energy:.1e}; requested {asked:g}: ",
@@ -1029,7 +1011,7 @@ def figures_table(ran: Ran, known: trust.Predictability, free: Figures | None = 
     """
     compare = free is not None and not ran.figures.stability.unstable
     cases = [(ran.figures, known.controlled), *([(free, known.uncontrolled)] if free else [])]
-    own = "with control" if controls(ran.scene_law or "") else "no control"
+    own = "no control" if ran.scene_law == NO_CONTROL else "with control"
     right = [own, "without"][: len(cases)] + ["change"] * compare
     table = Table("figure", right=right, title="Figures of the first impact")
     for label, span, key, form in _FIGURES:
@@ -1067,13 +1049,14 @@ def _change_of_figure(
     return _with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")
 
 
-def show_warnings(console: Console, found: Iterable[effects.Finding]) -> None:
-    """Print one line for each effect outside its limit."""
-    lines = brief_warnings(found)
-    for head, style, words in lines[:_MOST_WARNINGS]:
-        console.print(styled((head, style), f" {words}"))
+def warning_lines(found: Iterable[effects.Finding]) -> list[Text]:
+    """One line for each effect outside its limit."""
+    known = brief_warnings(found)
+    lines = [Text.assemble((head, style), f" {words}") for head, style, words in known]
     if len(lines) > _MOST_WARNINGS:
-        console.print(f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them.")
+        more = f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them."
+        lines[_MOST_WARNINGS:] = [Text(more)]
+    return lines
 
 
 def print_run(
@@ -1089,72 +1072,71 @@ def print_run(
     """
     judged, ends = report.judged, report.judged.conclusions
     ran, verdict = judged.ran, verdict_sentences(ends.verdict)
-    controlled = controls(ran.scene_law or "")
+    controlled = ran.scene_law != NO_CONTROL
+    said: list[Text | Table] = []
     if not verdict:
-        what = "The run has control." if controlled else "The run has no control."
-        console.print(styled((what, "bold")))
-    show_verdict(console, verdict, ran.figures.stability.unstable)
+        said.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
+    said += verdict_lines(verdict, ran.figures.stability.unstable)
     free = (judged.free or ran.figures) if controlled else None
-    console.print(figures_table(ran, ends.predictability, free))
-    show_warnings(console, ran.figures.neglected.findings)
+    said.append(figures_table(ran, ends.predictability, free))
+    said += warning_lines(ran.figures.neglected.findings)
     if warning is not None:
-        console.print(warning, soft_wrap=True)
+        said.append(warning)
     if details:
-        _print_details(console, report)
+        said += _details(report)
     if report.verifies:
-        console.print(_verification_line(report), soft_wrap=True)
-    show_pacing(console, judged.pacing, report.repeats, report.differs)
-    _show_run_lines(console, report)
+        said.append(_verification_line(report))
+    said += pacing_lines(judged.pacing, report.repeats, report.differs)
+    print_all(console, [*said, *_run_lines(report)])
 
 
-def _show_run_lines(console: Console, report: RunReport) -> None:
-    """Print scene, law, errors, recording and the next command."""
+def _run_lines(report: RunReport) -> list[Text]:
+    """Scene, law, errors, recording and the next command."""
     setup, books, path = report.setup, report.books, str(report.recording.path)
-    console.print(
-        styled(
+    return [
+        Text(
             f"Scene {setup.name}, seed {setup.seed}, {report.transport}, "
             f"{setup.steps:,} steps in {report.wall_s:.3g} s. "
             f"Law: {law_line(report.judged.law)}."
-        )
-    )
-    console.print(
-        styled(
+        ),
+        Text.assemble(
             f"Model error {error_words(*report.expects)} "
             f"(requested {report.judged.requested_accuracy:g}",
             ("; missed", "yellow") if missed(*report.expects) else "",
             f"). Energy residual {books.energy_residual:.1e}, "
             f"momentum {books.momentum_residual:.1e}.",
-        )
-    )
-    show_next(console, path)
+        ),
+        *next_lines(path),
+    ]
 
 
-def show_next(console: Console, path: str) -> None:
-    """Print where the recording is, and the next command."""
-    console.print(
-        styled("Recording: ", (path, "bold"), ". --details prints all figures."), soft_wrap=True
-    )
-    console.print(styled("Next: ", (f"hertzloop replay {path}", "bold")), soft_wrap=True)
+def next_lines(path: str) -> list[Text]:
+    """Where the recording is, and the next command."""
+    return [
+        unwrapped("Recording: ", (path, "bold"), ". --details prints all figures."),
+        unwrapped("Next: ", (f"hertzloop replay {path}", "bold")),
+    ]
 
 
-def _print_details(console: Console, report: RunReport) -> None:
-    """Print all impacts, noise figures, properties of the run and neglected effects."""
+def _details(report: RunReport) -> list[Text | Table]:
+    """All impacts, noise figures, properties of the run and neglected effects."""
     ran, known = report.judged.ran, report.judged.conclusions.predictability
     found, free = ran.figures, report.judged.free or ran.figures
     own, other = known.controlled, known.uncontrolled
     errors = [trust.errors_of(each, 0, "noise_errors") for each in (own, other)]
-    if controls(ran.scene_law or ""):
-        console.print(impacts_table("Impacts with control", found.impacts, own))
-        console.print(impacts_table("The same without control", free.impacts, other))
+    if ran.scene_law != NO_CONTROL:
+        tables = [
+            impacts_table("Impacts with control", found.impacts, own),
+            impacts_table("The same without control", free.impacts, other),
+        ]
         if found.noise and free.noise:
             cases = [("with control", found.noise[0]), ("without", free.noise[0])]
-            console.print(noise_table(cases, not found.stability.unstable, errors))
+            tables.append(noise_table(cases, not found.stability.unstable, errors))
     else:
-        console.print(impacts_table("Impacts, no control", found.impacts, own))
+        tables = [impacts_table("Impacts, no control", found.impacts, own)]
         if found.noise:
-            console.print(noise_table([("no control", found.noise[0])], errors=errors[:1]))
-    console.print(run_table(report))
-    show_neglected(console, found.neglected.findings)
+            tables.append(noise_table([("no control", found.noise[0])], errors=errors[:1]))
+    return [*tables, run_table(report), *neglected_lines(found.neglected.findings)]
 
 
 def theory_words(found: model.Theory) -> str:
@@ -1198,14 +1180,14 @@ def what_limits(
     return "the limit of this time step; a smaller run.step_ns supports more modes"
 
 
-def show_pacing(
-    console: Console, found: Pacing | None, repeats: Path | None = None, differs: str | None = None
-) -> None:
-    """Print what is to be said of pace and repetition, if anything."""
-    for sentence in pacing_sentences(found) if found else ():
-        console.print(styled(sentence), soft_wrap=True)
+def pacing_lines(
+    found: Pacing | None, repeats: Path | None = None, differs: str | None = None
+) -> list[Text]:
+    """What is to be said of pace and repetition, if anything."""
+    lines = [unwrapped(sentence) for sentence in (pacing_sentences(found) if found else ())]
     if repeats:
         said = f"not the run in {repeats}: {differs}" if differs else (
             f"the same bytes as in {repeats}"
         )  # fmt: skip
-        console.print(styled((f"Repeated: {said}.", "red" if differs else "bold")), soft_wrap=True)
+        lines.append(unwrapped((f"Repeated: {said}.", "red" if differs else "bold")))
+    return lines

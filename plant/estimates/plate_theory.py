@@ -40,16 +40,13 @@ _NEWTON = 6  # iterations to a peak or an end within a step
 
 class KirchhoffError(NamedTuple):
     """What Kirchhoff's theory may cost, relative: of the plate energy to itself, of the rebound
-    speed to the impact speed, of the peak force and the contact time to themselves."""
+    speed to the impact speed, of the peak force and the contact time to themselves; the `largest`
+    of the three, what `run.accuracy` is compared with."""
 
     plate_energy: float
     rebound_speed: float
     peak_force: float
-
-    @property
-    def largest(self) -> float:
-        """Largest of the three, what `run.accuracy` is compared with."""
-        return max(self)
+    largest: float
 
 
 class ZenerImpact(NamedTuple):
@@ -100,14 +97,12 @@ def kirchhoff_error(
     `stiffness`: of the contact (N/m^exponent). Nan of an orthotropic plate: its stiffness in shear
     across the thickness is not known."""
     if plate.orthotropic:
-        return KirchhoffError(math.nan, math.nan, math.nan)
+        return KirchhoffError(*[math.nan] * 4)
     number = thickness_number(plate, contact_s)
     share = tangent_stiffness_n_m(stiffness, peak_force_n, exponent)
-    return KirchhoffError(
-        plate_energy=_ENERGY_FACTOR * number * number,
-        rebound_speed=_REBOUND_FACTOR * number * number,
-        peak_force=abs(static_difference_m_n(plate, number)) * share,
-    )
+    energy, speed = _ENERGY_FACTOR * number * number, _REBOUND_FACTOR * number * number
+    force = abs(static_difference_m_n(plate, number)) * share
+    return KirchhoffError(energy, speed, force, max(energy, speed, force))
 
 
 def expected_kirchhoff_error(sphere: Sphere, plate: Plate, contact: Contact) -> KirchhoffError:

@@ -9,10 +9,11 @@ import pytest
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection
 from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.impacts import F_A, F_A1, XI_P, consistent_impacts
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, parts

@@ -3,8 +3,8 @@
 import numpy as np
 
 from hertzloop.analysis.curves import ledgers
-from hertzloop.analysis.impacts import XI
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.time_series import XI
 from hertzloop.setup import load
 
 

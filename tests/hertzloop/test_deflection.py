@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.deflection import deflection, forces_on_plate, frame_steps
-from hertzloop.analysis.impacts import modal_displacement
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.replay.data import Deflection, contact_spans

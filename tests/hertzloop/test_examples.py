@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.deflection import deflection
-from hertzloop.analysis.impacts import modal_displacement
 from hertzloop.analysis.recorded import rows_of
+from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load, parse

@@ -13,12 +13,13 @@ import hertzloop
 from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
-from hertzloop.analysis.impacts import F_A, impacts_of_rows
+from hertzloop.analysis.impacts import impacts_of_rows
 from hertzloop.analysis.meters import SpanFigures, changes_db
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load

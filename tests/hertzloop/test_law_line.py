@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from hertzloop.analysis.figures import free_figures
+from hertzloop.analysis.model import parts_of
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.verdict import judge
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
@@ -54,7 +55,9 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     judged = judge(SCENE, recorded, free_figures(SCENE))
-    ran = report.report_of(SCENE, recorded, judged, "zenoh", 1.0, 1)
+    assert recorded.books is not None
+    about = recorded.books, report.struck(SCENE), parts_of(SCENE, recorded.books)
+    ran = report.RunReport(SCENE, recorded, judged, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: inspection.show(console, inspection.inspected(recorded)),

@@ -31,7 +31,8 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import Recorder
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import show_pacing
+from hertzloop.views.format import print_all
+from hertzloop.views.run import pacing_lines
 from tests.commands import invoke
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import (
@@ -331,7 +332,7 @@ def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
 )  # fmt: skip
 def test_what_was_not_the_same_is_red(differs: str, said: str) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, color_system="standard")
-    show_pacing(console, None, Path("a.mcap"), differs)
+    print_all(console, pacing_lines(None, Path("a.mcap"), differs))
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().startswith(said)
 

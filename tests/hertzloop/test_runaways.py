@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
-from hertzloop.analysis.impacts import F_A
 from hertzloop.loop import events as loop_events
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.actuator_kernels import MOST_N
+from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load

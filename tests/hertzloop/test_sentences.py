@@ -16,7 +16,7 @@ from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.loop import compiled
 from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, older_fact, read
+from hertzloop.recordings.reader import Fact, Recording, fact_of, older_fact, read
 from hertzloop.recordings.replay.data import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -160,9 +160,9 @@ def test_the_sentences_of_earlier_versions_are_read() -> None:
     """As facts, but of kinds that no program asks for."""
     unread = (EventKind.FORCES_LATE, EventKind.RUN_FAILED)
     for event in every_event():
-        fact = events.fact_of(event) if event.kind not in unread else events.Fact()
+        fact = fact_of(event) if event.kind not in unread else Fact()
         assert older_fact(event.name, event.message) == fact
-    assert older_fact("controller", "contact 7 began") == events.Fact()
+    assert older_fact("controller", "contact 7 began") == Fact()
 
 
 def test_a_law_has_the_modes_that_have_names() -> None:

@@ -8,10 +8,10 @@ import pytest
 
 from hertzloop.analysis import meters as stability
 from hertzloop.analysis.cases import UnstableLoop, figures_of_case
-from hertzloop.analysis.impacts import F_A, XI_A, XI_P
 from hertzloop.analysis.meters import UNSTABLE, Stability
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.time_series import F_A, XI_A, XI_P
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parts
 from tests.hertzloop.processes import hertzloop

@@ -8,10 +8,11 @@ import pytest
 import hertzloop
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
-from hertzloop.analysis.impacts import first_impact, modal_displacement
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.structure import oscillator_shapes

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.__main__ import lacks_explained
 from hertzloop.cli import app
-from hertzloop.processes.surroundings import lacks_explained
 from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import HERTZLOOP
 from tests.hertzloop.short_runs import SHORT

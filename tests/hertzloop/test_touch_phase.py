@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.impacts import XI
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.time_series import XI
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.analysis.impacts import F_A, F_C, XI, consistent_impacts
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.trust import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.loop.compiled import finer_loop, simulate
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.time_series import series_under
+from hertzloop.plant.time_series import F_A, F_C, XI, series_under
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parts
 

@@ -8,13 +8,14 @@ import pytest
 
 import hertzloop
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.model import limiting_pressure
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.impacts import F_A, XI_P, consistent_impacts
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.time_series import F_A, XI_P
 from hertzloop.setup import load
 
 SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]

@@ -12,9 +12,9 @@ import PIL.Image
 import pytest
 from typer.testing import Result
 
-from hertzloop.analysis.impacts import V_P
 from hertzloop.loop import compiled
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.time_series import V_P
 from hertzloop.recordings import writer
 from hertzloop.recordings.reader import JoinedStream, Recording, read
 from hertzloop.recordings.replay import as_rerun as replay

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.bus.events import Fact
 from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
 from hertzloop.recordings import reader
-from hertzloop.recordings.reader import Event, JoinedStream, Recording
+from hertzloop.recordings.reader import Event, Fact, JoinedStream, Recording
 from hertzloop.recordings.replay import blueprint, data, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay.data import (

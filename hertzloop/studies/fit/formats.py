@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.sensors.filters import Filters
+from hertzloop.sensors.acquisition import Filters
 from hertzloop.text_tables import (
     SAMPLE_NUMBERS,
     TableError,

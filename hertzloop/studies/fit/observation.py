@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.sensors.filters import Filters
+from hertzloop.sensors.acquisition import Filters
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.model import Simulated
 from hertzloop.studies.fit.records import QUANTITIES, Record

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.sensors.filters import HIGHEST_ORDER
-from hertzloop.sensors.filters import LOW_PASSES as CAUSAL
+from hertzloop.sensors.acquisition import HIGHEST_ORDER
+from hertzloop.sensors.acquisition import LOW_PASSES as CAUSAL
 from hertzloop.studies.fit.formats import (
     ENDINGS,
     NAMES,

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.analysis.impacts import impacts_in, modal_displacement, starting_speed
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.impacts import Impact, impacts_in, modal_displacement, starting_speed
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures import solid_plate as lamb
