@@ -112,9 +112,9 @@ class CaseFigures:
                                of="run.books.injected_j")
     pumps: bool = figure("whether the actuator had at some time added more than the energy of the "
                          "impact", of="stability.pumps")
-    impact_energy_j: float = figure("energy of the sphere before the impact, J",
+    impact_energy_j: float = figure("energy of the striker before the impact, J",
                                     of="run.books.energy_start_j")
-    rebound_m_s: float = figure("speed of the sphere after the last contact, m/s",
+    rebound_m_s: float = figure("speed of the striker after the last contact, m/s",
                                 of="figures.rebound_speed_m_s")
     contact_us: float = figure("duration of the first contact, us",
                                of=lambda case: 1e6 * case.figures.contact_time_s)

@@ -325,10 +325,10 @@ ROWS = (
         "contact against sphere", "a / R", 0.1, 0.3,
         lambda f: _of_radius(f, f.radius_m / f.spec.sphere.radius_m),
         lambda f, x: (
-            f"the contact is {x:.2g} of the sphere's radius wide: Hertz's law, a parabola on a "
-            f"flat, is off by about {percent(x * x)}"
+            f"the contact is {x:.2g} of the radius of the {f.spec.sphere.touches} wide: Hertz's "
+            f"law, a parabola on a flat, is off by about {percent(x * x)}"
         ),
-        "contact radius is {x:.2g} of the sphere radius",
+        "contact radius is {x:.2g} of the radius that touches",
     ),
     EffectRow(
         "contact against plate", "a / h", 0.25, 0.5,

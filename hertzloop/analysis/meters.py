@@ -325,11 +325,11 @@ class SpanFigures:
     contacts: int = figure("number of contacts", "contacts")
     contact_time_s: float = figure("duration of the first contact, s",
                                    "contact time, first contact", "us", 1e6)
-    impact_speed_m_s: float = figure("speed of the sphere before the first contact, m/s",
+    impact_speed_m_s: float = figure("speed of the striker before the first contact, m/s",
                                      "impact speed", "m/s")
-    rebound_speed_m_s: float = figure("speed of the sphere after the last contact, m/s",
+    rebound_speed_m_s: float = figure("speed of the striker after the last contact, m/s",
                                       "rebound speed", "m/s")
-    rebound_height_m: float = figure("height of the sphere after the last contact, by energy, m",
+    rebound_height_m: float = figure("height of a sphere after the last contact, by energy, m",
                                      "rebound height", "mm", 1e3)
     peak_force_n: float = figure("largest contact force, N", "peak force", "N", db=20.0)
     plate_energy_j: float = figure("work of contact force and actuator force on the plate, J",

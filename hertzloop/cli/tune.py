@@ -149,7 +149,7 @@ def tune(
         options.end_if_not_run(not_run, tally.cases)
         fail(
             "no setting has all figures within --at-most, or meets --require-stable: the loop may "
-            "be unstable, or the sphere may not rebound. Try --span run or other ranges.",
+            "be unstable, or nothing may rebound. Try --span run or other ranges.",
             1,
         )
     front = [

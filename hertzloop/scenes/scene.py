@@ -852,7 +852,7 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
         return [
             f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
-            f"at least a step and less than the fall time, {fall_s:.3g} s."
+            f"at least a step and less than the time to the contact, {fall_s:.3g} s."
         ]
     return []
 

@@ -97,8 +97,8 @@ def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) ->
     tangent = contact.exponent * contact.stiffness * rigid_impact(sphere, contact).rise
     if -left_out * tangent > _MOST_BELOW:
         raise SceneError(
-            f"{named}: the contact is too stiff for these modes. Use fewer modes, a smaller "
-            "sphere, or a lower drop."
+            f"{named}: the contact is too stiff for these modes. Use fewer modes, a softer "
+            "contact, or a lower speed."
         )
 
 

@@ -346,13 +346,13 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
             raise SceneError(
                 f"plate.theory = '3d' with {thick}: the modes of a solid end at {limit:.3g} Hz, "
                 f"but the contact of {1e6 * lasts_s:.2g} us needs them to "
-                f"{_FEWEST_PERIODS / lasts_s:.3g} Hz. Use a thinner plate, a larger sphere, or "
+                f"{_FEWEST_PERIODS / lasts_s:.3g} Hz. Use a thinner plate, a larger radius, or "
                 "'kirchhoff'."
             )
         raise SceneError(
             f"plate.theory = '3d' with {thick} and a contact of radius {radius:.2g} m: waves as "
             "short as the impact makes are no longer than the contact is wide, where Hertz contact "
-            "is invalid. Use a smaller sphere, a lower drop, or 'kirchhoff'."
+            "is invalid. Use a smaller radius, a lower speed, or 'kirchhoff'."
         )
     return limit
 

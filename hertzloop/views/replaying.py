@@ -214,8 +214,7 @@ def _energies(
         dataclasses.replace(curve, values=curve.values / factor)
         for curve in (twin.curves["energy"] if twin else [])
     ]
-    striker = "sphere" if setup.scene.hammer is None else "hammer"
-    for name, label in (_ENERGIES | {"sphere": striker}).items():
+    for name, label in (_ENERGIES | {"sphere": setup.sphere.noun}).items():
         line = own.lines[name]
         known = whole or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):

@@ -123,7 +123,7 @@ def _pumping(stability: meters.Stability) -> str:
     since = ""
     if stability.since_s is not None:
         since = f" from {stability.since_s * 1e3:.4g} ms on"
-    return f"The loop adds energy{since}: {stability.fed_in:.2g} times the energy of the sphere."
+    return f"The loop adds energy{since}: {stability.fed_in:.2g} times the energy of the impact."
 
 
 def _control(found: verdicts.Control) -> list[str]:

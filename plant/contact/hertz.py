@@ -32,6 +32,8 @@ class Sphere:
     given_mass_kg: float | None = None
     given_speed_m_s: float | None = None
 
+    noun: ClassVar[str] = "sphere"
+    touches: ClassVar[str] = "sphere"  # what the contact is between, as a sentence names it
     gravity_m_s2: ClassVar[float] = GRAVITY_M_S2  # that acts on it
     hand: Hand | None = field(init=False, repr=False, compare=False)  # that withdraws it
     ball_radius_m: float = field(init=False, repr=False, compare=False)
@@ -59,6 +61,8 @@ class Hammer(Sphere):
 
     bounces: bool = False
 
+    noun: ClassVar[str] = "hammer"
+    touches: ClassVar[str] = "tip"
     gravity_m_s2: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:

@@ -157,7 +157,7 @@ def test_converters_of_the_loop_do_not_spoil_the_derivatives() -> None:
     (("controller.v_thr_m_s=100",), {}, (KAPPA,), "kappa: not identifiable, as the actuator never"),
     (("controller.jitter_us=2",), {}, (LATENCY,), "jitter_us = 2.0: a fit simulates one run"),
     ((), {}, (LATENCY, "actuator.dead_time_us"), "finds one key in whole steps"),
-    ((), {"control": False}, (LATENCY,), "Give a record of a drop under the law"),
+    ((), {"control": False}, (LATENCY,), "Give a record of an impact under the law"),
     ((), {"point_m": (0.1, 0.1)}, (LATENCY,), "must be of the contact point"),
 ])  # fmt: skip
 def test_what_cannot_be_identified_is_refused(

@@ -181,7 +181,7 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
                  "the actuator is slower than the contact", len(bandwidths) - len(slower) - 1,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
         BudgetQuantity("mass_kg", "actuator.mass_kg", "kg", masses,
-                 "the actuator is too heavy for the sphere to move", None,
+                 f"the actuator is too heavy for the {setup.sphere.noun} to move", None,
                  _place(masses, actuator.mass_kg or 0.0)),
     ]  # fmt: skip
 

@@ -555,8 +555,8 @@ def _controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -
             refuse_unseen(record, of_record)
     if of_law and not any(found):
         raise FitError(
-            f"--free {of_law[0]}: cannot be fitted. {WITHOUT_CONTROL} Give a record of a drop "
-            "under the law."
+            f"--free {of_law[0]}: cannot be fitted. {WITHOUT_CONTROL} Give a record of an "
+            "impact under the law."
         )
     stepped = [f.key for f in free if f.grain is not None]
     if len(stepped) > 1:
@@ -569,8 +569,8 @@ def _controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -
         kind = under, dict(record.measured.set)
         if record.measured.clock and clocks.setdefault(record.measured.clock, kind) != kind:
             raise RecordError(
-                f"record.clock = '{record.measured.clock}': records of one clock are of one drop, "
-                f"but {record.name} has another control or set."
+                f"record.clock = '{record.measured.clock}': records of one clock are of one "
+                f"impact, but {record.name} has another control or set."
             )
     return found
 
@@ -1365,7 +1365,7 @@ def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
         return []
     return [
         f"{c.record.name}: an impact {1e6 * curve['time_s'][found[0]]:.3g} us after the first is "
-        "not in the simulation. If it is another drop, cut the record before it."
+        "not in the simulation. If it is another drop or hit, cut the record before it."
     ]
 
 

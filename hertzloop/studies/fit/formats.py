@@ -48,13 +48,13 @@ class Quantity(NamedTuple):
 
 
 QUANTITIES = {
-    "contact_force": Quantity("N", "contact force, up on the sphere", "contact_force"),
+    "contact_force": Quantity("N", "contact force, up on the striker", "contact_force"),
     "v_p": Quantity("m/s", "plate velocity, up positive", "v_p"),
     "acceleration": Quantity("m/s^2", "plate acceleration, up positive", "acceleration"),
     "actuator_force": Quantity("N", "force of the actuator, up on the plate", ""),
     "xi_p": Quantity("m", "plate displacement, up positive", ""),
-    "xi": Quantity("m", "gap between sphere and plate", "xi"),
-    "xi_s": Quantity("m", "sphere's lowest point", ""),
+    "xi": Quantity("m", "gap between striker and plate", "xi"),
+    "xi_s": Quantity("m", "striker's lowest point", ""),
 }
 NAMES = {q: q for q in QUANTITIES} | {
     "force": "contact_force", "f_c": "contact_force", "velocity": "v_p", "plate_velocity": "v_p",

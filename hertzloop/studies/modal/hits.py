@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from hertzloop.studies.fit.records import (
     FILTERS,
@@ -32,13 +33,16 @@ _NOISY = 1e-3  # of the square of a force, of noise
 _BAND = 0.45  # of the rate, up to which a converter passes
 _LEAST_WIDTH = 0.02  # of what a record resolves, for the bandwidth of a mode
 _LOWEST_PERIODS = 0.5  # of the lowest mode within a record
+_BLOCK = 64
+_PULLS = 0.3  # of the peak, that a force may have of the other sign
+_MOVES, _SHOWN = 0.05, 64  # rms before a hit, of the peak; samples that show it
 
 
 @dataclass(frozen=True)
 class Hit:
     """A hit: force (N) and response, from rest; both (samples,), `interval_s` apart, `first` is the
     sample at which it begins. `order`: 0 displacement, 1 velocity, 2 acceleration, in SI units, in
-    the direction of the force."""
+    the direction of the force. `notes`: sentences on hits beside it that are left out."""
 
     name: str
     force_n: np.ndarray
@@ -46,6 +50,7 @@ class Hit:
     interval_s: float
     first: int
     order: int
+    notes: tuple[str, ...] = ()
 
     @property
     def judged(self) -> slice:
@@ -83,10 +88,12 @@ def _column(record: Record) -> str:
 
 def hits_of_records(records: Sequence[Record]) -> list[Hit]:
     """Return the hits of records: the first record of a force belongs to the first one of a
-    response, and so on. A record may hold several hits, at least 0.1 s apart.
+    response, and so on. A record may hold several hits, at least 0.1 s apart; those that cannot be
+    used are left out then.
 
     Raises:
-        ModalDataError: records do not belong together, or a hit does not begin at rest.
+        ModalDataError: records do not belong together, or a hit is clipped or does not begin at
+            rest.
     """
     forces = [one for one in records if one.quantity in _FORCES]
     responses = [one for one in records if one.quantity in ORDERS]
@@ -101,8 +108,20 @@ def hits_of_records(records: Sequence[Record]) -> list[Hit]:
             f"--from: {len(forces)} records of a force and {len(responses)} of a response. Give "
             "one of each for every hit, in the same order."
         )
-    pairs = zip(forces, responses, strict=True)
-    hits = [_hit(*part) for pair in pairs for part in _apart(*pair)]
+    hits: list[Hit] = []
+    left_out: list[str] = []
+    for pair in zip(forces, responses, strict=True):
+        parts = list(_apart(*pair))
+        for part in parts:
+            try:
+                hits.append(_hit(*part))
+            except ModalDataError as error:
+                if len(parts) == 1:
+                    raise
+                left_out.append(f"Left out: {error}")
+    if not hits:
+        raise ModalDataError(" ".join(left_out))
+    hits[0] = replace(hits[0], notes=tuple(left_out))
     for hit in hits:
         if hit.order != hits[0].order or abs(hit.interval_s / hits[0].interval_s - 1.0) > 1e-6:
             raise ModalDataError(
@@ -152,6 +171,8 @@ def _hit(force: Record, response: Record) -> Hit:
             "Give records of equal filters."
         )
     for one in (force, response):
+        if not np.all(np.isfinite(one.value)):
+            raise ModalDataError(f"{one.name}: has gaps in its values. Give records without gaps.")
         cut = int(np.count_nonzero(clipped(one)))
         if cut:
             raise ModalDataError(
@@ -172,14 +193,25 @@ def _hit(force: Record, response: Record) -> Hit:
         )
     last = min(count, first + math.ceil(_LONGEST_S / dt))
     f, y = f[:last] - np.mean(f[: first - 1]), y[:last] - np.mean(y[: first - 1])
-    if len(f) * noise**2 > _NOISY * np.sum(f**2):  # it would drive the modes
-        f[np.flatnonzero(np.abs(f) > _OVER_NOISE * noise)[-1] + 1 :] = 0.0
     # A contact force is positive in contact and pushes the structure down; motion up is positive.
     sign = -1.0 if force.quantity == "contact_force" else 1.0
-    if force.quantity == "contact_force" and f[np.argmax(np.abs(f))] < 0.0:
+    low, high = -float(np.min(f)), float(np.max(f))
+    if force.quantity == "contact_force" and low > _PULLS * high:
         raise ModalDataError(
             f"{force.name}: its peak is negative, and a contact pushes only. Turn its sign: give "
             "the record a negative sensitivity."
+            if high < _PULLS * low else
+            f"{force.name}: has both signs, {high:.3g} and {-low:.3g} N, and a contact pushes only."
+            " Check whether force and response are swapped, and which filters the force has passed."
+        )  # fmt: skip
+    if len(f) * noise**2 > _NOISY * np.sum(f**2):  # it would drive the modes
+        f[np.flatnonzero(np.abs(f) > min(_OVER_NOISE * noise, _MOST_RISE * high))[-1] + 1 :] = 0.0
+        f[: first - 2] = 0.0
+    moves = np.std(y[max(0, first - _SHOWN) : first - 2]) / np.max(np.abs(y[first:]))
+    if moves > _MOVES:
+        raise ModalDataError(
+            f"{response.name}: is not at rest before the hit: its rms there is {100 * moves:.0f} % "
+            f"of its largest value, the most is {100 * _MOVES:g} %. Wait longer between hits."
         )
     return Hit(name, f, sign * y, dt, first, ORDERS[response.quantity])
 
@@ -204,8 +236,9 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
 
 
 def _spectrum(hit: Hit) -> tuple[np.ndarray, np.ndarray, int]:
-    """Spectrum of the force with as many zeros behind it, its angular frequencies, its length."""
-    length = 2 * len(hit.force_n)
+    """Spectrum of the force with as many zeros or more behind it, its angular frequencies, and
+    its length."""
+    length = 2 * scipy.fft.next_fast_len(len(hit.force_n), real=True)
     return (
         np.fft.rfft(hit.force_n, length),
         2 * np.pi * np.fft.rfftfreq(length, hit.interval_s),
@@ -223,16 +256,25 @@ def _responses(hit: Hit, omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
     count = len(hit.force_n)
     o, damping = omega[:, None], (loss * omega)[:, None]
     periodic = force / (o**2 - w**2 + 1j * damping * w)
-    q = np.fft.irfft(periodic, length)[:, :count]
     moved = 1j * w * periodic
     moved[:, -1] = 0.0  # half the rate has no velocity
-    v = np.fft.irfft(moved, length)[:, :count]
+    q, v = (_first(one) / length for one in (periodic, moved))
     s = omega * (-loss / 2.0 + 1j * np.sqrt(1.0 - loss**2 / 4.0))
-    start = q[:, 0] - 1j * (v[:, 0] - s.real * q[:, 0]) / s.imag
-    free = start[:, None] * np.exp(s[:, None] * (np.arange(count) * hit.interval_s))
-    q -= free.real
-    v -= (s[:, None] * free).real
-    return (q, v, hit.force_n - damping * v - o**2 * q)[hit.order]
+    start = q - 1j * (v - s.real * q) / s.imag
+    if hit.order == 2:
+        moved = force - damping * moved - o**2 * periodic
+    shown = np.fft.irfft(moved if hit.order else periodic, length)[:, :count]
+    # exp(s t) in blocks, which is quicker than one by one.
+    blocks = np.exp(s[:, None] * (hit.interval_s * _BLOCK * np.arange(-(-count // _BLOCK))))
+    within = np.exp(s[:, None] * (hit.interval_s * np.arange(_BLOCK)))
+    free = (start * s**hit.order)[:, None, None] * blocks[:, :, None] * within[:, None, :]
+    return shown - free.real.reshape(len(omega), blocks.shape[1] * _BLOCK)[:, :count]
+
+
+def _first(spectrum: np.ndarray) -> np.ndarray:
+    """First values of real series by their spectra, (modes, lines), times their length."""
+    ends = spectrum[:, 0] + spectrum[:, -1]
+    return np.asarray((2.0 * np.sum(spectrum, axis=1) - ends).real)
 
 
 def _stiff(hit: Hit) -> np.ndarray:

@@ -92,7 +92,7 @@ def modes_of_hits(
     assert best is not None
     observed = observed_hits(hits, at_contact)
     modes = thinned(observed, refined(observed, best.omega_rad_s, best.loss_factor))
-    notes = []
+    notes = [note for one in (*hits, *held) for note in one.notes]
     if len(hits) == 1 and not held:
         notes.append("One hit checks nothing: the error is that of the fit. Measure two or more.")
         found = [replace(one, name=f"{one.name} (fitted)") for one in found]
@@ -125,8 +125,11 @@ def _check_passive(
 ) -> None:
     """Raise ModalDataError if residues of any sign explain a response much better: then it was not
     measured at the point of the force."""
+    passive = error(modes)
+    if passive <= _NOT_HERE * _SMALL:
+        return
     of_any_sign = identified(replace(observed, drive=None), error, most=len(modes.omega_rad_s))
-    passive, free = error(modes), error(of_any_sign)
+    free = error(of_any_sign)
     if passive > _NOT_HERE * max(free, _SMALL):
         raise ModalDataError(
             f"--sensor: is missing. Taken as measured at the contact point, the response is "

@@ -227,6 +227,12 @@ def test_hits_that_are_refused() -> None:
         ([replace(force, value=-force.value), motion], "its peak is negative"),
         ([replace(force, value=np.minimum(force.value, 30.0)), motion], r"f0: \d+ samples are cl"),
         ([force, gap], "is neither a force nor a motion"),
+        ([replace(motion, quantity="contact_force"), replace(force, quantity="acceleration")],
+         "a0: has both signs, .* Check whether force and response are swapped"),
+        ([force, replace(motion, value=motion.value + np.sin(900 * motion.time_s) * 300)],
+         r"a0: is not at rest before the hit: its rms there is \d+ % of its largest value"),
+        ([force, replace(motion, value=np.where(motion.time_s > 0.05, np.nan, motion.value))],
+         "a0: has gaps in its values"),
     ]:  # fmt: skip
         with pytest.raises(uff.ModalDataError, match=sentence):
             hits_of_records(some)
@@ -255,6 +261,25 @@ def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path: Path) -> None:
     assert np.allclose(second.force_n[end], expected[1].force_n[there], atol=0.2)
 
 
+def test_of_several_hits_the_clipped_one_is_left_out() -> None:
+    force, motion, other, last = records(CONTACT, hits=2)
+    still = np.zeros(2000)
+    values = {
+        "contact_force": [force.value, still, np.minimum(other.value, 30.0), still, other.value],
+        "acceleration": [motion.value, still, last.value, still, last.value],
+    }
+    together = [
+        Record(name, np.arange(6400) / 12800, np.concatenate(parts), name)
+        for name, parts in values.items()
+    ]
+    found = hits_of_records(together)
+    assert [one.name.partition(",")[0] for one in found] == [
+        "contact_force (hit 1)", "contact_force (hit 3)",
+    ]  # fmt: skip
+    [note] = found[0].notes
+    assert re.match(r"Left out: contact_force \(hit 2\): \d+ samples are clipped", note)
+
+
 def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
     force, motion = records(CONTACT, hits=1)
     [plain] = hits_of_records([force, motion])
@@ -264,6 +289,7 @@ def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
     [hit] = hits_of_records([replace(force, value=noisy), motion])
     assert abs(hit.first - plain.first) <= 2
     assert not np.any(hit.force_n[plain.first + 20 :])  # noise is not taken as force
+    assert not np.any(hit.force_n[: plain.first - 4])
     assert np.any(plain.force_n[plain.first + 20 :])
 
 

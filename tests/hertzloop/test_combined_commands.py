@@ -1,0 +1,143 @@
+"""Every command with every new feature of striker, structure and sensor: the same numbers from each
+of them, the balance of energy, and texts that name the striker."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.interop.fmu import description, variables
+from hertzloop.interop.image import image
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.setup import Setup, load, parts
+from hertzloop.studies.budget.limits import quantities_of
+from tests.commands import invoke
+from tests.hertzloop.interop import needs_cc
+
+HAMMER = ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.5"]
+ELSEWHERE = ["sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p",
+             "controller.law=velocity_feedback"]  # fmt: skip
+FEATURES = {
+    "metal tip": [*HAMMER, "hammer.tip_radius_m=0.006"],
+    "soft tip": [*HAMMER, "hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.2"],
+    "mass and speed": ["sphere.mass_kg=0.002", "sphere.speed_m_s=0.7"],
+    "orthotropic": ["plate.material=spruce", "plate.size_m=[0.5,0.4]"],
+    "elsewhere": ELSEWHERE,
+    "sensor mass": [*ELSEWHERE, "sensors.mass_kg=0.002"],
+    "modes from a file": ["plate.modes=MODES", "sensors.quantity=v_p",
+                          "controller.law=velocity_feedback"],
+}  # fmt: skip
+SHORT = ("run.duration_s=0.006", "run.accuracy=0.01", "run.lead_in_s=0.001")
+LATENCIES = (0, 4)
+OWN_LAW = """
+def command(p, s, samples, i):
+    return min(max(-2.0 * samples[i], -30.0), 30.0)
+"""
+
+
+@pytest.fixture(scope="module")
+def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of modes of three points."""
+    table = parts.start_plant(load("aluminium-3mm")).modes
+    rng, count = np.random.default_rng(2), len(table.omega)
+    path = tmp_path_factory.mktemp("modes") / "modes.csv"
+    own = ModeTable(
+        np.asarray(table.omega), np.full(count, 1e-3), np.full(count, table.scale_per_kg),
+        np.asarray(table.contact), rng.normal(0.0, 1.0, count), 1e-8,
+        shape_sensor=rng.normal(0.0, 1.0, count),
+    )  # fmt: skip
+    path.write_bytes(write_modes(".csv", own))
+    return path
+
+
+def settings_of(name: str, modes: Path) -> list[str]:
+    return [*SHORT, *(one.replace("MODES", str(modes)) for one in FEATURES[name])]
+
+
+def said(words: list[str], settings: list[str]) -> str:
+    """The output of a command that succeeds."""
+    given = [word for setting in settings for word in ("--set", setting)]
+    done = invoke([*words, *given])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", FEATURES)
+def test_run_sweep_report_and_export_have_the_same_numbers(
+    name: str, modes: Path, tmp_path: Path
+) -> None:
+    settings, base = settings_of(name, modes), ["aluminium-3mm"]
+    file, sweep, figures = tmp_path / "a.mcap", tmp_path / "s.csv", tmp_path / "a.json"
+    text = said(["run", *base, "-o", str(file), "--json", str(figures)], settings)
+    run = json.loads(figures.read_text())
+    loop = simulate(load(*base, settings))
+    assert abs(loop.books.energy_residual) < 1e-10
+    assert abs(loop.books.momentum_residual) < 1e-10
+    over = ",".join(map(str, LATENCIES))
+    text += said(
+        ["sweep", *base, "--over", f"controller.latency_us={over}", "-o", str(sweep),
+         "--workers", "1"], settings,
+    )  # fmt: skip
+    text += said(["inspect", str(file)], [])
+    text += said(["report", str(file), "-o", str(tmp_path / "r.html")], [])
+    text += said(["export", str(file), "-o", str(tmp_path / "a.npz")], [])
+    text += said(["replay", str(file), "-o", str(tmp_path / "a.rrd")], [])
+    text += (tmp_path / "r.html").read_text().partition("<script")[0]
+    rows = np.genfromtxt(sweep, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert rows["peak_force_n"][0] == pytest.approx(np.max(loop.rows[4]), rel=1e-3)
+    assert re.search(r'"peak_force_n": [\d.]+', json.dumps(run))
+    kept = np.load(tmp_path / "a.npz")
+    [force] = [kept[key] for key in kept.files if key.endswith("f_c_n")]
+    assert force.tobytes() == loop.rows[4, : len(force)].tobytes()
+    if "tip" in name:
+        assert "hammer" in text
+        assert not re.search(r"\bspheres?\b|\bball\b", text), text
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", FEATURES)
+@needs_cc
+def test_an_exported_plant_steps_as_the_loop(name: str, modes: Path) -> None:
+    gymnasium = pytest.importorskip("gymnasium")
+    assert gymnasium
+    from hertzloop.interop.environment import Impacts
+
+    setup = load("aluminium-3mm", settings_of(name, modes))
+    loop, impacts = simulate(setup), Impacts(setup, 1, limit_n=64.0, scale=1.0)
+    impacts.reset(seed=setup.seed)
+    begin = int(impacts.batch.values["step"][0])
+    seen = []
+    for force in loop.forces[begin : begin + 200]:
+        seen.append(float(impacts.batch.values["sample"][0]))
+        impacts.step(np.full((1, 1), force / 64.0))
+    impacts.close()
+    assert np.array(seen).tobytes() == loop.values[begin : begin + 200].tobytes()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", FEATURES)
+def test_a_law_of_ones_own_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN_LAW)
+    settings = [*settings_of(name, modes), f"controller.law={tmp_path / 'mine.py'}"]
+    files = [tmp_path / f"{kind}.mcap" for kind in ("zenoh", "compiled")]
+    for file in files:
+        said(["run", "aluminium-3mm", "-o", str(file), "--transport", file.stem], settings)
+    assert "identical" in said(["compare", *map(str, files)], []).lower()
+
+
+def hammer(*settings: str) -> Setup:
+    return load("aluminium-3mm", [*FEATURES["metal tip"], *settings])
+
+
+def test_texts_name_the_hammer() -> None:
+    setup = hammer(*SHORT)
+    exported = image(setup)
+    texts = [one.end for one in quantities_of(setup)]
+    texts += [one.meaning for one in variables(exported)]
+    texts.append(description(exported, "2", "", "").decode())
+    assert any("for the hammer to move" in text for text in texts)
+    assert not [text for text in texts if re.search(r"\b(sphere|ball|drop)\b", text)]
