@@ -24,9 +24,8 @@ import zenoh
 from benchmarks import integrator_kernels as ik
 from benchmarks.program import tracked
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.sockets import mesh_endpoints, on_loopback
+from hertzloop.bus.sockets import LOOPBACK, mesh_endpoints, on_loopback, reserved_ports
 from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
-from hertzloop.bus.wire import LOOPBACK, reserved_ports
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant import state_kernels as pk

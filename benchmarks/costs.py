@@ -47,9 +47,8 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.bus.port import BusError
-from hertzloop.bus.sockets import on_loopback, own_endpoints
+from hertzloop.bus.sockets import LOOPBACK, on_loopback, own_endpoints, reserved_ports
 from hertzloop.bus.streams import PLANT, ROLES
-from hertzloop.bus.wire import LOOPBACK, reserved_ports
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.launcher import RunFailed
 from hertzloop.studies.words import write_rows

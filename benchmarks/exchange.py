@@ -34,7 +34,7 @@ from benchmarks.program import (
 )
 from hertzloop.bus import lane
 from hertzloop.bus.messages_pb2 import Hello, LaneOffer
-from hertzloop.bus.wire import reserved_ports
+from hertzloop.bus.sockets import reserved_ports
 from hertzloop.studies.words import write_records
 
 META = {

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from google.protobuf.message import Message
 
-from hertzloop.bus import streams, wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp, StreamCount
 
 
@@ -97,7 +97,7 @@ class Publisher:
         if "sequence" in fields:
             header.sequence = counter.messages  # type: ignore[attr-defined]
         streams.refuse_not_finite(stream, counter.messages, header, arrays or {})
-        payload = wire.encode(header, **(arrays or {}))
+        payload = streams.encode(header, **(arrays or {}))
         self.port.publish(streams.Envelope(stream, payload, counter.messages))
         counter.messages += 1
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)

@@ -4,6 +4,7 @@ import fcntl
 import os
 import re
 import shutil
+import socket
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -11,8 +12,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hertzloop.bus.streams import ROLES
-from hertzloop.bus.wire import reserved_ports
 
+LOOPBACK = "127.0.0.1"
+_LAST = 65535
 RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret of a run
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"
@@ -22,7 +24,7 @@ _PLAIN = re.compile(r"[A-Za-z0-9/_.+-]+")  # other characters may mean something
 
 def on_loopback(ports: Sequence[int]) -> list[str]:
     """Endpoints of ports of this machine."""
-    return [f"tcp/127.0.0.1:{port}" for port in ports]
+    return [f"tcp/{LOOPBACK}:{port}" for port in ports]
 
 
 def mesh_endpoints(role: str, endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -65,12 +67,12 @@ def remove_folder_of(endpoints: Sequence[str]) -> None:
     """Remove what a role listened on, and the folder if nothing else is left in it: for who
     outlives the folder's maker."""
     for endpoint in endpoints:
-        socket = Path(endpoint.removeprefix(_KIND))
-        if endpoint.startswith(_KIND) and socket.parent.name.startswith(_PREFIX):
+        path = Path(endpoint.removeprefix(_KIND))
+        if endpoint.startswith(_KIND) and path.parent.name.startswith(_PREFIX):
             with suppress(OSError):
-                for own in (socket, socket.with_name(f"{socket.name}.lock")):
+                for own in (path, path.with_name(f"{path.name}.lock")):
                     own.unlink(missing_ok=True)
-                socket.parent.rmdir()
+                path.parent.rmdir()
 
 
 RUN = "hertzloop-run-"
@@ -111,3 +113,36 @@ def _sweep(prefix: str, parent: str) -> None:
                 shutil.rmtree(folder)
             finally:
                 os.close(handle)
+
+
+@contextmanager
+def reserved_ports(count: int, in_a_row: bool = False) -> Iterator[list[int]]:
+    """TCP ports on loopback that nobody is given by the kernel until the context ends.
+
+    A port that is merely free at this moment can be the near end of anybody's connection by
+    the time that it is to be listened on. Here a socket that does not listen is bound to each:
+    the kernel passes such ports over, and lets whoever asks for one by its number, with
+    SO_REUSEADDR as zenoh does, listen on it.
+    """
+    while True:
+        with ExitStack() as held:
+            try:
+                first = _hold(held, 0)
+                wanted = range(first + 1, first + count) if in_a_row else [0] * (count - 1)
+                if in_a_row and wanted and wanted[-1] > _LAST:
+                    continue
+                ports = [first, *(_hold(held, number) for number in wanted)]
+            except OSError:
+                if not in_a_row:  # else one in the row is taken: from another start
+                    raise
+                continue
+            yield ports
+            return
+
+
+def _hold(held: ExitStack, number: int) -> int:
+    """Bind a port, 0 for any; its number. Raises OSError."""
+    holder = held.enter_context(socket.socket())
+    holder.bind((LOOPBACK, number))
+    holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # from now on, not before
+    return int(holder.getsockname()[1])

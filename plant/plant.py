@@ -285,11 +285,6 @@ class Plant(ABC):
     def _empty_state(self) -> Any:
         """The state at the start of a run, but for the sphere."""
 
-    def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J: `contact_energy` of the kernels."""
-        energy = self.kernels.contact_energy
-        return float(getattr(energy, "py_func", energy)(self.model, self.state))
-
     def at_start(self, touch_phase: float = 0.5) -> Self:
         """The same plant at the start of a run: model shared, state new."""
         new = object.__new__(type(self))
@@ -318,11 +313,8 @@ class Plant(ABC):
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
         speed_m_s = self.sphere_speed_m_s()
         modal_j = float(self.kernels.close_balance(self.model, self.state))
+        stored = self.kernels.contact_energy
+        contact_j = float(getattr(stored, "py_func", stored)(self.model, self.state))
         return balance(
-            self.model,
-            self.state,
-            self._start,
-            speed_m_s,
-            modal_j=modal_j,
-            contact_j=self.contact_energy_j(),
+            self.model, self.state, self._start, speed_m_s, modal_j=modal_j, contact_j=contact_j
         )

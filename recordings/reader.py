@@ -38,7 +38,7 @@ from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 from hertzloop.bus import streams
 from hertzloop.bus.events import MODES
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
-from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
+from hertzloop.bus.streams import DecodedBlock, MessageError, not_finite
 from hertzloop.recordings import writer
 from hertzloop.whole_files import whole_file
 
@@ -806,7 +806,7 @@ class Intake:
     def _message(self, topic: str, message: Message) -> Iterator[Taken]:
         name = topic[1:]
         try:
-            block = streams.decode(streams.Envelope(_KINDS[topic].name, message.data))
+            block = streams.decoded(streams.Envelope(_KINDS[topic].name, message.data))
             header: Any = block.header
             if topic == "/events":
                 # Whoever brings a controller may call it as he likes.

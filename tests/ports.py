@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 
-from hertzloop.bus.wire import reserved_ports
+from hertzloop.bus.sockets import reserved_ports
 
 _held = ExitStack()  # until this process ends
 

@@ -12,11 +12,11 @@ from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     Checker,
+    DecodedBlock,
     Envelope,
     StreamFault,
     compare_set_up,
 )
-from hertzloop.bus.wire import DecodedBlock
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answers import LaneAnswers

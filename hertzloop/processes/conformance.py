@@ -25,10 +25,10 @@ from hertzloop.bus.streams import (
     STREAMS,
     Checker,
     Envelope,
+    MessageError,
     StreamFault,
-    decode,
+    decoded,
 )
-from hertzloop.bus.wire import MessageError
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
 from hertzloop.loop.plant_streams import ROOM_STEPS, announce, hello
@@ -211,7 +211,7 @@ class _Ear:
         """The decoded block. Raises Broken."""
         name = envelope.stream
         try:
-            header: Any = decode(envelope).header
+            header: Any = decoded(envelope).header
             for field in _NEEDED.get(name, ()):
                 number = len(self.heard.get(name, ()))
                 self.checks.that(

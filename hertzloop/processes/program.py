@@ -5,9 +5,8 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from hertzloop.bus.sockets import mesh_endpoints, on_loopback
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
 from hertzloop.bus.streams import CONTROLLER
-from hertzloop.bus.wire import reserved_ports
 from hertzloop.loop.run_options import OptionError
 
 BASE_PORT = 7450  # plant's; controller and recorder have the next two

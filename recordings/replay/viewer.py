@@ -17,9 +17,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import TruthBlock
-from hertzloop.bus.wire import LOOPBACK, reserved_ports
+from hertzloop.bus.sockets import LOOPBACK, reserved_ports
 from hertzloop.recordings.replay.blueprint import TIMELINE
 from hertzloop.recordings.replay.data import TITLES
 from hertzloop.recordings.writer import RecordingError
@@ -155,8 +155,8 @@ def extremes_of(values: np.ndarray) -> np.ndarray:
 
 
 def send_block(stream: rr.RecordingStream, payload: bytes) -> int:
-    """Show some samples of a block of truth; how many. Raises wire.MessageError."""
-    block = wire.decode(TruthBlock, payload)
+    """Show some samples of a block of truth; how many. Raises streams.MessageError."""
+    block = streams.decode(TruthBlock, payload)
     sent = 0
     for field, entity, factor in _CURVES:
         values = block.arrays[field]

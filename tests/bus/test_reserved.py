@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from hertzloop.bus import wire
-from hertzloop.bus.wire import LOOPBACK, reserved_ports
+from hertzloop.bus import sockets
+from hertzloop.bus.sockets import LOOPBACK, reserved_ports
 
 IP_LOCAL_PORT_RANGE = 51  # Linux 6.3; Python's socket does not name it yet
 
@@ -68,11 +68,11 @@ def test_a_row_begins_anew_where_it_would_go_beyond_the_last_port(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The kernel may give any port first, also the last but one."""
-    given, hold = [wire._LAST - 1], wire._hold
+    given, hold = [sockets._LAST - 1], sockets._hold
     monkeypatch.setattr(
-        wire, "_hold", lambda held, number: given.pop() if given else hold(held, number)
+        sockets, "_hold", lambda held, number: given.pop() if given else hold(held, number)
     )
     with reserved_ports(3, in_a_row=True) as ports:
         assert ports == [ports[0], ports[0] + 1, ports[0] + 2]
-        assert ports[2] <= wire._LAST
+        assert ports[2] <= sockets._LAST
     assert not given

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from google.protobuf.message import Message
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import ForceBlock, RunEnd, TruthBlock
 from hertzloop.bus.port import Publisher
 from hertzloop.bus.streams import (
@@ -116,7 +116,7 @@ def test_a_step_of_another_length(stream: str, number: int, step_ns: int) -> Non
 def test_the_length_of_a_step_may_be_known_before() -> None:
     force = ForceBlock(run_id=RUN, step_ns=2000)
     with pytest.raises(StreamFault, match=r"'force' sequence 0 has steps of 2000 ns.* 1000 ns"):
-        Checker(RUN, 1000).accept(Envelope("force", wire.encode(force, force_n=np.zeros(2))))
+        Checker(RUN, 1000).accept(Envelope("force", streams.encode(force, force_n=np.zeros(2))))
 
 
 @pytest.mark.parametrize("change", [{"every_steps": 2}, {"scale": 0.25}, {"offset": 1.0}])

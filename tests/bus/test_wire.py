@@ -10,7 +10,7 @@ from google.protobuf.message import DecodeError, Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import (
     Books,
     DaqBlock,
@@ -20,8 +20,8 @@ from hertzloop.bus.messages_pb2 import (
     StreamCount,
     TruthBlock,
 )
+from hertzloop.bus.sockets import reserved_ports
 from hertzloop.bus.streams import STREAMS
-from hertzloop.bus.wire import reserved_ports
 from tests.bus.blocks import BLOCKS, by_the_library, contents, same_contents
 
 VALUES = np.array([1.5, -0.0, np.nan, np.inf, 5e-324])
@@ -32,16 +32,16 @@ Contents = tuple[Message, dict[str, np.ndarray]]
 @settings(max_examples=200, deadline=None)
 def test_the_library_reads_our_bytes(made: Contents) -> None:
     header, arrays = made
-    payload = wire.encode(header, **arrays)
+    payload = streams.encode(header, **arrays)
     message = type(header).FromString(payload)
-    assert same_contents(message, wire.DecodedBlock(header, {**empty(header), **arrays}))
+    assert same_contents(message, streams.DecodedBlock(header, {**empty(header), **arrays}))
 
 
 @given(contents())
 @settings(max_examples=200, deadline=None)
 def test_we_read_the_library_s_bytes(made: Contents) -> None:
     header, arrays = made
-    block = wire.decode(type(header), by_the_library(header, arrays))
+    block = streams.decode(type(header), by_the_library(header, arrays))
     assert block.header.SerializeToString() == header.SerializeToString()
     for name, values in {**empty(header), **arrays}.items():
         assert block.arrays[name].dtype == values.dtype
@@ -49,12 +49,12 @@ def test_we_read_the_library_s_bytes(made: Contents) -> None:
 
 
 def empty(header: Message) -> dict[str, np.ndarray]:
-    return {n: np.empty(0, dtype) for n, (_, dtype) in wire.array_fields(type(header)).items()}
+    return {n: np.empty(0, dtype) for n, (_, dtype) in streams.array_fields(type(header)).items()}
 
 
 def test_arrays_are_views_of_the_payload() -> None:
-    payload = wire.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
-    block, memory = wire.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
+    payload = streams.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
+    block, memory = streams.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
     for name in ("xi_m", "f_a_n"):
         assert np.shares_memory(block.arrays[name], memory)
         assert not block.arrays[name].flags.writeable
@@ -62,22 +62,22 @@ def test_arrays_are_views_of_the_payload() -> None:
 
 @pytest.mark.parametrize("values", [VALUES[::-1], np.arange(6.0).reshape(2, 3).T[1], [1, 2]])
 def test_any_array_layout_can_be_sent(values: np.ndarray) -> None:
-    block = wire.decode(ForceBlock, wire.encode(ForceBlock(), force_n=values))
+    block = streams.decode(ForceBlock, streams.encode(ForceBlock(), force_n=values))
     assert block.arrays["force_n"].tobytes() == np.array(values, float).tobytes()
 
 
 @pytest.mark.parametrize("length", [0, 1, 15, 16, 2000, 3_000_000])
 def test_lengths_around_those_of_the_length_prefix(length: int) -> None:
-    payload = wire.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
-    block = wire.decode(ForceBlock, payload)
+    payload = streams.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
+    block = streams.decode(ForceBlock, payload)
     assert np.array_equal(block.arrays["force_n"], np.arange(float(length)))
 
 
 def test_first_block_starts_at_time_zero() -> None:
     """proto3 leaves zeros out: nothing on the wire says 0, it reads as 0 all the same."""
-    payload = wire.encode(ForceBlock(run_id=1, sequence=0, first_step=0), force_n=VALUES)
+    payload = streams.encode(ForceBlock(run_id=1, sequence=0, first_step=0), force_n=VALUES)
     assert len(payload) == 9 + 2 + 1 + VALUES.nbytes  # run id; tag, length, values
-    header = wire.decode(ForceBlock, payload).header
+    header = streams.decode(ForceBlock, payload).header
     assert (header.first_step, header.sequence) == (0, 0)
 
 
@@ -85,17 +85,17 @@ def test_first_block_starts_at_time_zero() -> None:
 def test_empty_arrays(kind: type[Message]) -> None:
     header = kind()
     arrays = empty(header)
-    assert wire.encode(header, **arrays) == b""
-    block = wire.decode(kind, b"")
+    assert streams.encode(header, **arrays) == b""
+    block = streams.decode(kind, b"")
     assert all(block.arrays[name].dtype == a.dtype for name, a in arrays.items())
     # A field of length zero is unusual, but valid.
-    number = next(iter(wire.array_fields(kind).values()))[0]
-    assert all(len(a) == 0 for a in wire.decode(kind, tag(number, 2) + b"\0").arrays.values())
+    number = next(iter(streams.array_fields(kind).values()))[0]
+    assert all(len(a) == 0 for a in streams.decode(kind, tag(number, 2) + b"\0").arrays.values())
 
 
 def test_unknown_array_names_are_refused() -> None:
     with pytest.raises(KeyError):
-        wire.encode(ForceBlock(), force=VALUES)
+        streams.encode(ForceBlock(), force=VALUES)
 
 
 def tag(number: int, wire_type: int) -> bytes:
@@ -132,21 +132,21 @@ MALFORMED = {
 @pytest.mark.parametrize("name", MALFORMED)
 def test_malformed_payload(name: str) -> None:
     kind, payload = MALFORMED[name]
-    with pytest.raises(wire.MessageError, match=kind.DESCRIPTOR.name):
-        wire.decode(kind, payload)
+    with pytest.raises(streams.MessageError, match=kind.DESCRIPTOR.name):
+        streams.decode(kind, payload)
 
 
 SAMPLES = {
     Hello: Hello(run_id=1, scene="a", scene_toml="b", steps=3, step_ns=4).SerializeToString(),
-    DaqBlock: wire.encode(
+    DaqBlock: streams.encode(
         DaqBlock(run_id=1, sequence=2, first_step=3, step_ns=4, every_steps=1, scale=0.5),
         code=np.arange(3),
     ),
-    ForceBlock: wire.encode(
+    ForceBlock: streams.encode(
         ForceBlock(run_id=1, sequence=2, first_step=3, step_ns=4, samples_seen=5),
         force_n=VALUES,
     ),
-    TruthBlock: wire.encode(
+    TruthBlock: streams.encode(
         TruthBlock(run_id=1, sequence=2, first_step=3, step_ns=4), xi_m=VALUES, xi_s_m=VALUES
     ),
     Books: Books(run_id=1, kinetic_j=0.5, newton_iterations=7).SerializeToString(),
@@ -164,10 +164,10 @@ ALIKE = {(DaqBlock, ForceBlock), (Hello, RunEnd)}
 @pytest.mark.parametrize("sent", SAMPLES)
 def test_another_message_in_its_place(kind: type[Message], sent: type[Message]) -> None:
     if kind is sent or (kind, sent) in ALIKE:
-        assert wire.decode(kind, SAMPLES[sent]).header.run_id == 1
+        assert streams.decode(kind, SAMPLES[sent]).header.run_id == 1
         return
-    with pytest.raises(wire.MessageError):
-        wire.decode(kind, SAMPLES[sent])
+    with pytest.raises(streams.MessageError):
+        streams.decode(kind, SAMPLES[sent])
 
 
 @pytest.mark.parametrize("stream", STREAMS)
@@ -183,14 +183,14 @@ def test_no_field_of_any_stream_is_taken_for_another_kind(stream: str) -> None:
         else:
             setattr(message, field.name, some.get(field.type, 1))
     assert message.ListFields()
-    assert wire.decode(type(message), message.SerializeToString()).header == message
+    assert streams.decode(type(message), message.SerializeToString()).header == message
 
 
 def check_against_the_library(kind: type[Message], payload: bytes) -> bool:
     """Decoding raises MessageError or agrees with the library; whether it decoded."""
     try:
-        block = wire.decode(kind, payload)
-    except wire.MessageError:
+        block = streams.decode(kind, payload)
+    except streams.MessageError:
         return False
     try:
         message = kind.FromString(payload)
@@ -266,6 +266,6 @@ def test_a_row_of_ports_is_tried_again_from_another_start(monkeypatch: pytest.Mo
             raise OSError("taken")
         return number or 5000 + 10 * len(calls)
 
-    monkeypatch.setattr("hertzloop.bus.wire._hold", hold)
+    monkeypatch.setattr("hertzloop.bus.sockets._hold", hold)
     with reserved_ports(3, in_a_row=True) as ports:
         assert list(ports) == [5030, 5031, 5032]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import (
     CONTROLLER,
@@ -43,10 +43,10 @@ def forces(change: Callable[[Any, np.ndarray], np.ndarray | None]) -> Alter:
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "force":
             return (envelope,)
-        block = wire.decode(STREAMS["force"].message, envelope.payload)
+        block = streams.decode(STREAMS["force"].message, envelope.payload)
         made = change(block.header, block.arrays["force_n"].copy())
         force = block.arrays["force_n"] if made is None else made
-        return (Envelope("force", wire.encode(block.header, force_n=force)),)
+        return (Envelope("force", streams.encode(block.header, force_n=force)),)
 
     return alter
 
@@ -59,7 +59,7 @@ class Heard:
     digests: dict[str, Any] = field(default_factory=dict)
     order: list[str] = field(default_factory=list)
 
-    def take(self, stream: str, block: wire.DecodedBlock) -> None:
+    def take(self, stream: str, block: streams.DecodedBlock) -> None:
         """Add one message."""
         self.order.append(stream)
         if not STREAMS[stream].compared:

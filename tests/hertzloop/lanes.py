@@ -17,7 +17,7 @@ from hertzloop.bus.streams import (
     SUBSCRIPTIONS,
     Envelope,
     StreamFault,
-    decode,
+    decoded,
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
@@ -101,7 +101,7 @@ class Pair:
         for envelope in self.heard:
             if not STREAMS[envelope.stream].compared:
                 continue
-            block = decode(envelope)
+            block = decoded(envelope)
             if not block.arrays:
                 name = envelope.stream
                 digests.setdefault(name, hashlib.sha256()).update(envelope.payload)

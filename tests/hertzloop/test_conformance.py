@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import PLANT, Envelope, decode
+from hertzloop.bus.streams import PLANT, Envelope, decoded
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.processes.conformance import Checks, ScriptedPlant, scripts
@@ -276,7 +276,7 @@ def test_samples_of_a_script_are_said_as_a_plant_says_them() -> None:
         plant = ScriptedPlant(script, port, None, 0.0, Checks())
         with pytest.raises(PeerLost, match="the answer to sample 0"):
             plant.play()
-        [daq] = [decode(envelope) for envelope in said if envelope.stream == "daq"]
+        [daq] = [decoded(envelope) for envelope in said if envelope.stream == "daq"]
         [(kind, samples)] = [(k, array) for k, array in daq.arrays.items() if len(array)]
         kinds.add(kind)
         assert samples.tolist() == script.samples[: len(samples)].tolist()
@@ -298,7 +298,7 @@ def test_blocks_of_a_script_are_as_small_as_a_plants(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(plant, "_hear_answers", lambda _: None)
     monkeypatch.setattr(plant, "_hear_end", lambda: None)
     plant.play()
-    blocks = [decode(envelope) for envelope in said if envelope.stream == "daq"]
+    blocks = [decoded(envelope) for envelope in said if envelope.stream == "daq"]
     assert [len(block.arrays["value"]) for block in blocks] == [10_000, 10_000, count - 20_000]
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import Envelope, StreamFault, decode
+from hertzloop.bus.streams import Envelope, StreamFault, decoded
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from tests.bus.tapes import changed
@@ -129,7 +129,7 @@ class TestBrokenControllers:
 
 
 def run_of(envelope: Envelope) -> int:
-    return int(decode(envelope).header.run_id)
+    return int(decoded(envelope).header.run_id)
 
 
 def at_the_end(change: Callable[[RunEnd], object], role: str = "controller") -> Alter:
@@ -146,7 +146,7 @@ def at_the_end(change: Callable[[RunEnd], object], role: str = "controller") -> 
 
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:
-    header = decode(envelope).header
+    header = decoded(envelope).header
     header.scene_toml = to_toml(load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).scene)
     return Envelope("hello", header.SerializeToString(), sequence)
 
@@ -207,10 +207,10 @@ class TestControllerBelievesNothing:
         def forge(envelope: Envelope) -> list[Envelope]:
             if envelope.stream != "daq":
                 return [envelope]
-            block = decode(envelope)
+            block = decoded(envelope)
             block.header.scale = 1e308
             codes = np.full(len(block.arrays["code"]), 1000)
-            return [Envelope("daq", wire.encode(block.header, code=codes))]
+            return [Envelope("daq", streams.encode(block.header, code=codes))]
 
         refused(
             seed,
@@ -270,8 +270,8 @@ def samples(change: Callable[[Any, np.ndarray], np.ndarray]) -> Alter:
     def alter(envelope: Envelope) -> list[Envelope]:
         if envelope.stream != "daq":
             return [envelope]
-        block = decode(envelope)
+        block = decoded(envelope)
         values = change(block.header, block.arrays["value"].copy())
-        return [Envelope("daq", wire.encode(block.header, value=values))]
+        return [Envelope("daq", streams.encode(block.header, value=values))]
 
     return alter

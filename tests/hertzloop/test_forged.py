@@ -14,10 +14,10 @@ import pytest
 import zenoh
 
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import DaqBlock, Hello
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
@@ -80,9 +80,9 @@ class Foreign:
     def publish(self, envelope: Envelope) -> None:
         """As the port of a node: changes what it says."""
         if envelope.stream == "force":
-            block = decode(envelope)
+            block = decoded(envelope)
             force = self.change(block.header, block.arrays["force_n"].copy())
-            envelope = Envelope("force", wire.encode(block.header, force_n=force))
+            envelope = Envelope("force", streams.encode(block.header, force_n=force))
         self.port.publish(envelope)
 
     def _run(self) -> None:
@@ -140,7 +140,7 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
     def change(header: Any, force: np.ndarray) -> np.ndarray:
         force[-1:] = math.inf
         if not heard:
-            heard.append(wire.encode(header, force_n=force))
+            heard.append(streams.encode(header, force_n=force))
             publisher.put(heard[0])
             time.sleep(1.0)  # the link to the plant is slow
         return force
@@ -165,7 +165,7 @@ def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | No
     run_id: list[int] = []
 
     def note(sample: zenoh.Sample) -> None:
-        run_id.append(wire.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
+        run_id.append(streams.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
 
     long = ["--set", "run.duration_s=20"]
     plant = start("node", "plant", "aluminium-3mm", *long, *bus.words(PLANT))

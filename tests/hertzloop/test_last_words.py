@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
@@ -47,7 +47,7 @@ def test_a_plant_without_a_recorder_tells_the_controller(mesh: dict[str, ZenohPo
         node.run()
     last = heard_last(mesh[CONTROLLER])
     assert last.stream == "end/plant"
-    assert "recorder left the run; plant was sending 'hello'" in decode(last).header.fault
+    assert "recorder left the run; plant was sending 'hello'" in decoded(last).header.fault
 
 
 def test_it_stays_until_they_have_heard(mesh: dict[str, ZenohPort]) -> None:

@@ -18,8 +18,7 @@ from rich.console import Console
 from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
-from hertzloop.bus.streams import PLANT, StreamFault
-from hertzloop.bus.wire import DecodedBlock
+from hertzloop.bus.streams import PLANT, DecodedBlock, StreamFault
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode

@@ -14,8 +14,7 @@ import pytest
 
 from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, SceneText, StreamCount
-from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS
-from hertzloop.bus.wire import encode
+from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, encode
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import hello

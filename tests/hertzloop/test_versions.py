@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop import __version__
 from hertzloop import api as interface
-from hertzloop.bus import wire
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import Hello, SetUp
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault, other_version
 from hertzloop.recordings.reader import read
@@ -31,7 +31,7 @@ def hellos(change: Callable[[Hello], None]) -> Callable[[Envelope], Iterable[Env
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "hello":
             return (envelope,)
-        hello = wire.decode(STREAMS["hello"].message, envelope.payload).header
+        hello = streams.decode(STREAMS["hello"].message, envelope.payload).header
         hello.versions = OTHER
         change(hello)
         return (Envelope("hello", hello.SerializeToString(), envelope.sequence),)
@@ -68,7 +68,7 @@ def end_of_controller(change: Callable[[SetUp], None]) -> Callable[[Envelope], I
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "end/controller":
             return (envelope,)
-        end = wire.decode(STREAMS["end/controller"].message, envelope.payload).header
+        end = streams.decode(STREAMS["end/controller"].message, envelope.payload).header
         end.set_up.versions = OTHER
         change(end.set_up)
         return (Envelope("end/controller", end.SerializeToString(), envelope.sequence),)
@@ -121,7 +121,7 @@ def later_recording(tmp_path: Path) -> Path:
             item.header.scene_toml, item.header.versions = text, OTHER
         elif item.stream == "end/controller":
             item.header.set_up.scene_toml = text
-        payload = wire.encode(item.header, **item.arrays)
+        payload = streams.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)
     return path
