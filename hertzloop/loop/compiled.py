@@ -19,7 +19,7 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window, set_up_by
-from hertzloop.loop.run_options import RunOptions
+from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import rest_force_n
@@ -34,7 +34,6 @@ from hertzloop.setup import Setup, parts
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
 _LEAST_STEPS = 2  # in which a rebound is seen
 _SIGMAS = 8.0  # no noise is larger
-_DEFAULT = RunOptions()
 
 
 def quiet_steps(setup: Setup) -> int:
@@ -260,7 +259,7 @@ def recorder_of(recording: Path, options: RunOptions) -> Recorder:
 def record_in_process(
     setup: Setup,
     recording: Path,
-    options: RunOptions = _DEFAULT,
+    options: RunOptions = USUAL_RUN,
     on_progress: Callable[[int], None] = lambda step: None,
     *,
     compiled: bool,

@@ -135,6 +135,9 @@ class RunOptions:
             )
 
 
+USUAL_RUN = RunOptions()
+
+
 @dataclass(frozen=True)
 class BusOptions:
     """Where one process of a run meets the others, as the commands of single roles take it;

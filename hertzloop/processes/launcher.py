@@ -18,7 +18,7 @@ from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.loop.run_options import BusOptions, RunOptions, Transport, words_of
+from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, Transport, words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
@@ -35,7 +35,6 @@ _LEAVE_S = 15.0  # for the others to do their part, once one has: all was record
 # failed is the cause; one that did not for so many times the longest wait of the others has hung.
 _SILENT_S, _HUNG = 1.5, 1.5
 _SCENE = "scene.toml"
-_DEFAULT = RunOptions()
 
 
 class RunFailed(RuntimeError):
@@ -84,7 +83,7 @@ class Launcher:
         self,
         setup: Setup,
         recording: Path,
-        options: RunOptions = _DEFAULT,
+        options: RunOptions = USUAL_RUN,
         wait_s: float = _START_S,
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()

@@ -24,7 +24,7 @@ from hertzloop.jit.cache import noticed
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
 from hertzloop.loop.compiled import recorder_of
-from hertzloop.loop.run_options import RunOptions
+from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,
@@ -45,7 +45,6 @@ _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
-_DEFAULT = RunOptions()
 # zenoh counts the time in which all processes of a run are stopped, too.
 _NO_LIMIT_S = 24 * 3600.0
 _RECENT = 2.0  # of the longest wait, before an error: a pause that ended then can have caused it
@@ -144,7 +143,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
 def run_plant(
     setup: Setup,
     address: BusAddress,
-    options: RunOptions = _DEFAULT,
+    options: RunOptions = USUAL_RUN,
     on_ready: Callable[[], None] = lambda: None,
     on_progress: Callable[[int], None] = lambda step: None,
     repeat: Repeat | None = None,
@@ -180,7 +179,7 @@ def run_plant(
 
 def run_controller(
     address: BusAddress,
-    options: RunOptions = _DEFAULT,
+    options: RunOptions = USUAL_RUN,
     on_ready: Callable[[], None] = lambda: None,
     law: str | None = None,
 ) -> dict[str, Any]:
@@ -252,7 +251,7 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
 def run_recorder(
     path: Path,
     address: BusAddress,
-    options: RunOptions = _DEFAULT,
+    options: RunOptions = USUAL_RUN,
     on_ready: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
