@@ -299,8 +299,8 @@ def write_parquet(samples: Samples, path: Path) -> None:
     stream has no sample at a step, its columns are null."""
     schema = _schema(samples)
     with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for table in _tables(samples, schema):
-            writer.write_table(table)
+        for window in samples.windows():
+            writer.write_table(_table(samples, schema, window))
 
 
 def write_csv(samples: Samples, path: Path) -> None:
@@ -312,8 +312,8 @@ def write_csv(samples: Samples, path: Path) -> None:
             unit, meaning = (column.metadata[key].decode() for key in (b"unit", b"meaning"))
             file.write(f"# {column.name} ({unit or 'no unit'}): {meaning}\n".encode())
         with arrow_csv.CSVWriter(file, schema) as writer:
-            for table in _tables(samples, schema):
-                writer.write_table(table)
+            for window in samples.windows():
+                writer.write_table(_table(samples, schema, window))
 
 
 def _schema(samples: Samples) -> Any:
@@ -330,11 +330,6 @@ def _schema(samples: Samples) -> Any:
         columns,
         {"scene.toml": recording.scene_toml, "hertzloop": json.dumps(recording.metadata)},
     )
-
-
-def _tables(samples: Samples, schema: Any) -> Iterator[Any]:
-    for window in samples.windows():
-        yield _table(samples, schema, window)
 
 
 def _table(samples: Samples, schema: Any, window: dict[str, Piece]) -> Any:

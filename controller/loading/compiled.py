@@ -107,11 +107,6 @@ call_double = _entry(types.float64, float("nan"))
 call_int64 = _entry(types.int64, -1)
 
 
-def is_function(value: Any) -> bool:
-    """Whether a law's attribute can be called for a command."""
-    return callable(value)
-
-
 @lru_cache(maxsize=256)
 def _constants_type(record: np.dtype) -> types.NamedTuple:
     """The type of a law's `p` of a record's fields: numbers, and arrays with their counts."""
@@ -163,7 +158,7 @@ class Entries:
         self, home: Any, name: str, digest: str, parameters: np.dtype, state: np.dtype
     ) -> None:
         self._shipped = getattr(home, "__name__", "").startswith(_SHIPPED)
-        self._names = [name for name in FUNCTIONS if is_function(getattr(home, name, None))]
+        self._names = [name for name in FUNCTIONS if callable(getattr(home, name, None))]
         text = text_of(name, self._names)
         layout = f"{digest} {parameters} {state} {text}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")

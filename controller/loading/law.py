@@ -76,24 +76,18 @@ class Law:
 
     def note(self, keys: Any) -> str:
         """A sentence on its keys that a user should read before a run; usually empty."""
-        return str(self._asked("note", keys)) if hasattr(self.home, "note") else ""
+        return str(self._asked("note", keys) or "")
 
     def reach(self, keys: Any) -> Reach:
         """How far its force can go; without limit if it does not say. Raises LawError."""
-        if not hasattr(self.home, "reach"):
-            return Reach()
-        found = self._asked("reach", keys)
+        found = self._asked("reach", keys) if hasattr(self.home, "reach") else Reach()
         if not isinstance(found, Reach):
             raise LawError(f"law {self.name}: reach returned {found!r}. Return a Reach.")
         return found
 
     def response(self, keys: Any, constants: Any) -> Response | None:
         """Its transfer function; None if it does not declare one. Raises LawError."""
-        return (
-            self._asked("transfer_function", keys, constants)
-            if hasattr(self.home, "transfer_function")
-            else None
-        )
+        return self._asked("transfer_function", keys, constants)
 
     def ranges(self, about: About) -> dict[str, tuple[float, float]]:
         """Ranges that a search takes for its keys: what it says, else their bounds. Raises
@@ -123,9 +117,10 @@ class Law:
         return _constants_of((*ABOUT_FIELDS, *own))(*known, *own.values())
 
     def _asked(self, function: str, *about: Any) -> Any:
-        """What one of its functions says before a run. Raises LawError."""
+        """What one of its functions says before a run, None without it. Raises LawError."""
         try:
-            return getattr(self.home, function)(*about)
+            asked = getattr(self.home, function, None)
+            return None if asked is None else asked(*about)
         except LawError:
             raise
         except (Exception, SystemExit) as error:

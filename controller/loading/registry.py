@@ -10,6 +10,8 @@ import os
 import re
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -144,12 +146,8 @@ def _loaded_file(
     sys.modules[module.__name__] = module
     sys.path.append(str(path.parent))
     try:
-        with given_up_in_time():
+        with _loading(str(path), path):
             exec(compile(source, str(path), "exec"), module.__dict__)
-    except Overdue:
-        raise LawError(_not_over(str(path))) from None
-    except (Exception, SystemExit) as error:
-        raise LawError(f"law {path}: cannot be loaded: {said_of(error, path)}") from error
     finally:
         sys.path.remove(str(path.parent))
     return _checked(
@@ -167,17 +165,10 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
             f"controller.law = '{reference}': the Python module {module} was not found. Install it."
         )
     path = Path(spec.origin)
-    try:
+    with _loading(reference, path):
         found = digest_of(path)
         _check_digest(reference, found, digest)
-        with given_up_in_time():
-            home = importlib.import_module(module)
-    except LawError:
-        raise
-    except Overdue:
-        raise LawError(_not_over(reference)) from None
-    except (Exception, SystemExit) as error:
-        raise LawError(f"law {reference}: cannot be loaded: {said_of(error, path)}") from error
+        home = importlib.import_module(module)
     return _checked(reference, home, name, path, path.read_text(encoding="utf-8"), found)
 
 
@@ -195,11 +186,21 @@ def _checked(
     return Law(label, path, source, digest, home)
 
 
-def _not_over(law: str) -> str:
-    return (
-        f"law {law}: was not loaded within {callbacks.PATIENCE_S:g} s. Check it for an endless "
-        "loop."
-    )
+@contextmanager
+def _loading(law: str, path: Path) -> Iterator[None]:
+    """Let code of a law run for a while at most. Raises LawError."""
+    try:
+        with given_up_in_time():
+            yield
+    except LawError:
+        raise
+    except Overdue:
+        raise LawError(
+            f"law {law}: was not loaded within {callbacks.PATIENCE_S:g} s. Check it for an endless "
+            "loop."
+        ) from None
+    except (Exception, SystemExit) as error:
+        raise LawError(f"law {law}: cannot be loaded: {said_of(error, path)}") from error
 
 
 @cache

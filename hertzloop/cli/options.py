@@ -186,13 +186,11 @@ def check_output(
     check_folder(path)
 
 
-def check_recording(
-    path: Path, overwrite: bool, option: str = "--out", read: Iterable[Path] = ()
-) -> None:
+def check_recording(path: Path, overwrite: bool, read: Iterable[Path] = ()) -> None:
     """End the command unless `path` is the name of a recording that can be written."""
-    check_output(path, overwrite, option, read)
+    check_output(path, overwrite, read=read)
     if path.suffix != ".mcap":
-        fail(f"{option} = {path}: a recording must end in .mcap. Change the name.")
+        fail(f"--out = {path}: a recording must end in .mcap. Change the name.")
 
 
 def files_of(setup: Setup, *named: str) -> list[Path]:

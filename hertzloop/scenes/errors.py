@@ -83,14 +83,14 @@ def sentence(error: ValidationError, model: type[BaseModel]) -> str:
     problem = error.errors()[0]
     path = tuple(str(p) for p in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        return unknown_key(path, list(_table(path[:-1], model).model_fields))
+        return unknown_key(path, list(table_at(path[:-1], model).model_fields))
     if problem["type"] == "missing":
         return f"{'.'.join(path)}: is missing from the scene. Add it."
     if problem["type"] == "value_error":
         return shortened(str(problem["ctx"]["error"]), LONGEST)
     keys = _field_path(path, model)
     same = [p for p in error.errors() if tuple(map(str, p["loc"]))[: len(keys)] == keys]
-    field = _table(keys[:-1], model).model_fields[keys[-1]]
+    field = table_at(keys[:-1], model).model_fields[keys[-1]]
     return refused(keys, problem["input"], same, field)
 
 
@@ -105,7 +105,7 @@ def table_of(annotation: Any) -> Any:
     return annotation
 
 
-def _table(path: tuple[str, ...], model: type[BaseModel]) -> Any:
+def table_at(path: tuple[str, ...], model: type[BaseModel]) -> Any:
     """The table at `path` of a scene. Raises KeyError or AttributeError without one."""
     table: Any = model
     for part in path:
@@ -117,7 +117,7 @@ def _field_path(path: tuple[str, ...], model: type[BaseModel]) -> tuple[str, ...
     """The part of an error's location that names scene keys, without union branches."""
     for length in range(len(path), 0, -1):
         try:
-            known = _table(path[: length - 1], model).model_fields
+            known = table_at(path[: length - 1], model).model_fields
         except (KeyError, AttributeError):
             continue
         if path[length - 1] in known:

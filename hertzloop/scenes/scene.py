@@ -55,7 +55,7 @@ from hertzloop.scenes.errors import (
     sentence,
     shortened,
     shown,
-    table_of,
+    table_at,
     unknown_key,
 )
 from hertzloop.scenes.quantities import SENSED
@@ -383,12 +383,6 @@ class SensorsTable(SceneTable):
 
     _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
-    @property
-    def has_fault_keys(self) -> bool:
-        """Whether a key of a fault is given beside its kind."""
-        keys = (self.fault_start_s, self.fault_duration_s, self.fault_size, self.fault_probability)
-        return any(key is not None for key in keys)
-
 
 class ActuatorTable(SceneTable):
     """The actuator between the controller's line and the plate: natural frequency and damping (of
@@ -674,7 +668,8 @@ def problems(scene: "Scene") -> list[str]:
     shaped = sensors.low_pass != "butterworth" or sensors.low_pass_order > 1
     if sensors.low_pass_hz is None and shaped:
         found.append("sensors.low_pass_hz: is missing beside its kind or order. Give the corner")
-    if sensors.fault is None and sensors.has_fault_keys:
+    beside = [key for key, value in sensors if key.startswith("fault_") and value is not None]
+    if sensors.fault is None and beside:
         found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
     if sensors.fault in ("offset", "spikes", "saturation") and sensors.fault_size is None:
         found.append(
@@ -1773,10 +1768,7 @@ def grain_of(scene: Scene, key: str) -> float:
             return scene.run.step_ns / 1000
     else:
         try:
-            model: Any = Scene
-            for part in path:
-                model = table_of(model.model_fields[part].annotation)
-            kind = model.model_fields[last].annotation
+            kind = table_at(tuple(path), Scene).model_fields[last].annotation
         except (KeyError, AttributeError):
             return 0.0
     kinds = {kind, *get_args(kind)}

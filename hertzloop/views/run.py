@@ -778,46 +778,39 @@ def run_table(report: RunReport) -> Table:
     """Key figures of the run itself."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
     books, demand = report.books, report.judged.ran.figures.demand
-    table = Table("", "", show_header=False)
-    table.add_row("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}")
-    table.add_row("law that ran", law_line(report.judged.law))
-    table.add_row("steps", f"{setup.steps:,}")
-    table.add_row(
-        "wall time",
-        f"{wall_s:.4g} s, {setup.duration_s / wall_s if wall_s else math.inf:.3g} times real time, "
-        f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s",
-    )
-    if note := SCHEMES[setup.scheme].note:
-        table.add_row("scheme", f"{setup.scheme}: {note}")
-    if demand:
-        table.add_row("actuator demand", demand_words(demand))
-    if parts.limiting_pressure:
-        table.add_row("limiting pressure", pressure_words(parts.limiting_pressure))
-    if report.judged.yielded:
-        table.add_row("yield", yield_words(report.judged.yielded))
-    if parts.radiation:
-        table.add_row("radiation", radiation_words(parts.radiation))
-    table.add_row("exchanges", _exchanges(report))
-    if report.realtime:
-        table.add_row("real-time profile", report.realtime)
-    if not report.struck["closed_form"]:
-        table.add_row("structure", _struck(report.struck))
+    judged, full = report.judged, parts.model and parts.model.full
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
-    if parts.theory and (asked is None or asked.solid):  # None: "auto"
-        table.add_row("plate theory", theory_words(parts.theory))
-    table.add_row("plate model", _model_order(report))
-    if parts.tail:
-        table.add_row("truncated modes", tail_words(parts.tail))
-    if parts.model is not None:
-        if "modes_in_file" not in report.struck:
-            table.add_row("full model", _full_model(parts.model.full))
-        if offered := _infinite_plate(report, parts.model):
-            table.add_row("infinite plate", offered)
-    table.add_row("contact solve", f"at most {books.newton_iterations_max} evaluations a step")
-    table.add_row(
-        "residuals",
-        f"energy {books.energy_residual:.1e}, momentum {books.momentum_residual:.1e} (relative)",
-    )
+    told = parts.theory if asked is None or asked.solid else None  # None: "auto"
+    factor = setup.duration_s / wall_s if wall_s else math.inf
+    note = SCHEMES[setup.scheme].note
+    limit = parts.limiting_pressure
+    rows = (
+        ("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}"),
+        ("law that ran", law_line(judged.law)),
+        ("steps", f"{setup.steps:,}"),
+        ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, "
+                      f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s"),
+        ("scheme", note and f"{setup.scheme}: {note}"),
+        ("actuator demand", demand and demand_words(demand)),
+        ("limiting pressure", limit and pressure_words(limit)),
+        ("yield", judged.yielded and yield_words(judged.yielded)),
+        ("radiation", parts.radiation and radiation_words(parts.radiation)),
+        ("exchanges", _exchanges(report)),
+        ("real-time profile", report.realtime),
+        ("structure", "" if report.struck["closed_form"] else _struck(report.struck)),
+        ("plate theory", told and theory_words(told)),
+        ("plate model", _model_order(report)),
+        ("truncated modes", parts.tail and tail_words(parts.tail)),
+        ("full model", full and "modes_in_file" not in report.struck and _full_model(full)),
+        ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
+        ("contact solve", f"at most {books.newton_iterations_max} evaluations a step"),
+        ("residuals", f"energy {books.energy_residual:.1e}, "
+                      f"momentum {books.momentum_residual:.1e} (relative)"),
+    )  # fmt: skip
+    table = Table("", "", show_header=False)
+    for heading, words in rows:
+        if words:
+            table.add_row(heading, words)
     return table
 
 
