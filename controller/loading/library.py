@@ -58,11 +58,10 @@ class LibraryLaw(Law):
         for key in iter(table):
             if not key.name:
                 break
+            said = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
             low = None if key.least == -math.inf else key.least
             high = None if key.most == math.inf else key.most
-            said = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
-            info = Field(key.initial, ge=low, le=high, description=said)
-            fields[key.name.decode()] = (float, info)
+            fields[key.name.decode()] = _field(key.initial, low, high, said)
         senses = (self._description.senses or b"").decode()
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
@@ -118,6 +117,12 @@ def library_law(path: Path, digest: str) -> LibraryLaw:
             f"{path}: state of {about.state_bytes} bytes. Use 16, 24 or a larger multiple of 8."
         )
     return law
+
+
+def _field(start: Any, low: Any, high: Any, description: str) -> tuple[type[float], Any]:
+    """A scene key of a law that is not written in Python, within bounds that may be None."""
+    low, high = (None if bound is None else float(bound) for bound in (low, high))
+    return float, Field(float(start), ge=low, le=high, description=description)
 
 
 def _address(library: Any, name: str) -> int:
@@ -202,13 +207,10 @@ class UnitLaw(Law):
         if senses not in _QUANTITIES:
             senses = _DIMENSIONS.get(given.dimension or _NUMBER, "any")
         for key, variable in self._parameters.items():
-            low, high = (None if bound is None else float(bound) for bound in
-                         (variable.min, variable.max))  # fmt: skip
             said = variable.description or "of the unit"
             if variable.unit:
                 said += f" ({variable.unit})"
-            info = Field(float(variable.start or 0.0), ge=low, le=high, description=said)
-            fields[key] = (float, info)
+            fields[key] = _field(variable.start or 0.0, variable.min, variable.max, said)
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
     def constants(self, keys: Any, about: About) -> Any:

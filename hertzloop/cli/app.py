@@ -1,8 +1,8 @@
 """The command line: the table of all commands, and how one of them is loaded.
 
 A command's module is imported when the command is called, so that `hertzloop --help` needs none of
-them. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's mistake, 130
-interrupted.
+them. The help of an option stands in the section Args of the command's docstring. Exit codes: 0
+done, 1 a run failed or recordings differ, 2 the user's mistake, 130 interrupted.
 """
 
 import inspect

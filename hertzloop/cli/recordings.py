@@ -273,34 +273,25 @@ def report(
     """
     need("matplotlib", "jinja2")
     if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
-        _of_results(source, folder, overwrite)
-    else:
-        _of_run(source, folder, overwrite)
+        from hertzloop.studies.report.results import page_of_results, results_in
 
-
-def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
-
-    recording = read(file, keep=True)
-    page = _page(file, folder, overwrite)
-    for problem in recording.problems:
-        err.say(f"{file}: {problem}")
+        try:
+            results = results_in(source)
+            text = page_of_results(results)
+        except ValueError as error:
+            fail(str(error))
+        _write(_page(results, folder, overwrite), text)
+        return
     from hertzloop.studies.report.page import page_of
 
+    recording = read(source, keep=True)
+    page = _page(source, folder, overwrite)
+    for problem in recording.problems:
+        err.say(f"{source}: {problem}")
     try:
         _write(page, page_of(recording))
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
-
-
-def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
-    from hertzloop.studies.report.results import page_of_results, results_in
-
-    try:
-        results = results_in(source)
-        text = page_of_results(results)
-    except (ValueError, SceneError) as error:
-        fail(str(error))
-    _write(_page(results, folder, overwrite), text)
 
 
 def _page(source: Path, folder: Path, overwrite: bool) -> Path:
