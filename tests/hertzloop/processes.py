@@ -4,9 +4,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 import psutil
 
@@ -42,9 +44,28 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
         _, err = process.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGABRT)
-        _, err = process.communicate()
+        process.send_signal(signal.SIGCONT)  # one that is stopped prints no stacks
+        _, err = process.communicate(timeout=EVENTUALLY_S)
         raise AssertionError(f"not ended within {timeout_s} s: {process.args}\n{err}") from None
     return process.returncode, " ".join(err.split()), time.monotonic() - began
+
+
+def next_line(
+    process: subprocess.Popen, of: IO[str] | None = None, timeout_s: float = EVENTUALLY_S
+) -> str:
+    """The next line that a process prints, on its standard output if no other stream is given.
+    Raises AssertionError where it prints none."""
+    stream = of or process.stdout
+    assert stream is not None
+    found: list[str] = []
+    reader = threading.Thread(target=lambda: found.append(stream.readline()), daemon=True)
+    reader.start()
+    reader.join(timeout_s)
+    if not found:
+        process.kill()
+        raise AssertionError(f"printed no line within {timeout_s} s: {process.args}")
+    assert found[0], f"printed no further line, exit code {process.poll()}: {process.args}"
+    return found[0]
 
 
 def child_of(

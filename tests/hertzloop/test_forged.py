@@ -26,7 +26,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import Recorder
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
-from tests.hertzloop.processes import finish, start
+from tests.hertzloop.processes import EVENTUALLY_S, finish, start
 from tests.ports import free_ports
 
 SHORT = ["--set", "run.duration_s=0.0025", "--set", "run.accuracy=0.1"]
@@ -89,9 +89,9 @@ class Foreign:
         node = ControllerNode(self)  # type: ignore[arg-type]
         try:
             self.port.presence.announce()
-            self.port.presence.wait_for([PLANT, RECORDER], 20.0)
+            self.port.presence.wait_for([PLANT, RECORDER], EVENTUALLY_S)
             while not node.done:
-                node.handle(self.port.receive(20.0, "samples"))
+                node.handle(self.port.receive(EVENTUALLY_S, "samples"))
         except PeerLost:
             pass
 
@@ -100,7 +100,8 @@ class Foreign:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.thread.join(30.0)
+        self.thread.join(2 * EVENTUALLY_S)
+        assert not self.thread.is_alive()
         self.port.close()
 
 

@@ -8,7 +8,9 @@ import psutil
 import pytest
 
 from hertzloop.processes import fork_server
-from tests.hertzloop.processes import wait_for
+from tests.hertzloop.processes import EVENTUALLY_S, wait_for
+
+pytestmark = pytest.mark.timeout(EVENTUALLY_S)  # a role that never ends fails its test
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
-from tests.hertzloop.processes import wait_for
+from tests.hertzloop.processes import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
 
@@ -65,4 +65,5 @@ def test_it_stays_until_they_have_heard(mesh: dict[str, ZenohPort]) -> None:
     mesh[PLANT].presence.wait_until_heard(math.inf, besides=[CONTROLLER])  # nobody else is there
     mesh[CONTROLLER].publish(Envelope("end/controller", b"", 0))
     assert over.wait(PATIENCE_S / 2)
-    waiting.join()
+    waiting.join(EVENTUALLY_S)
+    assert not waiting.is_alive()

@@ -21,6 +21,7 @@ from tests.hertzloop.processes import (
     finish,
     grown_to,
     hertzloop,
+    next_line,
     start,
     wait_for,
 )
@@ -119,8 +120,7 @@ def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.
     connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
     words = ["--name", "mine", *connect, "--save", str(rrd), *more]
     watcher = start("node", "watch", *words, stdin=stdin)
-    assert watcher.stderr is not None
-    assert "watching run 'mine'" in watcher.stderr.readline()
+    assert "watching run 'mine'" in next_line(watcher, watcher.stderr)
     return watcher
 
 

@@ -15,7 +15,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import run_scene
-from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, wait_for
+from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, next_line, start, wait_for
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 
@@ -69,8 +69,7 @@ def test_a_lock_goes_with_its_process(tmp_path: Path) -> None:
         [sys.executable, "-c", script, str(out)], stdout=subprocess.PIPE, text=True
     )
     try:
-        assert holder.stdout is not None
-        assert holder.stdout.readline() == "here\n"
+        assert next_line(holder) == "here\n"
         with pytest.raises(RecordingError, match="another run is writing"):
             RecordingWriter(out, overwrite=True)
     finally:

@@ -19,7 +19,7 @@ from hertzloop.studies.sweeps import sweep as study
 from hertzloop.studies.sweeps.design import make_design
 from hertzloop.studies.sweeps.journal import Journal, JournalError
 from tests.commands import invoke
-from tests.hertzloop.processes import wait_for
+from tests.hertzloop.processes import next_line, wait_for
 from tests.studies.sweeping import COARSE, command, wait_until
 
 
@@ -268,18 +268,15 @@ def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: P
 
 
 @contextmanager
-def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     """A Dask scheduler and workers, each a process."""
     started = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", "--port",
                                  "0", "--host", "127.0.0.1", "--no-dashboard"],
-                                stderr=subprocess.PIPE)]  # fmt: skip
+                                stderr=subprocess.PIPE, text=True)]  # fmt: skip
     try:
-        assert started[0].stderr is not None
-        address = ""
-        for line in started[0].stderr:
-            if b"Scheduler at:" in line:
-                address = line.decode().split()[-1]
-                break
+        while "Scheduler at:" not in (line := next_line(started[0], started[0].stderr)):
+            pass
+        address = line.split()[-1]
         for _ in range(workers):
             started.append(
                 subprocess.Popen(
