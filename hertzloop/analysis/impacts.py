@@ -17,17 +17,14 @@ from hertzloop.loop.compiled import answer_of
 from hertzloop.plant.contact.yielding import dents_m
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import (
-    FIGURES,
     TO_CUBIC,
     Impact,
     ImpactPart,
-    Reading,
     contacts,
     impacts_in,
     modal_displacement,
     peak_force_n,
     peak_speed_m_s,
-    read_impact,
     starting_speed,
 )
 from hertzloop.plant.figures.noise import (
@@ -247,10 +244,10 @@ def _read(
 ) -> ImpactPart:  # fmt: skip
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(FIGURES), np.empty(len(modes.omega), complex)
+    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = read_impact(
+    known, start, until, touching, speed_max = rows_k.read_impact(
         xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
         modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
         _reading(spec, modes), figures, work, speeds, drive,
@@ -298,10 +295,10 @@ class _Highest:
 
 
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> Reading:
+def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
     """What the rows of a plant's impacts are read with."""
     tail = damped_tail(spec)[0]
-    return Reading(
+    return rows_k.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,

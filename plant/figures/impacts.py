@@ -6,10 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
 from hertzloop.plant.figures import rows_kernels as rows_k
-from hertzloop.plant.figures.noise import Spectra, drive_into
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
@@ -50,274 +48,13 @@ class Impact:
     plate_speed_max_m_s: float
 
 
-_WHOLE = 4  # steps that a contact has at least, for two whole ones beside each other
-
-
-@kernel(borrowed=True)
-def starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, found):
-    """Velocity at the start of every step where what follows the forces at once has `mobility`
-    (m/(N s)): it jumps with them. In the first row that of the row."""
-    found[0] = v_p[0]
-    mean, slope = -f_c[0], -f_c1[0]
-    if same_point:
-        mean, slope = mean + f_a[0], slope + f_a1[0]
-    ended = mean + slope
-    for i in range(1, v_p.size):
-        mean, slope = -f_c[i], -f_c1[i]
-        if same_point:
-            mean, slope = mean + f_a[i], slope + f_a1[i]
-        found[i] = v_p[i] + mobility * ((mean - slope) - ended)
-        ended = mean + slope
-
-
-@kernel(inline=True, borrowed=True)
-def _add_work_of_slopes(slope, v_end, v_start, sign, step_s, work):
-    """Add the work of the slopes, `sign` F_1 h (v_1 - v_0)/6."""
-    for i in range(work.size - 1):
-        work[i] += sign * slope[i] * (v_end[i + 1] - v_start[i]) * step_s / 6.0
-
-
-@kernel(inline=True, borrowed=True)
-def _gradient(values, at, step_s):
-    """Derivative of values `step_s` apart, by central differences."""
-    if at == 0:
-        return (values[1] - values[0]) / step_s
-    if at == values.size - 1:
-        return (values[at] - values[at - 1]) / step_s
-    return (values[at + 1] - values[at - 1]) / (2.0 * step_s)
-
-
-@kernel(borrowed=True)
-def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance, same_point, work):
-    """See `step_work_j`; `impedance` is nan, and arrays that are not known are
-    empty."""
-    if work.size == 0:
-        return
-    work[work.size - 1] = 0.0
-    for i in range(work.size - 1):
-        work[i] = -f_c[i] * (xi_p[i + 1] - xi_p[i]) + f_a[i] * (xi_a[i + 1] - xi_a[i])
-    if not math.isnan(impedance):
-        for i in range(work.size - 1):
-            work[i] += f_c1[i] * f_c1[i] * step_s / (3.0 * impedance)
-    elif v_start.size:
-        _add_work_of_slopes(f_c1, v_p, v_start, -1.0, step_s, work)
-    if f_a1.size == 0 or v_start.size == 0 or work.size == 1 or rows_k.nonzero(f_a1)[1] == 0:
-        return
-    if same_point:
-        _add_work_of_slopes(f_a1, v_p, v_start, 1.0, step_s, work)
-        return
-    for i in range(work.size - 1):
-        change = _gradient(xi_a, i + 1, step_s) - _gradient(xi_a, i, step_s)
-        work[i] += f_a1[i] * change * step_s / 6.0
-
-
-@kernel(borrowed=True)
-def edges_of(values, edges):
-    """Steps at which what is not zero begins and ends, in turns, as many as `edges` takes; how
-    many there are. What lasts to the end has no end."""
-    count, inside = 0, False
-    for i in range(values.size):
-        if (values[i] != 0.0) != inside:
-            inside = not inside
-            if count < edges.size:
-                edges[count] = i
-            count += 1
-    return count
-
-
-@kernel(inline=True, borrowed=True)
-def _highest(mean, slope):
-    """Largest F_0, its index, largest end of the steps' lines, and whether there are slopes."""
-    at, top, sloped = 0, -math.inf, False
-    for i in range(mean.size):
-        if math.isnan(mean[i]):
-            return math.nan, i, math.nan, True
-        if mean[i] > mean[at]:
-            at = i
-        end = mean[i] + abs(slope[i])
-        top = end if end > top or math.isnan(end) else top
-        sloped = sloped or slope[i] != 0.0
-    return mean[at], at, top, sloped
-
-
-@kernel(inline=True, borrowed=True)
-def _at(c0, c1, c2, c3, x):
-    return c0 + x * (c1 + x * (c2 + x * c3))
-
-
-@kernel(inline=True, borrowed=True)
-def _largest(c0, c1, c2, c3):
-    """Largest value of c0 + c1 x + c2 x^2 + c3 x^3 on [-1, 1]."""
-    most = max(_at(c0, c1, c2, c3, -1.0), _at(c0, c1, c2, c3, 1.0))
-    inner = c2 * c2 - 3.0 * c1 * c3
-    if inner > 0.0:  # both roots of c1 + 2 c2 x + 3 c3 x^2, each without cancellation
-        sum_ = -c2 - math.copysign(math.sqrt(inner), c2)
-        one = c1 / sum_ if sum_ != 0.0 else 0.0
-        other = sum_ / (3.0 * c3) if c3 != 0.0 else math.inf
-        if abs(one) < 1.0:
-            most = max(most, _at(c0, c1, c2, c3, one))
-        if abs(other) < 1.0:
-            most = max(most, _at(c0, c1, c2, c3, other))
-    return most
-
-
-@kernel(inline=True, borrowed=True)
-def _of_two(to_cubic, row, m0, s0, m1, s1):
-    by = to_cubic[row]
-    return by[0] * m0 + by[1] * s0 + by[2] * m1 + by[3] * s1
-
-
-@kernel(borrowed=True)
-def peak_force(mean, slope, to_cubic):
-    """See `peak_force_n`; `to_cubic`: coefficients from F_0, F_1 of two steps
-    beside each other, shape (4, 4)."""
-    highest, at, top, sloped = _highest(mean, slope)
-    if not sloped or math.isnan(highest):
-        return highest
-    if mean.size < _WHOLE:
-        return top
-    most = -math.inf
-    for i in range(max(at - 1, 1), min(at, mean.size - 3) + 1):
-        m0, s0, m1, s1 = mean[i], slope[i], mean[i + 1], slope[i + 1]
-        most = max(most, _largest(
-            _of_two(to_cubic, 0, m0, s0, m1, s1), _of_two(to_cubic, 1, m0, s0, m1, s1),
-            _of_two(to_cubic, 2, m0, s0, m1, s1), _of_two(to_cubic, 3, m0, s0, m1, s1),
-        ))  # fmt: skip
-    return most if most > -math.inf else top
-
-
-@kernel(borrowed=True)
-def peak_size(values):
-    """See `peak_speed_m_s`."""
-    at = rows_k.fastest(values)
-    size = abs(values[at])
-    if not 0 < at < values.size - 1:
-        return size
-    sign = math.copysign(1.0, values[at])
-    left, middle, right = sign * values[at - 1], sign * values[at], sign * values[at + 1]
-    bend = left - 2.0 * middle + right
-    return middle - (right - left) ** 2 / (8.0 * bend) if bend < 0.0 else size
-
-
-# Indices into the figures of a contact: its ends (steps of the run), speeds of the sphere before
-# and after it (m/s, towards the plate and away), largest force (N) and speed of the plate (m/s).
-BEGAN, ENDED, SPEED_IN, SPEED_OUT, PEAK, FASTEST = range(6)
-FIGURES = 6
-
-
-@kernel(inline=True, borrowed=True)
-def _crossing(xi, before, dent):
-    """Position of xi = -dent between `before` and the next step, in steps from `before` on."""
-    a, b = xi[before] + dent, xi[before + 1] + dent
-    return a / (a - b) if a != b else 0.0
-
-
-@kernel(inline=True, borrowed=True)
-def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
-    """Speed at the start of a step, up positive (m/s), exact for a force F + F_1 (2 t/h - 1):
-    v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2."""
-    held = (f_c[at] - f_c1[at] / 3.0) / mass - gravity
-    return (xi_s[at + 1] - xi_s[at]) / step_s - 0.5 * held * step_s
-
-
-@kernel(borrowed=True)
-def contact_figures(
-    xi, xi_s, f_c, f_c1, v_p, dents, first_step, start, end, mass, gravity, step_s, to_cubic,
-    figures,
-):  # fmt: skip
-    """Figures of the contact from row `start` to before `end`, which is -1 of one without an end;
-    returns whether it has any. `dents` may be empty. See `impacts`."""
-    last, ends = xi.size - 1, end >= 0
-    if not ends:
-        end = last
-    before, after = 0.0, 0.0
-    if dents.size:
-        before, after = dents[start], dents[end]
-    cut_off = not ends or xi[end] <= -after
-    enters = xi[start] > -before and start < last
-    within = enters and not cut_off and end == start + 1
-    began, ended = float(first_step + start), float(first_step + end)
-    if enters and not within:
-        began += _crossing(xi, start, before)
-    if not cut_off and not within:
-        ended = (first_step + end - 1) + _crossing(xi, end - 1, after)
-    if ended <= began:
-        return False  # began in the very last step of the run
-    figures[BEGAN], figures[ENDED] = began, ended
-    figures[SPEED_IN] = -_sphere_speed(xi_s, f_c, f_c1, min(start, last - 1), mass, gravity, step_s)
-    figures[SPEED_OUT] = _sphere_speed(xi_s, f_c, f_c1, min(end, last - 1), mass, gravity, step_s)
-    until = end + 1 if cut_off else end
-    figures[PEAK] = peak_force(f_c[start:until], f_c1[start:until], to_cubic)
-    figures[FASTEST] = peak_size(v_p[start : end + 1])
-    return True
-
-
-class Reading(NamedTuple):
-    """What the rows of an impact are read with. `mobility`: of what follows the forces at once,
-    m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
-
-    step_s: float
-    mass_kg: float
-    gravity_m_s2: float
-    same_point: bool
-    mobility: float
-    impedance: float
-    to_cubic: np.ndarray
-    spectra: Spectra
-
-
-@kernel(released=True)
-def read_impact(
-    xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued, displaced, dents, first_step,
-    by, figures, work, speeds, found,
-):  # fmt: skip
-    """Read `count` rows of an impact, those after the first `lead`; some more may follow.
-
-    Writes the `contact_figures` of the first contact, or of its part where it is `continued`, the
-    `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Without
-    what was there before, a part begins at its own first row. Returns whether there is such a
-    contact, the rows of `work` that belong to it, how many rows begin in contact, and the largest
-    speed of the plate.
-    """
-    size, own, same = xi.size, slice(lead, lead + count), by.same_point
-    if not math.isnan(by.mobility):
-        starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same, by.mobility, speeds)
-    else:
-        speeds[:] = v_p
-    part = slice(lead if continued else 0, size)
-    place = displaced[part] if same else xi_a[part]
-    step_work(
-        displaced[part], f_c[part], f_a[part], place, f_c1[part], f_a1[part], v_p[part],
-        speeds[part], by.step_s, by.impedance, same, work[part],
-    )  # fmt: skip
-    start = part.start
-    while start < size and f_c[start] == 0.0:
-        start += 1
-    end = start
-    while end < size and f_c[end] != 0.0:
-        end += 1
-    until = end
-    while until < size and f_c[until] == 0.0:
-        until += 1
-    known = start < size and size - part.start > 2 and contact_figures(
-        xi[part], xi_s[part], f_c[part], f_c1[part], v_p[part], dents[part], first_step,
-        start - part.start, end - part.start if end < size else -1, by.mass_kg, by.gravity_m_s2,
-        by.step_s, by.to_cubic, figures,
-    )  # fmt: skip
-    touching = 0
-    while touching < count and f_c[lead + touching] != 0.0:
-        touching += 1
-    drive_into(f_c[own], f_c1[own], -1.0, f_a[own], f_a1[own], by.spectra, found)
-    return known, start, until, touching, rows_k.largest(v_p[own])
-
-
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
     edges = np.empty(_FEW_EDGES, np.int64)
-    count = edges_of(f_c, edges)
+    count = rows_k.edges_of(f_c, edges)
     if count > len(edges):
         edges = np.empty(count, np.int64)
-        edges_of(f_c, edges)
+        rows_k.edges_of(f_c, edges)
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
@@ -339,7 +76,7 @@ def step_work_j(
     unknown = np.zeros(0)
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
-    step_work(
+    rows_k.step_work(
         xi_p, f_c, f_a, xi_a, f_c1, unknown if f_a1 is None else f_a1, v_p,
         v_p if v_start is None else v_start, step_s,
         math.nan if impedance_n_s_m is None else impedance_n_s_m, same_point, work,
@@ -389,10 +126,10 @@ def impacts(
         xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
         v_start,
     )  # fmt: skip
-    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(FIGURES), []
+    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(rows_k.FIGURES), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
-        if contact_figures(
+        if rows_k.contact_figures(
             xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, gravity_m_s2,
             step_s, TO_CUBIC, figures,
         ):  # fmt: skip
@@ -434,13 +171,13 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(peak_force(mean_n, slope_n, TO_CUBIC))
+    return float(rows_k.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
     """Largest size of a speed that is known at the ends of steps, also between them: the vertex of
     the parabola through the three values around it."""
-    return float(peak_size(speed_m_s))
+    return float(rows_k.peak_size(speed_m_s))
 
 
 class ImpactPart(NamedTuple):
@@ -480,7 +217,7 @@ def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
         return rows[V_P]
     found = np.empty(rows.shape[1])
     if len(found):
-        starting_speeds(
+        rows_k.starting_speeds(
             rows[V_P], rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], spec.same_point,
             tail.mobility_m_ns, found,
         )  # fmt: skip

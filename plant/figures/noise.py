@@ -7,11 +7,9 @@ the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
 from hertzloop.plant.contact.hertz import Sphere
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -135,75 +133,6 @@ def closed_forms(
     }
 
 
-_AT_ONCE = 128  # frequencies, so that their powers of a block stay in the processor's cache
-
-
-class Spectra(NamedTuple):
-    """What sums of samples become at the frequencies of oscillators.
-
-    `powers`: real and imaginary part of z^n, z = exp(-i w h), for n up to a block's length, shape
-    (2, block + 1, frequencies). Shapes (frequencies,): `held`, `tilted`: spectra of a mean of 1 and
-    of a slope of 1 over a step; `contact`, `actuator`: values of the modes there.
-    """
-
-    powers: np.ndarray
-    held: np.ndarray
-    tilted: np.ndarray
-    contact: np.ndarray
-    actuator: np.ndarray
-
-
-@kernel(released=True)
-def add_spectrum(force, sign, powers, factor, found):
-    """Add `factor` times the sum of `sign` F_n z^n to `found`; `powers` as in `Spectra`.
-
-    In blocks, by Horner's rule: from power to power one would lose digits.
-    """
-    end = rows_k.nonzero(force)[1]
-    block = powers.shape[1] - 1
-    blocks = -(-end // block)
-    real, imaginary = np.empty(_AT_ONCE), np.empty(_AT_ONCE)
-    for low in range(0, found.size if end else 0, _AT_ONCE):
-        count = min(_AT_ONCE, found.size - low)
-        re, im = real[:count], imaginary[:count]
-        re[:] = 0.0
-        im[:] = 0.0
-        turn_re, turn_im = powers[0, block, low : low + count], powers[1, block, low : low + count]
-        for b in range(blocks - 1, -1, -1):
-            for j in range(count):
-                turned = re[j] * turn_re[j] - im[j] * turn_im[j]
-                im[j] = re[j] * turn_im[j] + im[j] * turn_re[j]
-                re[j] = turned
-            start = b * block
-            for n in range(min(block, end - start)):
-                f = sign * force[start + n]
-                if f == 0.0:
-                    continue
-                power_re, power_im = (
-                    powers[0, n, low : low + count],
-                    powers[1, n, low : low + count],
-                )
-                for j in range(count):
-                    re[j] += f * power_re[j]
-                    im[j] += f * power_im[j]
-        for j in range(count):
-            found[low + j] += factor[low + j] * complex(re[j], im[j])
-
-
-@kernel(released=True)
-def drive_into(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
-    """Phi_c F_c + Phi_a F_a of every oscillator into `found`; the contact's force is `sign` times
-    what is given. See `modal_drive`."""
-    part = np.zeros(found.size, np.complex128)
-    add_spectrum(contact_n, sign, by.powers, by.held, part)
-    add_spectrum(slope_n, sign, by.powers, by.tilted, part)
-    found[:] = by.contact * part
-    part[:] = 0.0
-    add_spectrum(actuator_n, 1.0, by.powers, by.held, part)
-    add_spectrum(actuator_slope_n, 1.0, by.powers, by.tilted, part)
-    found += by.actuator * part
-
-
 def force_spectrum(
     force_n: np.ndarray,
     step_s: float,
@@ -218,9 +147,9 @@ def force_spectrum(
     """
     powers, held, tilted = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
     found = np.zeros(len(held), complex)
-    add_spectrum(force_n, 1.0, powers, held, found)
+    rows_k.add_spectrum(force_n, 1.0, powers, held, found)
     if slope_n is not None:
-        add_spectrum(slope_n, 1.0, powers, tilted, found)
+        rows_k.add_spectrum(slope_n, 1.0, powers, tilted, found)
     return found
 
 
@@ -246,10 +175,10 @@ def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarr
 
 
 @lru_cache(maxsize=16)
-def spectra_of(modes: Oscillators, step_s: float) -> Spectra:
+def spectra_of(modes: Oscillators, step_s: float) -> rows_k.Spectra:
     """What forces at contact and actuator become at the frequencies of some oscillators."""
     by = _transform((modes.omega / (2.0 * np.pi)).tobytes(), step_s)
-    return Spectra(*by, modes.contact, modes.actuator)
+    return rows_k.Spectra(*by, modes.contact, modes.actuator)
 
 
 def modal_shares_j(
@@ -287,7 +216,7 @@ def modal_drive(
     the whole.
     """
     driven, none = np.zeros(len(modes.omega), complex), np.zeros(0)
-    drive_into(
+    rows_k.drive(
         contact_n, none if slope_n is None else slope_n, 1.0, actuator_n,
         none if actuator_slope_n is None else actuator_slope_n, spectra_of(modes, step_s), driven,
     )  # fmt: skip
