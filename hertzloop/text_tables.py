@@ -546,9 +546,10 @@ class _Rows:
 
     @property
     def interrupted(self) -> bool:
-        """Whether empty lines stand between rows."""
+        """Whether empty lines, or lines of separators alone, stand between rows."""
         end = self.text.find(self.below[0][1], self.begin) if self.below else len(self.text)
-        return re.search(r"\n[ \t]*\n", self.text[self.begin : end].strip()) is not None
+        rows = self.text[self.begin : end].strip(' \t\n;,|"')
+        return re.search(r'\n[ \t;,|"]*\n', rows) is not None
 
     def _block(self, lines: list[str], mixed: bool) -> np.ndarray:
         """Columns of some lines, shape (columns, rows); only the unusual ones cell by cell."""

@@ -91,6 +91,8 @@ def test_a_layout_gives_the_record(tmp_path: Path, layout: str, text: str) -> No
     ("Time,Force\ns,N\nx1,x1000\n" + XY, {}, "'x1, x1000', which may be part of them"),
     ("Time,Force\ns,N\nMultiplier,1000\n" + XY, {}, "a factor of its values, '1000'"),
     (f"{COUNT}\n" + Y, {"rate_hz": 2e6}, "counts those below it"),
+    ("dt;5e-07\nforce_n;\n" + rows(FORCE[:9], form="{};") + ";\n" + rows(FORCE[9:], form="{};"),
+     {}, "empty lines stand between rows without times"),
     ("Time (s),-Force (N)\n" + XY, {"quantity": None}, "no column is a known quantity"),
     ("Time,force_n\n" + rows(TIME, FORCE, form="{} sec,{} N"), {}, "is not used: column force_n"),
 ])  # fmt: skip
