@@ -42,13 +42,14 @@ class TextColumn(NamedTuple):
 @dataclass
 class TextTable:
     """A table: columns, facts beside it by plain name, texts of comment lines, what was not used,
-    and how many lines are above it."""
+    how many lines are above it, and whether empty lines stand between its rows."""
 
     columns: list[TextColumn]
     facts: dict[str, list[str]] = field(default_factory=dict)
     comments: str = ""
     notes: list[str] = field(default_factory=list)
     above: int = 0
+    interrupted: bool = False
 
 
 _CHUNK = 1 << 17  # characters that are read at once
@@ -61,6 +62,7 @@ _GAPS = frozenset({
     "***", "****", "?", "ovl", "ovld", "ol", "over", "overflow", "overload", "overrange", "invalid",
     "nil", "missing", "#num!", "#value!", "#div/0!", "\u221e", "no data", "clipped", "<na>", "nat",
 })  # fmt: skip
+_FILLED, _EMPTY = re.compile(r'[^ \t\n;,|"]'), re.compile(r'\n[ \t;,|"]*\n')
 _DATE = re.compile(
     r"(?:(\d{1,4})([-/.])(\d{1,2})\2(\d{1,4})(?:[T ,]+|$))?"
     r"(?:(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+|:\d{3,})*))?|(\d{1,2}):(\d\d[.,]\d+))?"
@@ -137,8 +139,7 @@ def read_text(text: str, names: Collection[str] = ()) -> TextTable:
     only = table.columns[0].values
     if len(table.columns) == 1 and not table.columns[0].heading and only[0] == len(only) - 1:
         raise TableError(f"its first number, {only[0]:g}, counts those below it. Remove it")
-    if not any(c.dates or is_time(c.heading, c.unit) for c in table.columns) and rows.interrupted:
-        raise TableError("empty lines stand between rows without times. Fill or remove them")
+    table.interrupted = rows.interrupted
     return table
 
 
@@ -548,8 +549,10 @@ class _Rows:
     def interrupted(self) -> bool:
         """Whether empty lines, or lines of separators alone, stand between rows."""
         end = self.text.find(self.below[0][1], self.begin) if self.below else len(self.text)
-        rows = self.text[self.begin : end].strip(' \t\n;,|"')
-        return re.search(r'\n[ \t;,|"]*\n', rows) is not None
+        while end > self.begin and self.text[end - 1] in ' \t\n;,|"':
+            end -= 1
+        start = _FILLED.search(self.text, self.begin, end)
+        return start is not None and _EMPTY.search(self.text, start.start(), end) is not None
 
     def _block(self, lines: list[str], mixed: bool) -> np.ndarray:
         """Columns of some lines, shape (columns, rows); only the unusual ones cell by cell."""

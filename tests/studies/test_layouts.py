@@ -93,6 +93,10 @@ def test_a_layout_gives_the_record(tmp_path: Path, layout: str, text: str) -> No
     (f"{COUNT}\n" + Y, {"rate_hz": 2e6}, "counts those below it"),
     ("dt;5e-07\nforce_n;\n" + rows(FORCE[:9], form="{};") + ";\n" + rows(FORCE[9:], form="{};"),
      {}, "empty lines stand between rows without times"),
+    ("Sample Interval,5e-07\nforce_n,Time,other_v\n"
+     + rows(FORCE[:9], TIME[:9], FORCE[:9], form="{},{},{}") + ",,\n"
+     + rows(FORCE[9:], TIME[9:], FORCE[9:], form="{},{},{}"),
+     {"quantity": None}, "empty lines stand between rows without times"),
     ("Time (s),-Force (N)\n" + XY, {"quantity": None}, "no column is a known quantity"),
     ("Time,force_n\n" + rows(TIME, FORCE, form="{} sec,{} N"), {}, "is not used: column force_n"),
 ])  # fmt: skip

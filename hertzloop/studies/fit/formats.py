@@ -84,7 +84,8 @@ class Series(NamedTuple):
 class Contents:
     """What a file holds: its series and `[record]` tables, the time between samples where it states
     one (s, of the first sample, and by which name), what is not used of it, and `facts`, the keys
-    of every table that its format states. `multiplier`: what it says of a factor of its values."""
+    of every table that its format states. `multiplier`: what it says of a factor of its values.
+    `interrupted`: whether empty lines stand between its rows."""
 
     series: list[Series]
     tables: list[dict[str, Any]] = field(default_factory=lambda: [{}])
@@ -94,6 +95,7 @@ class Contents:
     kind: str = "column"
     facts: dict[str, Any] = field(default_factory=dict)
     multiplier: str = ""
+    interrupted: bool = False
 
 
 class Format(NamedTuple):
@@ -123,6 +125,7 @@ def _of_table(table: TextTable) -> Contents:
         found.spacing = spacing_s(table)
     except TableError as error:  # which only matters without times
         found.notes.append(f"{error}.")
+    found.interrupted = table.interrupted
     found.multiplier = stated(table, ("multiplier", "scale_factor", "scaling_factor", "factor"))
     rising = _rising(table.columns)
     block, value, after = 0, 0, True

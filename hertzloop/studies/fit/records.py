@@ -526,15 +526,24 @@ def _times_of(
                 f"record.rate_hz = {rate:g}: '{words}' in {name} says {1.0 / step:.9g} Hz. Leave "
                 "record.rate_hz out, or correct it."
             )
-        return evenly(count, step, start), f"{step:.9g} s apart by '{words}'"
+        return _even(name, count, step, start, contents), f"{step:.9g} s apart by '{words}'"
     if rate:
-        return evenly(count, 1.0 / rate), f"by record.rate_hz = {rate:g}"
+        return _even(name, count, 1.0 / rate, 0.0, contents), f"by record.rate_hz = {rate:g}"
     raise RecordError(
         f"{name}: has no column time_s; the columns are "
         f"{', '.join(s.name or str(s.number) for s in contents.series)}. Add one, give "
         "record.time_column, or give record.rate_hz in samples per second. "
         f"{' '.join(contents.notes)}".strip()
     )
+
+
+def _even(name: str, count: int, step_s: float, start_s: float, contents: Contents) -> np.ndarray:
+    """Evenly spaced times, s, shape (count,). Raises RecordError if rows may be missing."""
+    if contents.interrupted:
+        raise RecordError(
+            f"{name}: empty lines stand between rows without times. Fill or remove them."
+        )
+    return evenly(count, step_s, start_s)
 
 
 def _in_seconds(
@@ -579,7 +588,8 @@ def _checked(
             "Leave record.rate_hz out, or correct it."
         )
     if rate and np.any(known[1:] <= known[:-1]):  # rounded times
-        return evenly(len(time_s), 1.0 / rate), f"by record.rate_hz = {rate:g}"
+        evened = _even(name, len(time_s), 1.0 / rate, 0.0, contents)
+        return evened, f"by record.rate_hz = {rate:g}"
     if contents.spacing is not None and "not state" in words and mean > 0.0:
         turns = math.log10(mean / contents.spacing[0])
         if abs(turns) > 2.5 and abs(turns - round(turns)) < 1e-3:
