@@ -140,6 +140,7 @@ def hammer(*settings: str) -> Setup:
     return load("aluminium-3mm", [*FEATURES["metal tip"], *settings])
 
 
+@pytest.mark.full
 def test_texts_name_the_hammer() -> None:
     setup = hammer(*SHORT)
     exported = image(setup)

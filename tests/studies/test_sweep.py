@@ -254,7 +254,7 @@ def test_an_analysis_that_fails_costs_no_results(
     def broken(setup: Any) -> Any:
         raise FloatingPointError("divide by zero")
 
-    monkeypatch.setattr("hertzloop.studies.margin.margin.growth_of", broken)
+    monkeypatch.setattr("hertzloop.studies.sweeps.sweep.growth_of", broken)
     scene = load("aluminium-3mm", [*COARSE, "controller.law=velocity_feedback"])
     axes = (Axis("controller.kappa", (0.01, 0.02)),)
     found = study.sweep(scene, Design(axes), "impact", tmp_path / "r.csv", workers=1)

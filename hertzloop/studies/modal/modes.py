@@ -25,6 +25,7 @@ Tell = Callable[[str, int, float], None]
 _NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a drive point
 _POOR = 0.1  # error of held-out hits, above which something is wrong
 _SMALL = 0.05  # error that is good enough without them
+_ENOUGH = 8  # modes that tell; with a wrong sign the best model may have a single one
 _LAST_LINES = 30_000  # of the last fit, whose accuracy goes with the root of their number
 
 
@@ -128,7 +129,8 @@ def _check_passive(
     passive = error(modes)
     if passive <= _NOT_HERE * _SMALL:
         return
-    of_any_sign = identified(replace(observed, drive=None), error, most=len(modes.omega_rad_s))
+    most = max(len(modes.omega_rad_s), _ENOUGH)
+    of_any_sign = identified(replace(observed, drive=None), error, most=most)
     free = error(of_any_sign)
     if passive > _NOT_HERE * max(free, _SMALL):
         raise ModalDataError(

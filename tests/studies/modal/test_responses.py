@@ -194,6 +194,12 @@ def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
         assert found.table.shape_contact[i] == pytest.approx(shape, rel=0.02)
 
 
+def test_a_sensor_that_looks_down_at_the_contact_point_is_refused() -> None:
+    hits = hits_of_records(records(-CONTACT, hits=2))
+    with pytest.raises(uff.ModalDataError, match="turn the sign of the response"):
+        modes_of_hits(hits[:1], hits[1:], True, silent)
+
+
 @pytest.mark.full
 def test_hits_elsewhere_need_the_sensor() -> None:
     """Residues of both signs are of no drive point; with a sensor, the product of shapes is the
