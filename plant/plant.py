@@ -313,8 +313,14 @@ class Plant(ABC):
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
         speed_m_s = self.sphere_speed_m_s()
         modal_j = float(self.kernels.close_balance(self.model, self.state))
-        stored = self.kernels.contact_energy
-        contact_j = float(getattr(stored, "py_func", stored)(self.model, self.state))
         return balance(
-            self.model, self.state, self._start, speed_m_s, modal_j=modal_j, contact_j=contact_j
-        )
+            self.model, self.state, self._start, speed_m_s,
+            modal_j=modal_j, contact_j=self.contact_energy_j(),
+        )  # fmt: skip
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact at the present step, J: `contact_energy` of the kernels, or
+        of those of the class that a scheme extends."""
+        offered = [vars(one)["kernels"] for one in type(self).__mro__ if "kernels" in vars(one)]
+        stored = next(one.contact_energy for one in offered if hasattr(one, "contact_energy"))
+        return float(getattr(stored, "py_func", stored)(self.model, self.state))
