@@ -327,10 +327,16 @@ def main(
     lane_us, others = us_of.pop(_OURS[0]), {w: us for w, us in us_of.items() if w not in _OURS}
     fastest = min(others, key=others.__getitem__)
     conclude(
-        f"An exchange in the fast lane takes {lane_us:.2g} us, {others[fastest] / lane_us:,.0f} "
-        f"times as fast as the fastest other tool that was measured ({fastest})."
+        f"An exchange in the fast lane takes {_short(lane_us)} us, "
+        f"{_short(others[fastest] / lane_us)} times as fast as the fastest other tool "
+        f"that was measured ({fastest})."
     )
     write_json(json_file, asdict(found))
+
+
+def _short(value: float) -> str:
+    """Two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):,g}"
 
 
 if __name__ == "__main__":

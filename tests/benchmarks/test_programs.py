@@ -20,7 +20,7 @@ CONCLUSIONS = {
     "benchmarks.budget_agreement": r"Of 1 limits 0 differ from brute force, and the search takes",
     "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
     "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, \d+%",
-    "benchmarks.exchange": r"An exchange in the fast lane takes [\d.]+ us, [\d,]+ times",
+    "benchmarks.exchange": r"An exchange in the fast lane takes [\d.,]+ us, [\d.,]+ times",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
