@@ -30,6 +30,7 @@ _START_S = 180.0  # for all to appear: a death is told at once, kernels may have
 _CONNECTS_S = 30.0  # for a program of the user's to connect
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
 _PATIENCE_S = 5.0  # for a process to react to a signal, or to exit once it has done its part
+_REPORT_S = 1.0  # for reports of others to arrive, once a program has ended
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
 # A process shows a few times a second that it runs. One that did not for this long when another
 # failed is the cause; one that did not for so many times the longest wait of the others has hung.
@@ -167,7 +168,15 @@ class Launcher:
         silent: set[str] = set()  # when the first of them failed
         deadline, heard_s = math.inf, clock.now()
         ran = ProcessClock()  # read at reports only: it stands still while all processes do
+        left: Child | None = None  # a program that ended without an error
+        left_s = math.inf
         while running and clock.now() < deadline:
+            if left and clock.now() - left_s > _REPORT_S and self._reports.empty():
+                left_s = math.inf  # what the others had to report has come
+                if not any(c.ready for c in self.children):
+                    left.fault = f"{left.named} ended before the run began"
+                    failed.append(left)
+                    break
             try:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
@@ -196,9 +205,8 @@ class Launcher:
             if child.fault and not failed:
                 silent |= _silent(running, _SILENT_S, ran)
             if child.program and "exited" in report and not child.process.returncode:
-                begun = any(c.ready for c in self.children)
-                child.done = {"left": True} if begun else {}
-                child.fault = "" if begun else f"{child.named} ended before the run began"
+                child.done = {"left": True}
+                left, left_s = child, clock.now()
             if child.done:  # whatever becomes of the process now
                 running.pop(child.role, None)
                 own = running.keys() - {CONTROLLER} or not self._program
