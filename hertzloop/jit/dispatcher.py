@@ -17,9 +17,8 @@ class Kernel(CPUDispatcher):
     A call from Python compiles such an overload once more.
     """
 
-    _compiling: ClassVar[
-        list["Kernel"]
-    ] = []  # these call each other: the first is called by Python
+    # These call each other: the first is called by Python.
+    _compiling: ClassVar[list["Kernel"]] = []
 
     @classmethod
     def of(cls, dispatcher: CPUDispatcher) -> "Kernel":

@@ -168,15 +168,13 @@ class Launcher:
         silent: set[str] = set()  # when the first of them failed
         deadline, heard_s = math.inf, clock.now()
         ran = ProcessClock()  # read at reports only: it stands still while all processes do
-        left: Child | None = None  # a program that ended without an error
-        left_s = math.inf
+        left, left_s = None, math.inf  # a program that ended without an error, and when
         while running and clock.now() < deadline:
-            if left and clock.now() - left_s > _REPORT_S and self._reports.empty():
-                left_s = math.inf  # what the others had to report has come
-                if not any(c.ready for c in self.children):
-                    left.fault = f"{left.named} ended before the run began"
-                    failed.append(left)
-                    break
+            reported = clock.now() - left_s > _REPORT_S and self._reports.empty()
+            if left and reported and not any(c.ready for c in self.children):
+                left.fault = f"{left.named} ended before the run began"
+                failed.append(left)
+                break
             try:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
