@@ -8,7 +8,8 @@ body or a signal; log time = publish time = simulated time.
 import json
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.util import find_spec
 from io import FileIO, RawIOBase
 from pathlib import Path
@@ -50,11 +51,11 @@ class Samples:
     recording: Recording
     labels: Mapping[str, Label]
     span_ns: tuple[int, int] = (0, LAST_NS)
-    names: dict[str, list[str]] = field(init=False)
 
-    def __post_init__(self) -> None:
-        found = {name: list(self.renamed(name, self._empty(name))) for name in STREAMS}
-        object.__setattr__(self, "names", found)
+    @cached_property
+    def names(self) -> dict[str, list[str]]:
+        """Names of the columns, by stream."""
+        return {name: list(self.renamed(name, self._empty(name))) for name in STREAMS}
 
     def stream(self, name: str) -> JoinedStream:
         """One of STREAMS."""
@@ -75,14 +76,9 @@ class Samples:
             return {"command_n": arrays["force_n"]} if "force_n" in arrays else {}
         if name != "daq":
             return arrays
-        found: Arrays = {}
+        found = {f"daq_{key}": arrays[key] for key in ("code", "value") if key in arrays}
         if "code" in arrays:
-            found["daq_code"] = arrays["code"]
-            found["daq_value"] = np.asarray(
-                self.recording.daq.offset + self.recording.daq.scale * arrays["code"]
-            )
-        elif "value" in arrays:
-            found["daq_value"] = arrays["value"]
+            found["daq_value"] = self.recording.daq.values_of(arrays)
         if "saturated" in arrays:
             found["daq_saturated"] = arrays["saturated"]
         return found
@@ -132,8 +128,6 @@ class Samples:
 
 
 class _Feed:
-    """Hands out the pieces of one stream step by step."""
-
     def __init__(self, pieces: Iterator[Piece]) -> None:
         self._pieces = pieces
         self._held: Piece | None = next(pieces, None)
@@ -214,32 +208,28 @@ def write_hdf5(samples: Samples, path: Path) -> None:
     import h5py  # of an extra
 
     with _SteadyFile(path) as steady:
-        _fill_hdf5(samples, h5py, steady)
+        with h5py.File(steady, "w") as file:
+            file.attrs["scene.toml"] = samples.recording.scene_toml
+            for key, value in samples.recording.metadata.items():
+                file.attrs[key] = value
+            datasets: dict[str, Any] = {}
+            for stream, name, (unit, meaning) in _columns(samples):
+                dtype = np.dtype("<i8") if name == "time_ns" else samples.dtype(stream, name)
+                made = file.create_dataset(
+                    f"{stream}/{name}", (0,), dtype, maxshape=(None,), chunks=(1 << 14,),
+                    compression="gzip", compression_opts=1, shuffle=True,
+                )  # fmt: skip
+                made.attrs["units"], made.attrs["long_name"] = unit, meaning
+                datasets[f"{stream}/{name}"] = made
+            for window in samples.windows():
+                for stream, (steps, arrays) in window.items():
+                    for name, values in {"time_ns": steps * samples.step_ns, **arrays}.items():
+                        made = datasets[f"{stream}/{name}"]
+                        at = made.shape[0]
+                        made.resize(at + len(values), axis=0)
+                        made[at:] = values
+                steady.check()
         steady.check()
-
-
-def _fill_hdf5(samples: Samples, h5py: Any, steady: "_SteadyFile") -> None:
-    with h5py.File(steady, "w") as file:
-        file.attrs["scene.toml"] = samples.recording.scene_toml
-        for key, value in samples.recording.metadata.items():
-            file.attrs[key] = value
-        datasets: dict[str, Any] = {}
-        for stream, name, (unit, meaning) in _columns(samples):
-            dtype = np.dtype("<i8") if name == "time_ns" else samples.dtype(stream, name)
-            made = file.create_dataset(
-                f"{stream}/{name}", (0,), dtype, maxshape=(None,), chunks=(1 << 14,),
-                compression="gzip", compression_opts=1, shuffle=True,
-            )  # fmt: skip
-            made.attrs["units"], made.attrs["long_name"] = unit, meaning
-            datasets[f"{stream}/{name}"] = made
-        for window in samples.windows():
-            for stream, (steps, arrays) in window.items():
-                for name, values in {"time_ns": steps * samples.step_ns, **arrays}.items():
-                    made = datasets[f"{stream}/{name}"]
-                    at = made.shape[0]
-                    made.resize(at + len(values), axis=0)
-                    made[at:] = values
-            steady.check()
 
 
 class _SteadyFile(FileIO):
@@ -252,7 +242,6 @@ class _SteadyFile(FileIO):
         self._error: OSError | None = None
 
     def check(self) -> None:
-        """Raise the first error of a write."""
         if self._error is not None:
             raise self._error
 
@@ -279,7 +268,6 @@ class _SteadyFile(FileIO):
         return size
 
     def read(self, size: int | None = -1) -> Any:
-        """Read by way of `readinto`."""
         return RawIOBase.read(self, -1 if size is None else size)
 
     def truncate(self, size: int | None = None) -> int:

@@ -446,11 +446,6 @@ class JoinedStream:
             return self.arrays.samples
         return max((len(a) for a in self.arrays.values()), default=0)
 
-    @property
-    def end_step(self) -> int:
-        """Step after that of the last sample."""
-        return int(self.step_at(self.samples)) if self.samples else 0
-
     def step_at(self, positions: np.ndarray | int) -> np.ndarray:
         """Step of the samples at these positions."""
         steps = self.first_step + self.every_steps * np.asarray(positions, dtype=np.int64)
@@ -927,7 +922,6 @@ class Intake:
             )
 
     def _steps(self) -> int:
-        """Length of the run, in steps."""
         text = (self.metadata or {}).get("steps", "0")
         try:
             steps = int(text)

@@ -11,7 +11,6 @@ from hertzloop.recordings.reader import Arrays, Event, Recording
 from hertzloop.recordings.replay import blueprint, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import spectrum as spectra_drawn
-from hertzloop.recordings.replay.blueprint import Layout, PlotLook, dashboard
 from hertzloop.recordings.replay.scene3d import times, with_unit
 from hertzloop.recordings.replay.spectrum import Spectrum
 from hertzloop.recordings.writer import RecordingError
@@ -124,7 +123,10 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
     stream = rr.RecordingStream(name, recording_id=run_id)
     # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
     memory = stream.memory_recording()
-    stream.send_blueprint(dashboard(_layout(shown), still))
+    stream.send_blueprint(blueprint.dashboard(
+        shown.plots, shown.when, shown.deflection, _surface_title(shown),
+        has_contacts=bool(shown.contacts), has_spectrum=bool(shown.told.spectra), still=still,
+    ))  # fmt: skip
     fill(stream, shown, still)
     write_whole(path, memory.drain_as_bytes())
 
@@ -140,7 +142,7 @@ def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
         at, full_n = shown.told.actuator_m, _full_arrow_n(shown)
         scene3d.send_actuator(stream, rows["f_a_n"], deflection, at, drawn, full_n)
     for plot in shown.plots:
-        low, high = _zoom_range(shown, plot)
+        low, high = blueprint.zoomed(plot, shown.when.around_ns)
         for curve in (one for one in plot.curves if len(one.values)):
             _send_curve(stream, plot, curve, _EXACT_SHARE * (high - low))
     if shown.told.spectra:
@@ -165,28 +167,6 @@ def _full_arrow_n(shown: Shown) -> float:
     if not np.isfinite(largest):
         return 0.0
     return scene3d.round_above(largest) if largest > 0.0 else 0.0
-
-
-def _zoom_range(shown: Shown, plot: replay_data.Plot) -> tuple[float, float]:
-    """Ends of the axis of a plot at the cursor."""
-    (before, after), still = shown.when.zoom_ns, shown.when.still_ns
-    return blueprint.zoomed(plot, (still - before, still + after))
-
-
-def _layout(shown: Shown) -> Layout:
-    return Layout(
-        plots=[
-            PlotLook(plot.key, plot.title, _zoom_range(shown, plot), blueprint.whole(plot))
-            for plot in shown.plots
-        ],
-        selection_ns=shown.when.selection_ns,
-        zoom_ns=shown.when.zoom_ns,
-        low_m=shown.deflection.low_m,
-        plate_m=shown.deflection.size_m,
-        surface_title=_surface_title(shown),
-        has_spectrum=bool(shown.told.spectra),
-        has_contacts=bool(shown.contacts),
-    )
 
 
 def _surface_title(shown: Shown) -> str:

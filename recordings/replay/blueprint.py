@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
-from hertzloop.recordings.replay.data import Plot, Span
+from hertzloop.recordings.replay.data import Deflection, Moments, Plot, Span
 
 TIMELINE = "sim_time"
 _FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play
@@ -16,55 +15,31 @@ _BACKGROUND = (16, 18, 24)
 _ZOOM_TO_OVERVIEW = [1.25, 1.0]
 
 
-@dataclass(frozen=True)
-class PlotLook:
-    """A plot: name of its entities, title, and ranges of the axis in its unit."""
-
-    key: str
-    title: str
-    zoom_range: tuple[float, float]
-    whole_range: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What the dashboard depends on.
-
-    Pressing play shows `selection_ns`; zoom plots
-    reach from `zoom_ns[0]` before to `zoom_ns[1]` after the cursor. Lengths in m.
-    """
-
-    plots: Sequence[PlotLook]
-    selection_ns: tuple[int, int]
-    zoom_ns: tuple[int, int]
-    low_m: tuple[float, float]  # corner of the plate
-    plate_m: tuple[float, float]
-    surface_title: str
-    has_spectrum: bool
-    has_contacts: bool
-
-
-def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
-    """The one blueprint of a replay; a `still` picture goes without the menu."""
-    first, last = layout.selection_ns
-    lists = [_contacts()] if layout.has_contacts else []
+def dashboard(
+    plots: Sequence[Plot], when: Moments, plate: Deflection, title: str, *, has_contacts: bool,
+    has_spectrum: bool, still: bool = False,
+) -> rrb.Blueprint:  # fmt: skip
+    """The one blueprint of a replay, with the `title` of the plate. Pressing play shows
+    `when.selection_ns`; zoom plots follow the cursor. A `still` picture goes without the menu."""
+    first, last = when.selection_ns
+    lists = [_contacts()] if has_contacts else []
     left: list[rrb.Container | rrb.View] = [
-        _surface(layout),
+        _surface(plate, title),
         rrb.Horizontal(
             rrb.TextDocumentView(origin="about", name="Run"),
             rrb.Vertical(*lists, _events()),
             column_shares=[1.0, 1.2],
         ),
     ]
-    if layout.has_spectrum:
+    if has_spectrum:
         left.append(_spectrum())
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(*left, row_shares=[1.1, 1.4, 0.8][: len(left)]),
             rrb.Vertical(
-                *(_plot_row(layout, plot) for plot in layout.plots),
-                _state_row(layout),
-                row_shares=[*(1.0 for _ in layout.plots), 0.17 * len(layout.plots)],
+                *(_plot_row(plot, when) for plot in plots),
+                _state_row(when),
+                row_shares=[*(1.0 for _ in plots), 0.17 * len(plots)],
             ),
             column_shares=[1.0, 1.2],
         ),
@@ -84,13 +59,13 @@ def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
     )
 
 
-def _surface(layout: Layout) -> rrb.Spatial3DView:
-    (x0, y0), (x, y) = layout.low_m, layout.plate_m
+def _surface(plate: Deflection, title: str) -> rrb.Spatial3DView:
+    (x0, y0), (x, y) = plate.low_m, plate.size_m
     side = max(x, y)
     middle = x0 + 0.55 * x, y0 + 0.5 * y
     return rrb.Spatial3DView(
         origin="scene",
-        name=layout.surface_title,
+        name=title,
         background=_BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
@@ -102,14 +77,14 @@ def _surface(layout: Layout) -> rrb.Spatial3DView:
     )
 
 
-def _boundaries(layout: Layout) -> tuple[rrb.TimeRangeBoundary, rrb.TimeRangeBoundary]:
-    before, after = layout.zoom_ns
+def _boundaries(when: Moments) -> tuple[rrb.TimeRangeBoundary, rrb.TimeRangeBoundary]:
+    before, after = when.zoom_ns
     cursor_relative = rrb.TimeRangeBoundary.cursor_relative
     return cursor_relative(nanos=-before), cursor_relative(nanos=after)
 
 
-def _around_cursor(layout: Layout) -> rrb.TimeAxis:
-    start, end = _boundaries(layout)
+def _around_cursor(when: Moments) -> rrb.TimeAxis:
+    start, end = _boundaries(when)
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
 
@@ -137,14 +112,14 @@ def _spectrum() -> rrb.Spatial2DView:
     )
 
 
-def _plot_row(layout: Layout, plot: PlotLook) -> rrb.Horizontal:
+def _plot_row(plot: Plot, when: Moments) -> rrb.Horizontal:
     """A zoom that follows the cursor beside an overview of the whole run."""
-    start, end = _boundaries(layout)
+    start, end = _boundaries(when)
     zoom = rrb.TimeSeriesView(
         origin=f"zoom/{plot.key}",
         name=f"{plot.title}, at the cursor",
-        axis_x=_around_cursor(layout),
-        axis_y=rrb.ScalarAxis(range=plot.zoom_range),
+        axis_x=_around_cursor(when),
+        axis_y=rrb.ScalarAxis(range=zoomed(plot, when.around_ns)),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
         # Only what is visible is queried: full rate costs nothing this way.
         time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=start, end=end)],
@@ -153,15 +128,15 @@ def _plot_row(layout: Layout, plot: PlotLook) -> rrb.Horizontal:
         origin=f"overview/{plot.key}",
         name="Whole run",
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
-        axis_y=rrb.ScalarAxis(range=plot.whole_range),
+        axis_y=rrb.ScalarAxis(range=whole(plot)),
         plot_legend=rrb.PlotLegend(visible=False),  # as beside it
     )
     return rrb.Horizontal(zoom, overview, column_shares=_ZOOM_TO_OVERVIEW)
 
 
-def _state_row(layout: Layout) -> rrb.Horizontal:
+def _state_row(when: Moments) -> rrb.Horizontal:
     zoom = rrb.StateTimelineView(
-        origin="states", name="States, at the cursor", time_view=_around_cursor(layout)
+        origin="states", name="States, at the cursor", time_view=_around_cursor(when)
     )
     overview = rrb.StateTimelineView(
         origin="states", name="States, whole run", time_view=rrb.TimeAxis(link="LinkToGlobal")

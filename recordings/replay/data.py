@@ -299,6 +299,11 @@ class Moments:
     zoom_ns: Span
     still_ns: int
 
+    @property
+    def around_ns(self) -> Span:
+        """What zoom plots show in a still picture."""
+        return self.still_ns - self.zoom_ns[0], self.still_ns + self.zoom_ns[1]
+
 
 def moments(
     run_ns: Span, contact_ns: Span | None, step_ns: int, until_ns: int = LAST_NS

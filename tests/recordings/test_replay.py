@@ -386,12 +386,12 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
     assert "Heights are drawn" not in told
     assert not shown.deflection.known
     assert shown.drawn.flat
-    layout = replay._layout(shown)
-    assert layout.surface_title == "Structure, drawn flat: its shapes are unknown"
+    assert replay._surface_title(shown) == "Structure, drawn flat: its shapes are unknown"
     # All of it is in sight: as large as the sphere asks for, the contact in its middle.
-    assert max(layout.plate_m) < 30.0 * 0.01
+    plate = shown.deflection
+    assert max(plate.size_m) < 30.0 * 0.01
     np.testing.assert_allclose(
-        np.add(layout.low_m, np.array(layout.plate_m) / 2.0), shown.deflection.contact_point_m
+        np.add(plate.low_m, np.array(plate.size_m) / 2.0), plate.contact_point_m
     )
     replay.save(shown, tmp_path / "beam.rrd")
     assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | TOLD | TWIN) - SCALE
@@ -401,5 +401,5 @@ def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:
     path = tmp_path / "rest.mcap"
     record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), path, compiled=True)
     shown = replaying.prepare(read(path))
-    assert replay._layout(shown).surface_title == "Plate at rest"
+    assert replay._surface_title(shown) == "Plate at rest"
     assert "Heights are drawn" not in replay._about(shown, still=True)

@@ -43,16 +43,14 @@ _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3
 
 def around_first_contact(shown: Shown) -> str:
     """Gap, forces, plate velocity and energies around the first contact."""
-    before, after = shown.when.zoom_ns
-    span = (shown.when.still_ns - before, shown.when.still_ns + after)
-    return _sheet(shown.plots, span, "simulated time (ms)")
+    return _sheet(shown.plots, shown.when.around_ns)
 
 
 def whole_run(shown: Shown) -> str:
     """The same over all of the run."""
     truth = shown.recording.truth
     first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
-    return _sheet(shown.plots, (first, last), "simulated time (ms)")
+    return _sheet(shown.plots, (first, last))
 
 
 def spectra(shown: Shown) -> str:
@@ -69,13 +67,14 @@ def spectra(shown: Shown) -> str:
     return svg(sheet)
 
 
-def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
+def _sheet(plots: list[Plot], span_ns: tuple[int, int]) -> str:
     lines = -(-len(plots) // 2)
     sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
     for ax, plot in zip(axes.ravel(), plots, strict=False):
         for curve in plot.curves:
             _draw(ax, curve, span_ns)
-        ax.set(title=plot.title, xlabel=label, xlim=tuple(1e-6 * t for t in span_ns))
+        limits = tuple(1e-6 * t for t in span_ns)
+        ax.set(title=plot.title, xlabel="simulated time (ms)", xlim=limits)
         if plot.most is not None:
             ax.set_ylim(-plot.most, plot.most)
         _legend(ax)
@@ -146,13 +145,6 @@ _FRAMES = 240
 _LEVELS = 127  # of a deflection, each way
 
 
-@dataclass(frozen=True)
-class _Sound:
-    label: str
-    level: str
-    data: str  # base64 of a WAV file
-
-
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
@@ -191,14 +183,7 @@ def page_of(recording: Recording) -> str:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _PageTable:
-    headings: list[str]
-    rows: list[list[str]]
-    notes: list[str]
-
-
-def _tables(found: Judged, compare: bool) -> list[_PageTable]:
+def _tables(found: Judged, compare: bool) -> list[ResultTable]:
     """Noise figures of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
     runs = [found.ran.figures, *([found.free] if found.free else [])]
@@ -213,18 +198,17 @@ def _tables(found: Judged, compare: bool) -> list[_PageTable]:
         [errors_of(each, 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
-    tables = [_PageTable(columns, rows, [])]
+    tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = run_view.why_not_words(known.not_again) if run is runs[0] else ""
         rows, notes = run_view.impact_rows(run.impacts, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
         headings = [f"impacts, {name}", *run_view.headings(run.impacts)]
-        tables.append(_PageTable(headings, numbered, notes))
+        tables.append(ResultTable("", headings, numbered, "; ".join(notes)))
     return tables
 
 
 def _law(recording: Recording) -> tuple[str, str, str]:
-    """The law that ran in words, and its text, or why there is none."""
     ran = law_line(law_of(recording))
     try:
         return ran, text_of_law(recording), ""
@@ -288,19 +272,19 @@ def _animation(shown: Shown) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _sounds(recording: Recording, setup: Setup) -> tuple[list[_Sound], str]:
-    """Sounds at 1 m, or why there are none."""
+def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], str]:
+    """Sounds at 1 m, their data as base64 of a WAV file, or why there are none."""
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         try:
             heard = heard_of(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
         except SceneError as error:
             return [], str(error)
         return [
-            _Sound(
-                name.replace("-", " "),
-                f"{run['level_db']:z.1f} dB sound exposure level",
-                base64.b64encode(Path(run["file"]).read_bytes()).decode(),
-            )
+            {
+                "label": name.replace("-", " "),
+                "level": f"{run['level_db']:z.1f} dB sound exposure level",
+                "data": base64.b64encode(Path(run["file"]).read_bytes()).decode(),
+            }
             for name, run in heard["runs"].items()
         ], ""
 
