@@ -30,12 +30,12 @@ from benchmarks.program import (
     results_in,
     start,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.bus import lane
 from hertzloop.bus.messages_pb2 import Hello, LaneOffer
 from hertzloop.bus.sockets import reserved_ports
-from hertzloop.studies.words import write_records
 
 META = {
     "api_version": "3.0",

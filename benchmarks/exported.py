@@ -29,6 +29,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.interop.fmu import NoCompiler, write_folder
@@ -37,7 +38,6 @@ from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.plant.time_series import F_C
 from hertzloop.setup import load
-from hertzloop.studies.words import write_records
 
 
 @dataclass(frozen=True)

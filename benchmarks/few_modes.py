@@ -27,6 +27,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
@@ -36,7 +37,6 @@ from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records
 
 _TAIL = "infinite plate"
 _SPARSE = 0.5  # of the frequency that a contact reaches, up to which modes are drawn

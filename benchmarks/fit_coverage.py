@@ -23,11 +23,11 @@ from benchmarks.synthetic_fits import (
     moved,
     summaries,
 )
+from benchmarks.synthetic_records import Spoilt, truth
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import FitResult, fit, free_of, value_of
 from hertzloop.studies.fit.observation import Chain
 from hertzloop.studies.fit.records import Measured
-from hertzloop.studies.fit.synthetic import Spoilt, truth
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()

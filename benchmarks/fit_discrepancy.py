@@ -25,6 +25,7 @@ from benchmarks.synthetic_fits import (
     summaries,
     summary,
 )
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.setup import Setup, load
@@ -32,7 +33,6 @@ from hertzloop.studies.fit.fit import FitResult, fit, free_of, value_of
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
 from hertzloop.studies.fit.records import Measured
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 
 RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
 STIFFNESS, HEIGHT = "contact.stiffness_factor", "sphere.drop_height_m"

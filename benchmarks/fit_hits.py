@@ -24,6 +24,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
@@ -32,7 +33,6 @@ from hertzloop.studies.fit.fit import FitResult, fit, free_of
 from hertzloop.studies.fit.records import Record, read_record
 from hertzloop.studies.modal.hits import hits_of_records
 from hertzloop.studies.modal.modes import modes_of_hits
-from hertzloop.studies.words import write_records
 
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
 _CONVERTER = {"low_pass": "sigma-delta", "low_pass_hz": 11_520.0}  # 0.45 of the rate

@@ -19,12 +19,12 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import load
 from hertzloop.studies.fit.fit import fit, free_of
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
-from hertzloop.studies.words import write_records
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _FORCE, _V = "contact_force", "v_p"

@@ -23,13 +23,13 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.setup import Setup, load, parts
 from hertzloop.studies.fit.model import FrozenModel
-from hertzloop.studies.words import write_records
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
 _MASSIVE = (

@@ -28,6 +28,7 @@ from benchmarks.program import (
     results_in,
     share,
     start,
+    write_records,
     written,
 )
 from hertzloop.analysis.trust import against, judged
@@ -36,7 +37,6 @@ from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.stages import widest_limit_hz
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records
 
 _LEAD_S = 1e-5
 _SHORT = {"3d": "3d", "kirchhoff": "thin", "slope_threshold": "held", "constant": "switched"}

@@ -26,6 +26,7 @@ from benchmarks.program import (
     progress,
     results_in,
     start,
+    write_records,
     written,
 )
 from hertzloop.analysis.impacts import consistent_impacts
@@ -35,7 +36,6 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
 from hertzloop.setup import Setup, load, model_error, parts
-from hertzloop.studies.words import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds

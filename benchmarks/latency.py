@@ -31,6 +31,7 @@ from benchmarks.program import (
     results_in,
     start,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.analysis.cases import CASE_ROWS, Span, figures_of_case
@@ -48,7 +49,7 @@ from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.tuning import LAWS
-from hertzloop.studies.words import FIGURES, write_records, write_rows
+from hertzloop.studies.words import FIGURES, write_rows
 
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5

@@ -18,6 +18,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.extras import need
@@ -27,7 +28,6 @@ from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.system import LinearSystem
-from hertzloop.studies.words import write_records
 
 _LAW = ("controller.law=velocity_feedback", "controller.kappa=0.4", "run.lead_in_s=0.01")
 _QUANTITIES = ("v_p", "acceleration", "xi")

@@ -24,6 +24,7 @@ from benchmarks.program import (
     progress,
     results_in,
     start,
+    write_records,
     written,
 )
 from hertzloop.analysis.meters import StabilityMeter
@@ -37,7 +38,6 @@ from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_fil
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import Loop, growth_of, loop_of, loops_of, margin_of
 from hertzloop.studies.margin.poles import closed_loop_poles
-from hertzloop.studies.words import write_records
 
 _E_FOLDS = 60.0
 _SHOWS = 5.0  # e-folds over the flight from which the sign of a growth must be right

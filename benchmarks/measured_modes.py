@@ -26,6 +26,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
@@ -45,7 +46,6 @@ from hertzloop.studies.modal.universal import (
     read_sets,
     units_of,
 )
-from hertzloop.studies.words import write_records
 
 _NOISE = 1e-3
 _JUDGED_HZ = 5e3  # up to here

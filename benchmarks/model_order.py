@@ -27,6 +27,7 @@ from benchmarks.program import (
     results_in,
     share,
     start,
+    write_records,
     written,
 )
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
@@ -41,7 +42,6 @@ from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import load
 from hertzloop.setup.stages import NEAREST
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records
 
 Found = TypeVar("Found")
 REQUESTS = (1e-2, 1e-3, 1e-4)

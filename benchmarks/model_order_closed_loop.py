@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.model_order import drawn, material_name, random_spec
+from benchmarks.program import write_records
 from hertzloop.analysis import trust as law_accuracy
 from hertzloop.analysis.trust import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
@@ -26,7 +27,6 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.studies.words import write_records
 
 REQUESTS = (1e-3, 1e-4)
 _PARTS = 4  # of a step, in the reference

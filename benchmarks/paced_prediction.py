@@ -30,6 +30,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.analysis.recorded import rows_of
@@ -40,7 +41,6 @@ from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.words import write_records
 from hertzloop.views.run import run_scene
 
 _SETTINGS = ["run.duration_s=0.0012", "controller.law=force_feedback"]

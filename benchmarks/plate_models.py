@@ -17,6 +17,7 @@ from benchmarks.program import (
     results_in,
     start,
     tracked,
+    write_records,
     written,
 )
 from hertzloop.analysis.impacts import consistent_impacts
@@ -32,7 +33,6 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, load
-from hertzloop.studies.words import write_records
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 

@@ -22,6 +22,7 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.setup import load
@@ -30,7 +31,6 @@ from hertzloop.studies.budget.probability import FIRST, probability, wilson
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.uncertain import Uncertain, uncertain_of
-from hertzloop.studies.words import write_records
 
 # A small scene whose every case has the same plant.
 _SETTINGS = ["run.duration_s=0.0013", "run.accuracy=0.1", "controller.v_thr_m_s=-0.6"]

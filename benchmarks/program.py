@@ -11,6 +11,7 @@ import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import astuple, fields
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -32,7 +33,8 @@ from hertzloop.cli.options import (
 from hertzloop.cli.terminal import err, explained, fail, out
 from hertzloop.cli.terminal import progress as terminal_progress
 from hertzloop.extras import need
-from hertzloop.processes.warmup import of_scheme
+from hertzloop.setup import DEFAULT, load
+from hertzloop.studies.words import write_rows
 from hertzloop.views.format import Table
 
 __all__ = [
@@ -40,10 +42,11 @@ __all__ = [
     "SceneArgument", "ScenesOption", "SeedOption", "SetOption", "app_of", "bars", "check_folder",
     "check_json", "compile_first", "conclude", "environment_of", "err", "fail", "make_folder",
     "median", "number_table", "out", "progress", "results_in", "scene_from", "share", "start",
-    "tracked", "write_json", "written",
+    "tracked", "write_json", "write_records", "written",
 ]  # fmt: skip
 
 Item = TypeVar("Item")
+_OF_SCHEME = {"thesis2008": "thesis-aluminium"}  # a scheme that the default scene does not fit
 
 # A thread that redraws the bar would disturb the measurements.
 progress = partial(terminal_progress, auto_refresh=False)
@@ -141,7 +144,7 @@ def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Pat
     need("matplotlib")
     make_folder(folder)
     for scheme in schemes:
-        compile_first(of_scheme(scheme))
+        compile_first(load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"]))
     try:
         yield folder
     except OSError as error:
@@ -254,3 +257,9 @@ def conclude(sentence: str) -> None:
     """Print the conclusion, as the last line of a program."""
     out.print(sentence, soft_wrap=True)
     sys.stdout.flush()
+
+
+def write_records(path: Path, records: Sequence[Any]) -> None:
+    """Instances of one dataclass, at least one, a line each; the fields are the columns."""
+    names = [field.name for field in fields(records[0])]
+    write_rows(path, names, (astuple(record) for record in records))

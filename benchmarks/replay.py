@@ -26,13 +26,13 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, viewer
 from hertzloop.setup import load
-from hertzloop.studies.words import write_records
 from hertzloop.views import replaying
 
 _FRAMES = 40

@@ -27,6 +27,7 @@ from benchmarks.program import (
     results_in,
     start,
     tracked,
+    write_records,
     written,
 )
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
@@ -38,7 +39,6 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.setup import load
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records
 
 SAMPLE_S = 4e-6
 

@@ -23,6 +23,7 @@ from benchmarks.program import (
     progress,
     results_in,
     start,
+    write_records,
     written,
 )
 from benchmarks.speed_accuracy import Problem, problem
@@ -39,7 +40,7 @@ from hertzloop.plant.state_kernels import V_P
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.setup import load
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records, write_rows
+from hertzloop.studies.words import write_rows
 
 Kernel = tuple[Callable[..., None], tuple[float, ...]]
 TEXTBOOK: dict[str, Kernel] = {

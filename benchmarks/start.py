@@ -34,9 +34,9 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
-from hertzloop.studies.words import write_records
 
 _SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: orphans of a command become children of this process
 _ROOT = Path(__file__).resolve().parent.parent

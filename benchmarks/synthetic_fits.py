@@ -22,11 +22,11 @@ from benchmarks.program import (
     write_json,
     written,
 )
+from benchmarks.synthetic_records import Spoilt, measured
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.fit import FitResult
 from hertzloop.studies.fit.observation import Observed
 from hertzloop.studies.fit.records import Measured, Record
-from hertzloop.studies.fit.synthetic import Spoilt, measured
 from hertzloop.studies.words import write_rows
 
 ExactOption = Annotated[bool, typer.Option("--exact", help="Take the model as exact.")]

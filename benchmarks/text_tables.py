@@ -31,10 +31,10 @@ from benchmarks.program import (
     start,
     tracked,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.studies.fit.records import RecordError, read_record
-from hertzloop.studies.words import write_records
 
 TablesOption = Annotated[int, typer.Option(min=1, help="Draw this many tables (200 with --quick).")]
 FirstOption = Annotated[int, typer.Option(help="Number of the first table.")]

@@ -20,12 +20,12 @@ from benchmarks.program import (
     out,
     results_in,
     start,
+    write_records,
     written,
 )
 from hertzloop.plant.structures.edged_plate import EdgedPlate
 from hertzloop.plant.structures.materials import MATERIALS, Material, material_of
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.studies.words import write_records
 
 _KEYS = ("young_x_pa", "young_y_pa", "shear_pa")
 _MODELS = ("fitted", "table", "isotropic")

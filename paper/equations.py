@@ -22,6 +22,7 @@ from benchmarks.program import (
     scene_from,
     start,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.analysis.impacts import first_impact
@@ -35,7 +36,6 @@ from hertzloop.plant.structures.radiation import (
 )
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from hertzloop.studies.words import write_records
 
 _ALL = 1e12  # times the poles: all frequencies, to rounding
 

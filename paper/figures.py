@@ -17,6 +17,7 @@ from benchmarks.program import (
     results_in,
     start,
     tracked,
+    write_records,
     written,
 )
 from hertzloop.analysis.impacts import first_impact
@@ -30,7 +31,6 @@ from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.pictures import look
-from hertzloop.studies.words import write_records
 from paper import optima, weaknesses
 from paper import table_a1 as appendix
 from paper.restitution import calibrate_relaxation

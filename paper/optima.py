@@ -25,10 +25,10 @@ from benchmarks.program import (
     results_in,
     start,
     write_json,
+    write_records,
     written,
 )
 from hertzloop.controller.laws.precomputed import SHAPES
-from hertzloop.studies.words import write_records
 from paper.tables import (
     FIGURES,
     LEFT_OUT,

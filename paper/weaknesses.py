@@ -22,6 +22,7 @@ from benchmarks.program import (
     results_in,
     start,
     tracked,
+    write_records,
     written,
 )
 from hertzloop.analysis.impacts import consistent_impacts, first_impact
@@ -42,7 +43,6 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import F_C
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_records
 from hertzloop.views.format import Table
 from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import load
 from hertzloop.studies.fit.records import QUANTITIES
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 
 EXAMPLES = Path(__file__).parent
 TRUE = {

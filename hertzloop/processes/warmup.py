@@ -14,7 +14,6 @@ from hertzloop.setup import parts
 if TYPE_CHECKING:
     from hertzloop.setup import Setup
 
-_OF_SCHEME = {"thesis2008": "thesis-aluminium"}  # a scheme that the default scene does not fit
 _PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
 _MOST_STEPS = 20_000  # of that moment, some tenths of a second
 
@@ -22,13 +21,6 @@ _MOST_STEPS = 20_000  # of that moment, some tenths of a second
 def anything_compiled() -> bool:
     """Whether an earlier call has filled the cache with the kernels of some scene."""
     return any(cache_folder().glob(".compiled-*"))
-
-
-def of_scheme(scheme: str) -> "Setup":
-    """A scene that runs the kernels of a scheme."""
-    from hertzloop.setup import DEFAULT, load
-
-    return load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"])
 
 
 def _default() -> list["Setup"]:
@@ -43,11 +35,6 @@ def _marker(setup: "Setup", paced: bool) -> Path:
     plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
     return cache_folder() / f".compiled-{types}{'-paced' * paced}"
-
-
-def is_compiled(setup: "Setup", paced: bool = False) -> bool:
-    """Whether all kernels that the scene runs are in the cache."""
-    return _marker(setup, paced).exists()
 
 
 def ensure_compiled(announce: Callable[[], None], *scenes: "Setup", paced: bool = False) -> None:

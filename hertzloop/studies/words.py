@@ -2,7 +2,6 @@
 
 import csv
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +40,3 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def write_records(path: Path, records: Sequence[Any]) -> None:
-    """Instances of one dataclass, at least one, a line each; the fields are the columns."""
-    names = [field.name for field in fields(records[0])]
-    write_rows(path, names, (astuple(record) for record in records))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import scipy
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import load
 from hertzloop.studies.fit.discrepancy import Discrepancy, Rows, estimated, unknown
 from hertzloop.studies.fit.fit import fit, free_of
 from hertzloop.studies.fit.records import Measured, RecordError, measured_of
 from hertzloop.studies.fit.report import sentences
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Verdict
 from tests.studies.test_fit import HEIGHT, RADIUS, YIELDS, record, scene
 

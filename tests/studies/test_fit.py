@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.plant.structures import edged_plate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
@@ -27,7 +28,6 @@ from hertzloop.studies.fit.fit import (
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, observe
 from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record, read_records
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Model, Verdict
 from tests.commands import invoke
 from tests.studies.drops import Drop

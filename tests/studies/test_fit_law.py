@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit import report
 from hertzloop.studies.fit.fit import FitError, FitResult, check, fit, free_of
 from hertzloop.studies.fit.loop_model import LoopModel
 from hertzloop.studies.fit.records import Measured, Record, RecordError
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Model, Verdict
 from tests.commands import invoke
 

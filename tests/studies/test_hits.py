@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import FitError, check, fit, free_of
 from hertzloop.studies.fit.hits import found_in, shown, split, told
 from hertzloop.studies.fit.records import Measured, Record, RecordError, read_records
 from hertzloop.studies.fit.report import fit_table, sentences
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 from hertzloop.studies.fit.verdicts import Verdict
 
 STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"

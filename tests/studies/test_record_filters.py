@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import scipy
 
+from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.setup import load
 from hertzloop.studies.fit.fit import fit, free_of
 from hertzloop.studies.fit.observation import Chain
 from hertzloop.studies.fit.records import RecordError, measured_of
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 
 STEP_S, CORNER_HZ = 1e-7, 50e3
 
