@@ -18,7 +18,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
-from hertzloop.studies.budget.limits import NAMES, BudgetLimit
+from hertzloop.studies.budget.limits import LEAST, NAMES, BudgetLimit
 from hertzloop.studies.budget.probability import (
     Probability,
     Sensitivity,
@@ -69,7 +69,6 @@ def budget(
         junit_file: Write the results of --check to this file as JUnit XML.
         folder: Folder for the results as a page.
     """
-
     options.check_json(json_file)
     options.check_folder(junit_file)
     if requirements is not None:
@@ -204,7 +203,6 @@ def check_requirements(
     path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
 ) -> None:
     """Check a file of requirements; end with exit code 1 if one fails."""
-
     found = []
     rows = read_requirements(path)
     setups = [row.setup() for row in rows]
@@ -261,7 +259,6 @@ def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
 
 def effect_lines(found: "Budget") -> list[str]:
     """Return the goal, and what the law does in each plant, in sentences."""
-
     goal = " and ".join(map(str, found.goals))
     lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
     for name, plant in _plants(found):
@@ -282,7 +279,6 @@ def effect_lines(found: "Budget") -> list[str]:
 
 def print_budget(found: "Budget") -> None:
     """Print a budget on one screen."""
-
     for line in effect_lines(found):
         out.say(line)
     plants = _plants(found)
@@ -323,11 +319,9 @@ _REASONS = {
     "refused": "{0.quantity} beyond {0.value:.4g} {0.unit} is refused:",
     "not possible": "{0.quantity} cannot be varied.",
 }
-_MOST = ("bits", "bandwidth_hz")  # the limit is the least value, not the largest
 
 
 def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
-    """Limits, a quantity a row, a plant a column."""
     title = "Tolerated, each with the other quantities as in the plant"
     table = Table("quantity", right=[*(name for name, _ in plants), "searched"], title=title)
     for rows in zip(*(plant.limits for _, plant in plants), strict=True):
@@ -341,6 +335,7 @@ def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
 def limit_words(limit: BudgetLimit) -> str:
     """Return a limit in words."""
     if limit.value is not None:
-        least = limit.quantity in _MOST
-        return f"{'at least' if least else 'up to'} {limit.value:.4g} {limit.unit}"
+        return (
+            f"{'at least' if limit.quantity in LEAST else 'up to'} {limit.value:.4g} {limit.unit}"
+        )
     return limit.boundary.value

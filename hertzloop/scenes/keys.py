@@ -95,7 +95,6 @@ def _key(name: str, field: FieldInfo, meaning: str) -> Key:
 
 
 def _kinds(kind: Any) -> Iterator[str]:
-    """Words for what a value may be."""
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Annotated:
         yield from _kinds(inner[0])

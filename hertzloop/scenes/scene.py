@@ -566,7 +566,6 @@ class ControllerTable(SceneTable):
 
 @lru_cache(maxsize=64)
 def _switched_off(table: ControllerTable) -> ControllerTable:
-    """The same line without control."""
     line = {name: getattr(table, name) for name in ControllerTable.model_fields}
     return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
 
@@ -649,15 +648,14 @@ class _Uncontrolled(NamedTuple):
 def problems(scene: "Scene") -> list[str]:
     """Sentences on values that are fine alone, but not together."""
     found = []
-    run, control = scene.run, scene.controller
+    run, control, sensors = scene.run, scene.controller, scene.sensors
     tables = _Uncontrolled(
         scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator, scene.materials,
-        run, scene.sensors.point_m, scene.sensors.mass_kg,
+        run, sensors.point_m, sensors.mass_kg,
     )  # fmt: skip
     of_plate, of_run = _beside_control(tables)
     found += of_plate
     found += _line_problems(control, scene.actuator, run, tuple(scene.whole_step_keys()))
-    sensors = scene.sensors
     quantity = SENSED[sensors.quantity]
     if sensors.point_m is not None and sensors.mass_kg is quantity.elsewhere is None:
         found.append(
@@ -682,10 +680,10 @@ def problems(scene: "Scene") -> list[str]:
         found.append(
             f"{scene.law.name}: senses = '{wanted}' is unknown. Use any, {', '.join(SENSED)}."
         )
-    elif "any" not in several and scene.sensors.quantity not in several:
+    elif "any" not in several and sensors.quantity not in several:
         found.append(
-            f"sensors.quantity = '{scene.sensors.quantity}': controller.law = '{control.law}' "
-            f"needs '{wanted}'. Use '{wanted}' or 'auto'."
+            f"sensors.quantity = '{sensors.quantity}': controller.law = '{control.law}' needs "
+            f"'{wanted}'. Use '{wanted}' or 'auto'."
         )
     found += of_run
     if control.bits != "ideal" and control.full_scale_n is None:
@@ -693,7 +691,7 @@ def problems(scene: "Scene") -> list[str]:
             f"controller.bits = {control.bits}: needs the largest force. Give "
             "controller.full_scale_n in N."
         )
-    limits = scene.sensors.full_scale
+    limits = sensors.full_scale
     if isinstance(limits, tuple):
         if not limits[0] < limits[1]:
             found.append(
@@ -705,10 +703,9 @@ def problems(scene: "Scene") -> list[str]:
                 f"sensors.full_scale = {list(limits)}: the range is too narrow. Use at least "
                 f"{_NARROWEST:g}, and {_NARROWEST_SHARE:g} of the larger number."
             )
-    if scene.sensors.bits != "ideal" and limits == "none":
+    if sensors.bits != "ideal" and limits == "none":
         found.append(
-            f"sensors.bits = {scene.sensors.bits}: needs a range. Set sensors.full_scale, not "
-            "'none'."
+            f"sensors.bits = {sensors.bits}: needs a range. Set sensors.full_scale, not 'none'."
         )
     return found
 
@@ -774,8 +771,7 @@ def _striker_problems(scene: _Uncontrolled) -> list[str]:
         key = "sphere.material" if sphere is not None else "hammer.tip_material"
         return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
     if sphere is not None:
-        both = sphere.drop_height_m is not None and sphere.speed_m_s is not None
-        if both:
+        if sphere.drop_height_m is not None and sphere.speed_m_s is not None:
             return [
                 f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
                 f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
@@ -811,7 +807,6 @@ def _striker_problems(scene: _Uncontrolled) -> list[str]:
 
 
 def _hammer_problems(scene: _Uncontrolled, hammer: HammerTable) -> list[str]:
-    """What does not go with a hammer."""
     stiffness, exponent = hammer.tip_stiffness, hammer.tip_exponent
     found = _needs("supports_hammer", scene.run.scheme, "modal", "[hammer]")
     if exponent not in (None, HERTZ):
@@ -871,7 +866,6 @@ def _sensor_problems(scene: _Uncontrolled) -> list[str]:
 
 
 def _point_problems(plate: PlateTable, sensor_point_m: tuple[float, float] | None) -> list[str]:
-    """Points beyond the plate, or where it is held."""
     found: list[str] = []
     if plate.modes is not None or plate.size_m is None:
         return found
@@ -961,7 +955,6 @@ def _structure_problems(scene: _Uncontrolled) -> list[str]:
 
 
 def _plate_in_words(scene: _Uncontrolled) -> str:
-    """The plate's material as a sentence has it."""
     given = scene.plate.material
     name = given if isinstance(given, str) else given.name
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
@@ -1011,16 +1004,12 @@ def not_in_three_dimensions(
             "velocity of a point on a solid diverges with the number of modes. Use "
             "contact.plasticity, or 'kirchhoff'."
         )
-    if actuator.mass_kg is not None:
-        found.append(
-            f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a point "
-            "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
-        )
-    if sensor_mass_kg is not None:
-        found.append(
-            f"sensors.mass_kg = {sensor_mass_kg:g}: not supported by {asked}, because a point "
-            "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
-        )
+    for table, mass in (("actuator", actuator.mass_kg), ("sensors", sensor_mass_kg)):
+        if mass is not None:
+            found.append(
+                f"{table}.mass_kg = {mass:g}: not supported by {asked}, because a point mass on a "
+                "solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+            )
     stiffness = getattr(striker, "tip_stiffness", None)
     if stiffness is not None:
         found.append(
@@ -1039,19 +1028,16 @@ def _tail_problems(scene: _Uncontrolled) -> list[str]:
     """Where the modes left out are no damped mode."""
     if scene.plate.tail != "damped":
         return []
-    contact, actuator = scene.plate.points_m
-    if scene.actuator.mass_kg is not None and contact == actuator:
-        return [
-            f"plate.tail = 'damped': not supported with actuator.mass_kg = "
-            f"{scene.actuator.mass_kg:g} at the contact point. Use 'spring' or 'auto'."
-        ]
-    mass, point = scene.sensor_mass_kg, scene.sensor_point_m
-    if mass is not None and point in (None, contact):
-        return [
-            f"plate.tail = 'damped': not supported with sensors.mass_kg = {mass:g} at the contact "
-            "point. Use 'spring' or 'auto'."
-        ]
-    asked = "plate.tail = 'damped'"
+    asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
+    for table, mass, point in (
+        ("actuator", scene.actuator.mass_kg, actuator),
+        ("sensors", scene.sensor_mass_kg, scene.sensor_point_m or contact),
+    ):
+        if mass is not None and point == contact:
+            return [
+                f"{asked}: not supported with {table}.mass_kg = {mass:g} at the contact point. Use "
+                "'spring' or 'auto'."
+            ]
     return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
 
 
@@ -1060,7 +1046,6 @@ _BESIDE_DYNAMICS = ("damping", "dead_time_us", "stuck_from_s")
 
 
 def _scheme_problems(scene: _Uncontrolled) -> list[str]:
-    """What the chosen scheme and model of the plate do not know."""
     found = []
     contact, run = scene.contact, scene.run
     scheme = SCHEMES[run.scheme]
@@ -1393,10 +1378,7 @@ def parse(
         ) from error
     _take_in(data, folder or Path())
     before = copy.deepcopy(data)
-    pairs = [setting_of(text) for text in settings]
-    _switch(data, dict(pairs), folder)
-    for key, value in pairs:
-        _put(data, key, value)
+    _set(data, settings, folder)
     _take_in(data, Path())
     relabel(before, data)
     if seed is not None:
@@ -1425,10 +1407,7 @@ def on_modes(source: str, settings: Iterable[str], modes: str, name: str) -> dic
     material = plate.get("material") if isinstance(plate, dict) else None
     data["plate"] = {"material": material} if material else {}
     _take_in(data, folder)
-    pairs = [setting_of(text) for text in settings]
-    _switch(data, dict(pairs), folder)
-    for key, value in pairs:
-        _put(data, key, value)
+    _set(data, settings, folder)
     data["plate"]["modes"], data["name"] = modes, name
     return {key: data[key] for key in ("name", *data)}
 
@@ -1510,29 +1489,32 @@ def _opened(scene: Scene, changed: set[str]) -> dict[str, Any]:
 _MOST_PACKED = 8 << 20  # in a scene, and so in one message on the bus
 
 
-def take_in(data: dict[str, Any], folder: Path) -> None:
-    """Put files named in a scene's tables in their place; names are relative to `folder`.
+def _take_in(data: dict[str, Any], folder: Path) -> None:
+    """Put files named in a scene's tables in their place; names are relative to `folder`. Raises
+    SceneError.
 
     The table `uncertain` is for `--uncertain` alone: a run has one value for each key.
-
-    Raises ValueError with one sentence.
     """
-    data.pop("uncertain", None)
-    if isinstance(data.get("materials"), str):
-        data["materials"] = _materials(folder / data["materials"])
-    plate = data.get("plate")
-    if isinstance(plate, dict) and isinstance(plate.get("modes"), str):
-        plate["modes"] = _modes(folder / plate["modes"])
-    control = data.get("controller")
-    trace = control.get("latency_trace") if isinstance(control, dict) else None
-    if isinstance(control, dict) and isinstance(trace, str):
-        control["latency_trace"] = _latencies(folder / trace)
-    elif isinstance(control, dict) and isinstance(trace, dict):
-        control["latency_trace"] = _drawn_latencies(trace)
-    if isinstance(control, dict) and control.get("law") in shipped_laws():
-        read_files = getattr(find(control["law"]).home, "read_files", None)
-        if read_files is not None:
-            read_files(control, folder)
+    try:
+        data.pop("uncertain", None)
+        if isinstance(data.get("materials"), str):
+            data["materials"] = _materials(folder / data["materials"])
+        plate = data.get("plate")
+        if isinstance(plate, dict) and isinstance(plate.get("modes"), str):
+            plate["modes"] = _modes(folder / plate["modes"])
+        control = data.get("controller")
+        if isinstance(control, dict):
+            trace = control.get("latency_trace")
+            if isinstance(trace, str):
+                control["latency_trace"] = _latencies(folder / trace)
+            elif isinstance(trace, dict):
+                control["latency_trace"] = _drawn_latencies(trace)
+            if control.get("law") in shipped_laws():
+                read_files = getattr(find(control["law"]).home, "read_files", None)
+                if read_files is not None:
+                    read_files(control, folder)
+    except ValueError as error:
+        raise SceneError(shortened(str(error), LONGEST)) from error
 
 
 # Numbers that a distribution of latencies must have, with their least value.
@@ -1699,13 +1681,6 @@ def check_materials(data: Mapping[str, Any]) -> None:
             )
 
 
-def _take_in(data: dict[str, Any], folder: Path) -> None:
-    try:
-        take_in(data, folder)
-    except ValueError as error:
-        raise SceneError(shortened(str(error), LONGEST)) from error
-
-
 def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = False) -> Scene:
     control = data.get("controller")
     try:
@@ -1719,8 +1694,11 @@ def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = 
         raise SceneError(sentence(error, Scene)) from error
 
 
-def _switch(data: dict[str, Any], settings: Mapping[str, Any], folder: Path | None) -> None:
-    """Drop keys of a file that have no effect any more once settings choose otherwise."""
+def _set(data: dict[str, Any], texts: Iterable[str], folder: Path | None) -> None:
+    """Set each `key=value`, and drop keys of a file that have no effect any more. Raises
+    SceneError."""
+    pairs = [setting_of(text) for text in texts]
+    settings = dict(pairs)
     drop_unread(data, settings)
     law, table = settings.get("controller.law"), data.get("controller")
     if isinstance(law, str) and isinstance(table, dict):
@@ -1728,6 +1706,8 @@ def _switch(data: dict[str, Any], settings: Mapping[str, Any], folder: Path | No
             if isinstance(table.get("law"), str):
                 table["law"] = resolve(table["law"], folder)
             switch_law(table, resolve(law), written=True)
+    for key, value in pairs:
+        _put(data, key, value)
 
 
 def setting_of(setting: str) -> tuple[str, Any]:

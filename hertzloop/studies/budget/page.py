@@ -65,7 +65,6 @@ def map_of(
 
 
 def _places(quantity: BudgetQuantity, limit: BudgetLimit) -> tuple[int, ...]:
-    """Places of a quantity around its limit."""
     last = len(quantity.within(limit).values) - 1
     good = quantity.own + round((limit.share or 0.0) * last)
     end = min(last, max(good + 3, round(_BEYOND * good)))
@@ -94,7 +93,6 @@ def draw_map(found: Map) -> Figure:
 
 
 def _share_bars(found: Budget) -> Figure:
-    """Draw how much of each searched range is left, a bar a quantity and plant."""
     plants = [("scene", found.ideal), *([("real plant", found.real)] if found.real else [])]
     sheet, axes = pictures.sheet(1, 1, width=8.0, height=3.2)
     ax = axes[0, 0]

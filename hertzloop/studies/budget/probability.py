@@ -19,11 +19,11 @@ from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.uncertain import Part, Uncertain
 
-FIRST, QUANTILES = 128, (0.05, 0.25, 0.5, 0.75, 0.95)
+FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
 _NORMAL = NormalDist()
 
 
-def wilson(met: int, cases: int, confidence: float = 0.95) -> tuple[float, float]:
+def wilson(met: int, cases: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return the Wilson interval of a probability.
 
     Args:
@@ -69,8 +69,6 @@ def probability(
     *,
     within: float = 0.05,
     most: int = 4096,
-    confidence: float = 0.95,
-    on_progress: Callable[[float], None] = lambda share: None,
 ) -> Probability:
     """Draw cases until the interval of the probability is narrow enough.
 
@@ -85,8 +83,6 @@ def probability(
         span: Figures of the first impact, or of the whole run.
         within: Half the width of the interval that is narrow enough.
         most: Number of cases after which to stop in any event.
-        confidence: Of the interval.
-        on_progress: Is told the finished share of the work.
 
     Raises:
         SceneError: a case cannot be run.
@@ -103,17 +99,15 @@ def probability(
                 values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
                 raise SceneError(f"the case with {values} cannot be run: {row['status']}")
         met = sum(all_met(goals, row) for row in rows)
-        interval = wilson(met, len(rows), confidence)
-        half = 0.5 * (interval[1] - interval[0])
-        on_progress(min(1.0, within / half))
-        if half <= within or len(rows) >= most:
+        interval = wilson(met, len(rows), CONFIDENCE)
+        if 0.5 * (interval[1] - interval[0]) <= within or len(rows) >= most:
             break
         wanted = min(2 * len(rows), most)
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Probability(
         value=met / len(rows),
         interval=interval,
-        confidence=confidence,
+        confidence=CONFIDENCE,
         cases=len(rows),
         met=met,
         unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows),

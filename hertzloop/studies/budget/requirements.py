@@ -32,15 +32,13 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
-from hertzloop.studies.budget.limits import Boundary, limit_of, quantities_of, side_by_side
+from hertzloop.studies.budget.limits import LEAST, Boundary, limit_of, quantities_of, side_by_side
 from hertzloop.studies.budget.probability import probability
 from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.design import toml_text
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.uncertain import read_uncertain
 from hertzloop.whole_files import write_whole
-
-_LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, the others up to one
 
 
 class Requirement(BaseModel):
@@ -293,7 +291,7 @@ def _check_limits(
     case: dict[str, Any] = {}
     for found in limits:
         wanted = one.limit[found.quantity]
-        least = found.quantity in _LEAST
+        least = found.quantity in LEAST
         enough = found.boundary is Boundary.NO_LIMIT or (
             found.value is not None
             and (found.value <= wanted if least else found.value >= wanted - 1e-12)

@@ -28,6 +28,7 @@ _LONG_RUN = 8  # samples on one level, more than a slope makes
 _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM, _AR_MOST = 300, 8  # quiet samples for a model of coloured noise, its highest order
 _AR_P = 1e-5  # probability of white noise below which the noise counts as coloured
+_LAGS = 10  # of the test of a residual
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned
 _FEWEST_ALIGNED, _MOST_ALIGNED = 4, 600  # samples
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
@@ -365,29 +366,29 @@ def _coloured(before: np.ndarray) -> tuple[np.ndarray, float]:
     return best[1], best[2]
 
 
-def ljung_box(residual: np.ndarray, lags: int = 10, whitened_by: int = 0) -> float:
-    """Return the probability that white noise has correlations as large as a residual's.
+def ljung_box(residual: np.ndarray, whitened_by: int = 0) -> float:
+    """Return the probability that white noise has correlations as large as a residual's, at ten
+    lags.
 
     Args:
         residual: shape (samples,).
-        lags: how many lags count.
         whitened_by: how many other samples the colour of the noise was found from; their errors
             leave correlations of their own. Zero of noise that needed no whitening.
 
     Source: Ljung and Box 1978, Biometrika 65, 297.
     """
     n = len(residual)
-    if n <= 2 * lags:
+    if n <= 2 * _LAGS:
         return 1.0
     r = residual - np.mean(residual)
     power = float(r @ r)
     if power == 0.0:
         return 1.0
-    rho = np.array([float(r[:-k] @ r[k:]) / power for k in range(1, lags + 1)])
-    q = n * (n + 2) * float(np.sum(rho * rho / (n - np.arange(1, lags + 1))))
+    rho = np.array([float(r[:-k] @ r[k:]) / power for k in range(1, _LAGS + 1)])
+    q = n * (n + 2) * float(np.sum(rho * rho / (n - np.arange(1, _LAGS + 1))))
     if whitened_by:
         q /= 1.0 + n / whitened_by
-    return float(scipy.stats.chi2.sf(q, lags))
+    return float(scipy.stats.chi2.sf(q, _LAGS))
 
 
 def align(channel: Channel, observed: Observed, contact_s: float) -> None:
@@ -413,7 +414,6 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
     # An interval that is longer than the contact is that of another part of the record.
     reach_s = max(8e-6, 3.0 * min(channel.interval_s, contact_s), 0.35 * contact_s)
     reach_s = max(reach_s, 0.5 * ringing_s)
-    is_gap = record.quantity in ("xi", "xi_s")
     late_s, share = 0.0, _ONSET_SHARE
     if record.quantity == "actuator_force" or channel.elsewhere:  # may come after the contact
         shown = float(np.max(np.abs(fine)))
@@ -421,7 +421,7 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
             share = max(share, _SURE * channel.noise_over_peak)
         late_s = max(0.0, float(grid_s[np.argmax(np.abs(fine) > share * shown)]))
         reach_s = max(reach_s, _LATE * late_s)
-    if is_gap:
+    if channel.is_gap:
         guess = channel.onset_s
     elif channel.has_quiet_start:
         early = np.abs(fine) > share * shown

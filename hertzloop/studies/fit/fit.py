@@ -242,7 +242,10 @@ def free_of(setup: Setup, text: str) -> Free:
         raise FitError(f"--free {text}: names no key. Write KEY, KEY=LOW:HIGH or KEY±PRIOR.")
     start = value_of(setup, key)
     grain = grain_us(setup, key)
-    low, high = _bounds(setup, key, start) if grain is None else _in_steps(start, grain)
+    if grain is None:
+        low, high = _bounds(setup, key, start)
+    else:
+        low, high = 0.0, max(_FACTOR * start, LONGEST_STEPS * grain)
     if equals:
         parts = bounds.split(":")
         try:
@@ -281,11 +284,6 @@ def free_of(setup: Setup, text: str) -> Free:
         if not 0.0 < prior < math.inf:
             raise FitError(f"--free {text}: the prior must be a positive standard deviation.")
     return Free(key, start, low, high, prior, grain)
-
-
-def _in_steps(start: float, grain: float) -> tuple[float, float]:
-    """Bounds of a time in whole steps, us."""
-    return 0.0, max(_FACTOR * start, LONGEST_STEPS * grain)
 
 
 def value_of(setup: Setup, key: str) -> float:
@@ -348,7 +346,6 @@ def _refuse_without_influence(setup: Setup, key: str) -> None:
 
 
 def _why_not(setup: Setup, key: str, found: Any) -> str:
-    """Why a key cannot be free, and what to do."""
     table, _, last = key.partition(".")
     fields = _fields(setup, table)
     if table == "controller" and setup.has_law:
@@ -449,19 +446,13 @@ def _number(text: str, part: str) -> float:
     raise FitError(f"--expect {text}: '{part}' is not a positive number. Give one.")
 
 
-def prepared(
-    setup: Setup,
-    records: Sequence[Record],
-    free: Sequence[Free],
-    at: dict[str, float] | None = None,
-) -> Problem:
+def prepared(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> Problem:
     """Return the problem of a fit: channels ready and aligned, models frozen.
 
     Args:
         setup: the scene to start from.
         records: at least one.
-        free: the free keys; their starting values are used unless `at` says otherwise.
-        at: values of keys at which models are frozen and records aligned.
+        free: the free keys, with their starting values.
 
     Raises:
         RecordError, SceneError
@@ -469,8 +460,11 @@ def prepared(
     records = [_placed(record, setup) for record in records]
     looped = _controlled(setup, records, free)
     channels = [make_ready(record) for record in records]
-    start = {f.key: f.start for f in free} if at is None else at
-    accuracy = min(_accuracy(c) for c in channels)
+    start = {f.key: f.start for f in free}
+    accuracy = min(
+        min(_ACCURACY.get(c.record.quantity, _ACCURACY_OF_GAP) * c.noise_over_peak, _COARSEST)
+        for c in channels
+    )
     accuracy = min(max(accuracy, _FINEST), max(setup.accuracy, _FINEST))
     for c in channels:
         _cut(c)
@@ -483,8 +477,7 @@ def prepared(
             c.coarse = error / c.noise_over_peak
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
-    if at is None:
-        _start_speeds(problem, start)
+    _start_speeds(problem, start)
     leaders: dict[str, Channel] = {}
     # The clock of a drop follows from what is at the contact point, if anything is.
     for index in sorted(range(len(channels)), key=lambda i: channels[i].elsewhere):
@@ -506,7 +499,7 @@ def prepared(
     if any(looped):
         _check_acting(problem, start)
         names = [c.record.name for c, under in zip(channels, looped, strict=True) if under]
-        channels[looped.index(True)].notes += notes_on(_first_loop(problem), setup, names)
+        channels[looped.index(True)].notes += notes_on(setup, names)
     return problem
 
 
@@ -573,10 +566,6 @@ def _controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -
                 f"impact, but {record.name} has another control or set."
             )
     return found
-
-
-def _first_loop(problem: Problem) -> LoopModel:
-    return next(m for m in problem.models if isinstance(m, LoopModel))
 
 
 def _check_acting(problem: Problem, values: dict[str, float]) -> None:
@@ -657,11 +646,6 @@ def _hidden(channel: Channel, contact_s: float) -> float:
     """Error during contact that the residual of a record does not show, over the peak."""
     samples = max(contact_s / channel.interval_s, 1.0)
     return _HIDDEN * (_AT_SAMPLES / samples) ** 0.25 * channel.noise_over_peak
-
-
-def _accuracy(channel: Channel) -> float:
-    factor = _ACCURACY.get(channel.record.quantity, _ACCURACY_OF_GAP)
-    return min(factor * channel.noise_over_peak, _COARSEST)
 
 
 def _cut(channel: Channel) -> None:
@@ -818,7 +802,6 @@ def _start_speeds(problem: Problem, start: dict[str, float]) -> None:
 
 
 def _notes(problem: Problem, setup: Setup) -> list[str]:
-    """What is to be said of the records, and what those of a hammer cannot tell."""
     found = [note for c in problem.channels for note in c.notes]
     keys = {f.key for f in problem.free}
     known = ("hammer.mass_kg", "hammer.tip_exponent")
@@ -878,13 +861,16 @@ def fit(
     problem = prepared(setup, records, free)
     tally, keys = problem.tally, len(problem.moving)
     tally.on_progress = on_progress
-    if any(acts_by_law(f.key) for f in free):
-        held_records = [_under_law(record) for record in held_records]
+    if any(acts_by_law(f.key) for f in free):  # a record that does not say so is under the law
+        held_records = [
+            replace(r, measured=replace(r.measured, control=r.measured.control is not False))
+            for r in held_records
+        ]
     evaluations = 0
     looped = any(isinstance(model, LoopModel) for model in problem.models)
     if looped:
         problem = searched(problem)
-    x = _best_start(problem, setup)
+    x = _best_start(problem)
     windows = problem.windows_s()
     shorter: list[tuple[float, np.ndarray]] = []
     for i, end in enumerate(windows[:-1]):
@@ -901,7 +887,7 @@ def fit(
     moved = max((abs(v - s) for s, v in zip(starts, point.x, strict=False)), default=0.0)
     if moved > _REFREEZE:
         evaluations += problem.evaluations
-        problem, point = _refrozen(setup, records, free, problem, point)
+        problem = _refrozen(setup, problem, point)
         until_s = problem.windows_s()[-1]
     for c, model in zip(problem.channels, problem.models, strict=True):
         without_contact(c, model.contact_s)  # only now: the early windows hold little else
@@ -1090,27 +1076,20 @@ def _lowest(problem: Problem, point: Point, windows: Sequence[float]) -> Point:
 
 def _covariance(point: Point) -> np.ndarray:
     """Covariance of all parameters, in their order."""
-    length = np.sqrt(np.sum(point.jacobian**2, axis=0))
-    length[length == 0.0] = 1.0
-    inverse = np.linalg.pinv(point.jacobian / length) / length[:, np.newaxis]
+    inverse = point.inverse()
     return np.asarray(inverse @ inverse.T)
 
 
-def _refrozen(
-    setup: Setup, records: Sequence[Record], free: Sequence[Free], problem: Problem, point: Point
-) -> tuple[Problem, Point]:
+def _refrozen(setup: Setup, problem: Problem, point: Point) -> Problem:
     """The same problem with the models frozen at a solution, where the limit of the modes fits."""
     values = problem.values(point.x)
     accuracy = problem.models[0].setup.accuracy
     looped = [isinstance(model, LoopModel) for model in problem.models]
     models = _frozen(setup, problem.channels, looped, values, accuracy)
-    new = Problem(
-        problem.free, problem.channels, models, problem.chains, problem.fixed, tally=problem.tally
-    )
-    return new, point
+    return replace(problem, models=models, evaluations=0)
 
 
-def _best_start(problem: Problem, setup: Setup) -> np.ndarray:
+def _best_start(problem: Problem) -> np.ndarray:
     """The starting point, of several for a limiting pressure: above the elastic pressure of the
     impact its gradient is zero."""
     x = problem.start()
@@ -1168,9 +1147,9 @@ def _estimates(
         estimate = _estimate(f, value, sd, alone, pulls.get(f.key))
         at_bound = f.at_bound(point.x[j])
         doubtful = at_bound or estimate.verdict is not Verdict.IDENTIFIED
-        if f.prior is None and (
-            f.key == _PRESSURE or (doubtful and _flat_alone(alone, bool(at_bound)))
-        ):
+        # Where a key is unknown even with all others known, no combination is to blame.
+        flat = at_bound or not math.expm1(min(NORMAL * alone, 50.0)) <= WIDEST
+        if f.prior is None and (f.key == _PRESSURE or (doubtful and flat)):
             profiled = _profiled(problem, point, until_s, j, f, estimate, known.wider)
             if profiled is not None:
                 estimate = profiled
@@ -1221,11 +1200,6 @@ def _with_steps(
     return found
 
 
-def _flat_alone(alone: float, at_bound: bool) -> bool:
-    """Whether a key is unknown even with all other keys known: no combination is to blame."""
-    return at_bound or not math.expm1(min(NORMAL * alone, 50.0)) <= WIDEST
-
-
 def _profiled(
     problem: Problem, point: Point, until_s: float, j: int, f: Free, estimate: Estimate,
     wider: float,
@@ -1244,7 +1218,7 @@ def _profiled(
         problem.evaluations += held.evaluations
         return (found.chi_square - best) / wider**2
 
-    up, down = rise(f.high), None
+    up = rise(f.high)
     if up < (_YIELDED if f.key == _PRESSURE else CERTAIN):
         # The high side is open. Find the largest value below at which chi-square has risen.
         edge = _crossing(rise, estimate.value, f.low)
@@ -1258,13 +1232,8 @@ def _profiled(
         edge = _crossing(rise, estimate.value, f.high, CERTAIN) if up < _CLEAR else None
         high = estimate.high
         return None if edge is None or high is None else replace(estimate, high=max(edge, high))
-    down = rise(f.low)
-    if down < CERTAIN:
-        edge = _crossing(rise, estimate.value, f.high)
-        if edge is None:
-            return None
-        return replace(estimate, low=None, high=edge, sd_log=None)
-    return None
+    edge = _crossing(rise, estimate.value, f.high) if rise(f.low) < CERTAIN else None
+    return None if edge is None else replace(estimate, low=None, high=edge, sd_log=None)
 
 
 def _crossing(rise: Any, value: float, bound: float, level: float = _ONE_SIDED) -> float | None:
@@ -1396,13 +1365,6 @@ def _held_out(
     }
 
 
-def _under_law(record: Record) -> Record:
-    """A record that does not say whether the law was on, with the law on."""
-    if record.measured.control is not None:
-        return record
-    return replace(record, measured=replace(record.measured, control=True))
-
-
 def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
     """Say which key, measured by other means, would help the worst known key most."""
     n = len(problem.moving)
@@ -1418,32 +1380,26 @@ def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
             continue
         line = np.zeros((1, len(point.x)))
         line[0, j] = 1.0 / _KNOWN_TO
-        more = replace_point(point, line)
+        more = replace(
+            point, residual=np.append(point.residual, 0.0),
+            jacobian=np.concatenate([point.jacobian, line]),
+        )  # fmt: skip
         others = float(np.max(uncertainty(problem, more).half_widths()))
         if best is None or others < best[0]:
             best = (others, j)
     if best is None:
         return []
     key = problem.moving[best[1]].key
-    words = (
+    return [
         f"Measure {key} by other means to 1 % and give it as a prior, --free '{key}±1%': the worst "
         f"half-width falls from {_percent(half[worst])} to {_percent(best[0])}."
-    )
-    return [words]
+    ]
 
 
 def _percent(share: float) -> str:
     if share >= 10.0:
         return "no bound"
     return f"{100.0 * share:.{2 if share < 1.0 else 3}g} %"
-
-
-def replace_point(point: Point, line: np.ndarray) -> Point:
-    """Return a point with one more row of its Jacobian, of a residual of zero."""
-    return Point(
-        point.x, np.append(point.residual, 0.0), np.concatenate([point.jacobian, line]), point.rows,
-        point.priors,
-    )  # fmt: skip
 
 
 __all__ = [

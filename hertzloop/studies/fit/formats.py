@@ -155,7 +155,6 @@ def _of_table(table: TextTable) -> Contents:
 
 
 def _counts(column: TextColumn) -> bool:
-    """Whether a column counts its rows."""
     return len(column.values) > 1 and bool(np.all(np.diff(column.values) == 1.0))
 
 

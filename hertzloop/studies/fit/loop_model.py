@@ -180,7 +180,7 @@ class LoopModel(FrozenModel):
         return float(np.max(np.abs(control_force_n(self.loop, rows)))) > _ACTS
 
 
-def notes_on(model: LoopModel, setup: Setup, names: list[str]) -> Iterator[str]:
+def notes_on(setup: Setup, names: list[str]) -> Iterator[str]:
     """Sentences on what a simulation under a law supposes of some records."""
     law = setup.law_reference
     yield (

@@ -413,7 +413,6 @@ def _factor(quantity: str, measured: Measured) -> float:
 
 
 def _matches(series: Series, said: str | int) -> bool:
-    """Whether a name or number from the table means a series."""
     if isinstance(said, int):
         return series.number == said
     stem, unit = name_and_unit(series.name, NAMES)

@@ -13,7 +13,6 @@ from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
 from hertzloop.studies.fit.records import Record, of_chain
 
-NUISANCES = ("time_shift_s", "clock_ppm", "gain", "offset")
 _DIFFERENCE = 1e-4  # of a key, for central differences
 # Under a law; with converters, which round what it reads and commands; of a phase, in periods.
 _DIFFERENCE_LOOP, _DIFFERENCE_ROUNDED, _DIFFERENCE_PHASE = 2e-3, 3e-2, 0.04
@@ -74,6 +73,13 @@ class Point:
     def chi_square(self) -> float:
         """Sum of the squared residuals, priors included."""
         return float(self.residual @ self.residual)
+
+    def inverse(self, least: float = 1e-15) -> np.ndarray:
+        """Pseudo-inverse of the Jacobian with columns of length one, scaled back; shape
+        (parameters, rows). `least`: singular value that counts, over the largest."""
+        length = np.sqrt(np.sum(self.jacobian**2, axis=0))
+        length[length == 0.0] = 1.0
+        return np.linalg.pinv(self.jacobian / length, rcond=least) / length[:, np.newaxis]
 
 
 def own_values(values: Mapping[str, float], record: Record) -> dict[str, float]:
@@ -464,10 +470,8 @@ def _limited(problem: Problem, move: np.ndarray, places: np.ndarray) -> np.ndarr
         of_phase = places == at
         move[of_phase] = np.clip(move[of_phase], -_MOST_PHASE * period, _MOST_PHASE * period)
     keys = places < len(problem.moving)
-    if not np.any(keys):
-        return move
-    most = float(np.max(np.abs(move[keys]))) if np.any(keys) else 0.0
-    return move * min(1.0, 0.3 / most) if most > 0.3 else move
+    most = float(np.max(np.abs(move[keys]), initial=0.0))
+    return move * (0.3 / most) if most > 0.3 else move
 
 
 def reject_outliers(problem: Problem, point: Point, until_s: float) -> int:

@@ -108,9 +108,8 @@ def uncertainty(problem: Problem, point: Point, moved: Sequence[np.ndarray] = ()
     _, s, v = np.linalg.svd(rest)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.where(s > _NULL, 1.0 / np.maximum(s, 1e-300), np.inf)
-        directions = (
-            np.asarray(v).T / safe[:n, np.newaxis]
-        )  # columns: change of the logarithms by a unit step
+        # Columns: change of the logarithms by a unit step.
+        directions = np.asarray(v).T / safe[:n, np.newaxis]
         covariance = (directions * np.where(np.isfinite(spread), spread, 0.0) ** 2) @ directions.T
         for i, infinite in enumerate(~np.isfinite(spread)):
             if infinite:
@@ -140,9 +139,7 @@ def _common(problem: Problem, point: Point) -> np.ndarray:
             sds[at] = max(sds.get(at, 0.0), sd)
     if not any(sds.values()):
         return found
-    length = np.sqrt(np.sum(point.jacobian**2, axis=0))
-    length[length == 0.0] = 1.0
-    inverse = np.linalg.pinv(point.jacobian / length, rcond=_NULL) / length[:, np.newaxis]
+    inverse = point.inverse(_NULL)
     for at, sd in sds.items():
         moved = sd * (inverse[:n, point.priors] @ point.jacobian[point.priors, at])
         found += np.outer(moved, moved)
@@ -174,9 +171,7 @@ def _combinations(keys: list[str], covariance: np.ndarray) -> list[Combination]:
     return found
 
 
-def bootstrapped(
-    problem: Problem, point: Point, until_s: float, seed: int = 0
-) -> np.ndarray | None:
+def bootstrapped(problem: Problem, point: Point, until_s: float) -> np.ndarray | None:
     """Return the covariance of the keys' logarithms with errors of a converter drawn anew.
 
     A converter whose step is larger than the noise makes errors that are neither white nor
@@ -199,20 +194,19 @@ def bootstrapped(
     sd = np.sqrt(np.sum(inverse**2, axis=1)) / length
     if np.any(sd[:n] > 0.3):
         return None
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     parts = []
     for index, c in enumerate(problem.channels):
-        value, _, tau = problem.predicted(point.x, index, until_s)
+        value, _, tau = predicted = problem.predicted(point.x, index, until_s)
         _, _, gain, offset = problem.nuisances(point.x, index)
-        parts.append((gain * value + offset, c.kept & (tau <= until_s)))
-    jacobians = [_raw_jacobian(problem, point, index, until_s) for index in range(len(parts))]
+        by = problem.derivatives(point.x, index, until_s, predicted)  # without whitening
+        parts.append((gain * value + offset, by, c.kept & (tau <= until_s)))
     errors = np.empty((_DRAWS, n))
     for draw in range(_DRAWS):
         moved = generator.standard_normal(len(sd)) * np.minimum(sd, 0.3) * 2.0
         rows = []
-        for index, c in enumerate(problem.channels):
-            model, used = parts[index]
-            true = model + jacobians[index] @ moved
+        for c, (model, by, used) in zip(problem.channels, parts, strict=True):
+            true = model + by @ moved
             quiet = math.sqrt(max(c.noise**2 - c.step**2 / 12.0, 0.0))
             read = true + quiet * generator.standard_normal(len(true))
             if c.step > 0.0:
@@ -220,16 +214,9 @@ def bootstrapped(
                 read = np.round((read - phase) / c.step) * c.step + phase
             error = np.where(used, read - true, 0.0)
             rows.append(c.whitened(error)[c.counted(used)])
-        priors = np.zeros(len(point.residual) - sum(len(r) for r in rows))
-        priors[:] = generator.standard_normal(len(priors))
+        priors = generator.standard_normal(len(point.residual) - sum(len(r) for r in rows))
         errors[draw] = (inverse @ np.concatenate([*rows, priors]))[:n] / length[:n]
     return np.asarray(np.atleast_2d(np.cov(errors.T)))
-
-
-def _raw_jacobian(problem: Problem, point: Point, index: int, until_s: float) -> np.ndarray:
-    """Derivatives of a channel's readings, without whitening; (samples, parameters)."""
-    predicted = problem.predicted(point.x, index, until_s)
-    return problem.derivatives(point.x, index, until_s, predicted)
 
 
 @dataclass
@@ -272,8 +259,6 @@ def fitness(
         parameters: how many the samples had to determine.
         allowed_at_bound: keys that a one-sided verdict explains.
     """
-    f_p: float | None = None
-    white_p: float | None = None
     reasons: list[str] = []
     tests, shown = 0, ""
     smallest, beyond, whiteness = 1.0, 1.0, 1.0  # `beyond`: of what a coarse simulation explains
@@ -288,10 +273,8 @@ def fitness(
         counted = c.counted(tau <= until_s)
         tau, size = tau[counted], c.independent(counted)
         after = tau > -0.1 * contact_s
-        squares, count = (
-            squares + float(rows[after] @ rows[after]),
-            count + float(np.sum(size[after])),
-        )
+        squares += float(rows[after] @ rows[after])
+        count += float(np.sum(size[after]))
         coloured = c.quiet if len(c.ar) else 0
         white = 1.0
         if np.count_nonzero(after) > 30:
@@ -321,8 +304,7 @@ def fitness(
             in_contact = np.sum(size[(tau > 0.0) & (tau < 1.3 * contact_s)])
             ratio /= 1.0 + (_UNSURE * c.coarse) ** 2 * in_contact / free
             beyond = min(beyond, float(scipy.stats.f.sf(ratio, free, known - 1)))
-    if tests:
-        f_p = min(1.0, smallest * tests)
+    f_p = min(1.0, smallest * tests) if tests else None
     white_p = min(1.0, whiteness * len(problem.channels))
     ratio = math.sqrt(squares / max(count - parameters, 1.0))
     pulls = problem.pulls(point.x)

@@ -132,7 +132,6 @@ def hits_of_records(records: Sequence[Record]) -> list[Hit]:
 
 
 def _apart(force: Record, response: Record) -> Iterator[tuple[Record, Record]]:
-    """Records of one hit each."""
     away = np.abs(force.value - np.median(force.value))
     above = np.flatnonzero(away > _ANOTHER * np.max(away))
     starts = above[1:][np.diff(above) * force.interval_s > _LONGEST_S]

@@ -22,6 +22,7 @@ _EXACT = 1e-14  # of the sum of squares: what rounding leaves
 # modes that explain less take on huge residues that cancel.
 _CANCELLING = 0.01
 _ROUNDS, _GAIN = 12, 1e-3  # steps of a fit, and the relative gain of a step that ends it
+_POLE_ROUNDS = 10  # of vector fitting
 _STEP, _STEP_LOSS = 0.03, 1.0  # largest change of the logarithms in a step
 _LEAST_LOSS, _MOST_LOSS = 1e-7, 1.0
 _APART = 0.02  # of their frequency, between modes that are added together
@@ -226,9 +227,7 @@ def _candidates(
         yield some, np.full(len(some), middle)
 
 
-def enlarged(
-    observed: MeasuredRows, modes: FittedModes, count: int = _PER_ROUND
-) -> tuple[np.ndarray, np.ndarray]:
+def enlarged(observed: MeasuredRows, modes: FittedModes) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and loss factors of the modes and those that explain most of what they
     leave."""
     points = _linear(observed, observed.columns(modes.omega_rad_s, modes.loss_factor))
@@ -250,7 +249,7 @@ def enlarged(
     for i in np.argsort(-np.concatenate(scores)):
         if all(abs(omega[i] / omega[j] - 1.0) > _APART for j in chosen):
             chosen.append(int(i))
-        if len(chosen) == count:
+        if len(chosen) == _PER_ROUND:
             break
     return (
         np.concatenate([modes.omega_rad_s, omega[chosen]]),
@@ -291,7 +290,7 @@ def identified(
 
 
 def start_poles(
-    s: np.ndarray, receptances: np.ndarray, weights: np.ndarray, count: int, rounds: int = 10
+    s: np.ndarray, receptances: np.ndarray, weights: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (rad/s) and loss factors by vector fitting.
 
@@ -305,7 +304,7 @@ def start_poles(
     x, low = s / scale, float(np.abs(s).min()) / scale
     poles = np.linspace(low, 1.0, count) * (1j - 0.01)
     rest = np.array([np.ones_like(x), x**2, x**4])
-    for _ in range(rounds):
+    for _ in range(_POLE_ROUNDS):
         a, b = 1.0 / (x - poles[:, None]), 1.0 / (x - poles.conj()[:, None])
         fractions = np.concatenate([a + b, 1j * (a - b)])
         rows, right = [], []

@@ -309,12 +309,11 @@ def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
 
 
 def spread_over(
-    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...],
-    count: int = _FEW,
-) -> list[dict[str, Spread]]:  # fmt: skip
+    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...]
+) -> list[dict[str, Spread]]:
     """The spread of some figures of cases."""
-    rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case, count)])
-    groups = [rows[i : i + count] for i in range(0, len(rows), count)]
+    rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case)])
+    groups = [rows[i : i + _FEW] for i in range(0, len(rows), _FEW)]
     return [_spreads(group, figures) for group in groups]
 
 

@@ -159,7 +159,6 @@ _SEAL = b', "crc32": "'
 
 
 def _sealed(row: dict[str, Any]) -> bytes:
-    """A row as a line with its checksum."""
     text = json.dumps(row).encode()[:-1]  # without the brace
     return text + _SEAL + f'{zlib.crc32(text):08x}"}}\n'.encode()
 

@@ -73,7 +73,6 @@ class _Crew:
         self._others: dict[int, _Others] = {}  # by how many they are
 
     def results(self, toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
-        """Rows of the chunks as they come."""
         if self.count == 1:
             return (run_chunk(toml, span, chunk) for chunk in chunks)
         setup = scene_of(toml)
@@ -105,7 +104,6 @@ class _Crew:
         return self._others[workers]
 
     def dismiss(self) -> None:
-        """Let the workers go."""
         for others in self._others.values():
             others.dismiss()
 
@@ -160,7 +158,6 @@ class _Others:
         return bool(ready([process.sentinel for process in started], 0.0))
 
     def dismiss(self) -> None:
-        """End the workers, whatever they are at: what they give is not asked for any more."""
         # Held back, since Python 3.11 takes a thread for ended when it is interrupted in waiting
         # for it. Waited for: a thread of it that is left to the end of the interpreter may find its
         # pipe closed there, and the last that is said would be an OSError.
@@ -184,12 +181,10 @@ class _Started(SpawnContext):
         self.processes: list[SpawnProcess] = []
 
     def SimpleQueue(self) -> SimpleQueue[Any]:
-        """The one that a pool has."""
         self.answers = super().SimpleQueue()
         return self.answers
 
     def Process(self, *args: Any, **named: Any) -> SpawnProcess:  # type: ignore[override]
-        """One of them."""
         self.processes.append(SpawnProcess(*args, **named))
         return self.processes[-1]
 
@@ -208,7 +203,6 @@ def _two_first(chunks: list[Numbered]) -> list[Numbered]:
 
 
 def _all_shipped(setup: Setup, chunks: list[Numbered]) -> bool:
-    """Whether all laws of some cases come with hertzloop."""
     usual = setup.law_reference
     named = {values.get("controller.law", usual) for chunk in chunks for _, values in chunk}
     return named <= set(shipped())
