@@ -59,7 +59,6 @@ def fit(
         report_file: Write an HTML page of the fit to this file.
         replay_file: Write measured over simulated values to this .rrd file.
     """
-
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
             out.say("\n".join(shown(file)))

@@ -149,7 +149,6 @@ def controller_test(
         port: First of three ports: plant's, controller's, recorder's. Default: free ones if CMD has
             {listen}, else those from 7450 on.
     """
-
     if law and expect:
         fail("--law: cannot be combined with --expect. Remove one of the two.")
     command = request.controller
@@ -182,7 +181,6 @@ def _chosen(
     everything: bool,
 ) -> list[Script]:
     """The scripts to play; ends the command where there are none such."""
-
     try:
         if expect:
             return [recorded(read(expect))]
@@ -205,7 +203,6 @@ def _played(script: Script, meeting: Meeting, command: str, checks: Checks) -> s
 
     Raises Broken and OSError as `conformance.play`.
     """
-
     laws, before = set(), None
     for horizon in script.horizons if command else script.horizons[-1:]:
         plant = play(script, horizon, meeting, command, checks)

@@ -46,7 +46,6 @@ def listen(
         tail: Let the plate ring for this time after the run, s.
         energy: Compute the sound energy through a half sphere.
     """
-
     if not at[2] > 0.0:
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
     options.check_json(json_file)
@@ -96,7 +95,6 @@ def _change(values: list[float], unit: str) -> str:
 
 def _explain(name: str, run: dict[str, Any]) -> None:
     """Why the energies of a run differ, and by how much."""
-
     energies = [run.get(key, 0.0) for key in _ENERGIES]
     if min(energies) > 0.0:
         levels = [10.0 * math.log10(one) for one in energies]

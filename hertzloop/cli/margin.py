@@ -35,7 +35,6 @@ def margin(
         law: Use this law instead of the scene's.
         folder: Folder for margin.png, margin.json, and the plant as plant.npz.
     """
-
     options.check_json(json_file)
     if folder is not None:
         need("matplotlib")

@@ -185,7 +185,6 @@ def _of_responses(
     path: Path, sets: list[dict[str, Any]], points: "Points", in_units: "FileUnits | None",
     kind: str | None, reference: int | None, held: list[Path], units: str | None,
 ) -> MeasuredModes:  # fmt: skip
-
     if len(held) > 1:
         fail(f"--hold-out: {len(held)} files are given. Give one universal file.")
     responses = responses_of_sets(sets, path, points, in_units, kind, reference)
@@ -205,7 +204,6 @@ def _of_responses(
 
 
 def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> MeasuredModes:
-
     hits, predicted = read_hits(paths), read_hits(held) if held else []
     with _progress() as tell:
         return modes_of_hits(hits, predicted, at_contact, tell)
@@ -213,7 +211,6 @@ def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> MeasuredM
 
 @contextmanager
 def _progress() -> Iterator[Tell]:
-    """Shows what is held out, the number of modes, and the error."""
     with progress("modes", 1, lines=True) as advance:
         yield lambda name, count, error: advance(
             0, f"{name} held out: {count} modes, error {error:.3g}"
@@ -221,7 +218,6 @@ def _progress() -> Iterator[Tell]:
 
 
 def _tell_check(found: MeasuredModes, told: dict[str, Any]) -> None:
-    """Say how well what was held out is predicted."""
     table = Table("held out", "modes", "error / rms, %", "largest error / peak, %")
     for one in found.held_out:
         table.add_row(one.name, str(one.modes), f"{100 * one.rms:.2f}", f"{100 * one.peak:.2f}")
@@ -278,7 +274,6 @@ def _of_scene(
     scene: str, out_file: Path | None, settings: list[str], grid: bool, overwrite: bool,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Write the modes of a scene's plate."""
     resolved = options.scene_from(scene, settings, None)
     target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
     if grid and target.suffix != ".npz":

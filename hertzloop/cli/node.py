@@ -99,7 +99,6 @@ def bus_address(role: str, request: RunOptions, bus: BusOptions) -> BusAddress:
 
     Ends the command if an endpoint or the configuration is none.
     """
-
     check_endpoints("--listen", bus.listen)
     check_endpoints("--connect", bus.connect)
     config = bus.zenoh_config
@@ -133,7 +132,6 @@ def playing(
 
 def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
     """End the command if what an option gives is no endpoint."""
-
     for endpoint in endpoints:
         found = _ENDPOINT.fullmatch(endpoint)
         if not found:
@@ -158,7 +156,6 @@ def where(address: BusAddress) -> str:
 
 def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
     """Report progress at most ten times a second."""
-
     last = [0.0]
 
     def report(step: int) -> None:
@@ -258,7 +255,6 @@ def plant(
 
     It waits for controller and recorder, then runs the scene.
     """
-
     resolved = options.scene_from(scene, settings, seed, tried=bus.machine)
     options.check_pace(resolved, request)
     repeat = request.repeat
@@ -287,7 +283,6 @@ def controller(
     Args:
         law: Load the law from this file; default: controller.law of the scene.
     """
-
     with playing(CONTROLLER, request, bus) as (tell, address):
         stats = roles.run_controller(address, request, lambda: tell(ready=True), law)
         tell(done=stats)
@@ -308,7 +303,6 @@ def recorder(
     Args:
         out_file: Recording to write.
     """
-
     options.check_recording(out_file, request.overwrite)
     with playing(RECORDER, request, bus) as (tell, address):
         stats = roles.run_recorder(out_file, address, request, lambda: tell(ready=True))
@@ -365,7 +359,6 @@ _NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:
     """Host and port of every role, in the order of roles."""
-
     places: dict[str, tuple[str, int]] = {}
     for word in hosts.split(","):
         role, _, where = word.strip().partition("=")

@@ -306,7 +306,6 @@ def _strict(data: Any) -> Any:
 
 def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
-
     ensure_compiled(announce_compilation, *scenes, paced=paced)
 
 

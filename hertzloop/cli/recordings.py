@@ -38,7 +38,6 @@ def scene_to_run(recording: Recording) -> "Setup":
 
 def repeat_or_fail(recording: Recording, setup: "Setup") -> Repeat:
     """What is to be repeated of a recording of this scene; ends the command for another scene."""
-
     if to_toml(setup.scene) != recording.scene_toml:
         fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
     return repeat_of(recording)
@@ -123,7 +122,6 @@ def compare(
             processors, for example 1e-9.
         figures: Print the figures of both runs and their change instead of comparing bytes.
     """
-
     if json_file and not figures:
         fail(f"--json = {json_file}: there are no figures to write. Add --figures.")
     if tolerance and figures:
@@ -154,7 +152,6 @@ def compare(
 
 
 def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
-    """Print the figures of two recordings side by side."""
     from hertzloop.analysis.meters import RunFigures, compared
     from hertzloop.views import inspection
     from hertzloop.views.run import comparison_as_json

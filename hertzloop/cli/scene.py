@@ -83,7 +83,6 @@ def keys(
         law: List the keys of this law only.
         markdown: Print a Markdown page.
     """
-
     if markdown:
         print(all_keys.page(), end="")
         return

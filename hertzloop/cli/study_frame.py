@@ -14,7 +14,6 @@ from hertzloop.studies.sweeps.pool import SweepFailed
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Kept]:
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
-
     on = "no case is finished"
     try:
         with kept(folder, name, header) as finished:

@@ -190,8 +190,6 @@ def _check_scheduler(address: str) -> None:
 
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Where each figure is least and largest."""
-
     table = Table(title="Against no control")
     for heading in ("figure", "least", "at", "largest", "at"):
         table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
@@ -202,7 +200,6 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
-
     # So many that their names fit side by side in 80 columns.
     names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
     right = [*(key.split(".")[-1] for key in keys), *names]
@@ -223,7 +220,6 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
-
     right = [*(key.split(".")[-1] for key in keys), *SHOWN[:2]]
     table = Table(right=right, title="Over touch phases: mean (least to most)")
     for group in groups[:_MOST_ROWS]:
@@ -237,7 +233,6 @@ def _verify(
     results: Path, cases: int, transport: options.TransportName, seed: int, json_file: Path | None
 ) -> None:
     """Run cases of a sweep again as real processes, and compare all bytes."""
-
     options.check_json(json_file)
     try:
         rows, header = read_results(results)

@@ -166,7 +166,6 @@ def tune(
 
 def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> None:
     """Print which settings have an unstable linear loop, and how that of the best one grows."""
-
     unstable = sum(growth is not None for growth in growths)
     if unstable:
         said = f" in {unstable} of {len(growths)} settings. --require-stable refuses these."
@@ -182,7 +181,6 @@ def _file_name(names: list[str]) -> str:
 def _command(
     scenes: list[str], lists: list[tuple[str, Sequence[str] | None]], search: TuneRequest
 ) -> str:
-    """The line that finds the same settings."""
     line = ["hertzloop", "tune", *scenes]
     for option, given in lists:
         line += [word for value in given or [] for word in (f"--{option}", value)]
@@ -237,7 +235,6 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
 
 def _cases_of(over: list[str]) -> list[dict[str, Any]]:
     """All combinations of the values to be robust over. Raises DesignError."""
-
     axes = tuple(parse_axis(text) for text in over)
     check_keys(axes)
     for axis in axes:
@@ -290,7 +287,6 @@ def _winner(best: "list[Found]", reference: "Found", objectives: Sequence[str]) 
 
 
 def _verdict(best: "list[Found]", reference: "Found", objectives: Sequence[str]) -> list[str]:
-    """How the settings found compare with the published one."""
     first, rest = objectives[0], objectives[1:]
     keep = rest[0] if rest else first
     winner = _winner(best, reference, objectives)

@@ -144,7 +144,6 @@ def _padded(data: bytes) -> bytes:
 
 
 def _in_c(value: Any) -> str:
-    """A constant as C spells it."""
     if isinstance(value, str):
         return json.dumps(value)
     return value.hex() if isinstance(value, float) else f"INT64_C({value})"

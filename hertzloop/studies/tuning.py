@@ -191,7 +191,6 @@ class _Settings(Problem):
         )
 
     def settings(self, x: np.ndarray) -> dict[str, Any]:
-        """Scene keys of a point."""
         pairs = zip(self.axes, x, strict=True)
         return self.fixed | {axis.key: _value(axis, float(v)) for axis, v in pairs}
 

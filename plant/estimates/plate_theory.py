@@ -186,7 +186,6 @@ def _zener_step(
 @lru_cache(maxsize=64)
 def _beyond(number: float) -> float:
     """I(x) of `static_difference_m_n`."""
-
     start, found = max(number, _SERIES), 0.0
     if start < _RAYLEIGH:
         length = math.log(_RAYLEIGH / start)

@@ -58,7 +58,6 @@ class _Drawn:
         return np.abs(s.imag) / (2e3 * math.pi), s.real
 
     def label(self) -> str:
-        """Return the binding frequency and its mode."""
         at_hz = self.margin.binding_frequency_hz
         if at_hz is None:
             return ""
