@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,7 +19,6 @@ _SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's
 _LEAST = 25  # low modes that are taken however little is asked
 _LOOKED_AT = 0.2  # of the low modes, to find a gap and to compare with the waves
 _TAIL = 4.0  # modes left out are summed one by one up to this multiple of the limit
-_SECONDS_PER_MODE = 7e-5  # of processor time
 _WORDS = {"s": "simply supported", "c": "clamped", "f": "free"}
 ORDERS = {"f": 0, "s": 1, "c": 2}  # what an edge holds: nothing, the deflection, the slope as well
 _FUNCTIONS = 1600  # products of functions; a plate without any symmetry takes a second or two
@@ -624,19 +623,15 @@ class EdgedPlate(SizedPlate):
     edges: str
     accuracy: float
     near: float | None = None  # Poisson's ratio of the plate that it is `beside`
+    seconds_per_mode = 7e-5
 
     def __str__(self) -> str:
         if len(set(self.edges)) == 1:
             return f"a plate with {_WORDS[self.edges[0]]} edges"
         return f"a plate with edges '{self.edges}'"
 
-    @property
-    def seconds_per_mode(self) -> float:
-        """Processor time of a mode, s."""
-        return _SECONDS_PER_MODE
-
-    @property
-    def quality(self) -> Mapping[str, Any]:
+    @cached_property
+    def quality(self) -> Mapping[str, Any]:  # type: ignore[override]
         """Fields of `Reached`."""
         return asdict(self.reached)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,20 +30,29 @@ class ModalStructure(Structure):
     """
 
     name: str
-    table: ModeTable
+    mode_table: ModeTable = field()
     material: Material
     local_plate: Plate | None = None
     residual: float | None = None
 
+    highest_hz: float = field(init=False, repr=False, compare=False)
+    """a limit just above the last mode"""
+    quality: Mapping[str, Any] = field(init=False, repr=False, compare=False)
+    """how many modes the file has, and `mobility_ratio`"""
+
     def __post_init__(self) -> None:
-        said = self.residual is not None or self.table.residual_flexibility_m_n is not None
+        said = self.residual is not None or self.mode_table.residual_flexibility_m_n is not None
         if not said and self.local_plate is None:
             raise ValueError(
                 f"{self.name} does not give residual_flexibility_m_n of the truncated modes. "
                 "Give it there, as plate.residual_flexibility_m_n (0 if the modes are complete), "
                 "or plate.thickness_m to take that of an infinite plate"
             )
-        ratio = self.mobility_ratio
+        ratio, omega = self.mobility_ratio, self.mode_table.omega_rad_s
+        vars(self).update(
+            highest_hz=float(omega[-1]) / (2.0 * math.pi) * (1.0 + 1e-9),
+            quality={"modes_in_file": len(omega), "mobility_ratio": ratio},
+        )
         if ratio is not None and not _LEAST_MOBILITY <= ratio <= _MOST_MOBILITY:
             raise ValueError(
                 f"the modes of {self.name} are {ratio:.2g} times as mobile as an infinite plate of "
@@ -58,44 +67,26 @@ class ModalStructure(Structure):
     def mobility_ratio(self) -> float | None:
         """Mean mobility of the modes over that of the local plate: 1 for many modes away from edges
         and ribs; None where there is no such plate, or too few modes."""
-        table = self.table
+        table = self.mode_table
         if self.local_plate is None or np.count_nonzero(table.shape_contact) < _ENOUGH:
             return None
         mean = np.sum(table.shape_contact**2 * table.per_modal_mass_1_kg) * math.pi / 2.0
         return float(mean / table.omega_rad_s[-1] * self.local_plate.infinite_plate_impedance_n_s_m)
 
-    @property
-    def mode_table(self) -> ModeTable:
-        """The modes of the file."""
-        return self.table
-
-    @property
-    def quality(self) -> Mapping[str, Any]:
-        """How many modes the file has, and `mobility_ratio`."""
-        return {
-            "modes_in_file": len(self.table.omega_rad_s),
-            "mobility_ratio": self.mobility_ratio,
-        }
-
-    @property
-    def highest_hz(self) -> float:
-        """A limit just above the last mode."""
-        return float(self.table.omega_rad_s[-1]) / (2.0 * math.pi) * (1.0 + 1e-9)
-
     def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
         """Whether the actuator pushes at the contact point: the file says so, not the points."""
-        return bool(np.array_equal(self.table.shape_contact, self.table.shape_actuator))
+        return bool(np.array_equal(self.mode_table.shape_contact, self.mode_table.shape_actuator))
 
     def modes_below(self, frequency_hz: float) -> float:
         """How many modes the file has up to a frequency."""
-        return float(np.count_nonzero(self.table.omega_rad_s <= 2.0 * math.pi * frequency_hz))
+        return float(np.count_nonzero(self.mode_table.omega_rad_s <= 2.0 * math.pi * frequency_hz))
 
     def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
         """The modes up to `omega_max` rad/s."""
-        below = self.table.omega_rad_s <= omega_max
-        omega, eta = self.table.omega_rad_s[below], self.table.loss_factor[below]
-        contact, actuator = self.table.shape_contact[below], self.table.shape_actuator[below]
-        per_mass = self.table.per_modal_mass_1_kg[below]
+        table, below = self.mode_table, self.mode_table.omega_rad_s <= omega_max
+        omega, eta = table.omega_rad_s[below], table.loss_factor[below]
+        contact, actuator = table.shape_contact[below], table.shape_actuator[below]
+        per_mass = table.per_modal_mass_1_kg[below]
         scale = 1.0
         if len(omega) and np.all(per_mass == per_mass[0]):
             scale = float(per_mass[0])
@@ -112,7 +103,7 @@ class ModalStructure(Structure):
         self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
     ) -> Point | None:
         """Where the sensor is: the file says so. A point of no plate stands for one of its own."""
-        table, sensed = self.table, self.table.shape_sensor
+        table, sensed = self.mode_table, self.mode_table.shape_sensor
         if sensed is None or np.array_equal(sensed, table.shape_contact):
             return None
         return actuator_m if np.array_equal(sensed, table.shape_actuator) else (math.inf, math.inf)
@@ -120,18 +111,18 @@ class ModalStructure(Structure):
     @cached_property
     def pushed_at_sensor(self) -> "ModalStructure":
         """The structure with the actuator where the sensor is."""
-        seen = self.table.shape_sensor
+        seen = self.mode_table.shape_sensor
         if seen is None:
             return self
-        return replace(self, table=replace(self.table, shape_actuator=seen))
+        return replace(self, mode_table=replace(self.mode_table, shape_actuator=seen))
 
     def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
         """Shapes at the sensor; the file says where it is, not the points."""
-        seen = self.table.shape_contact if self.table.shape_sensor is None else (
-            self.table.shape_sensor
+        seen = self.mode_table.shape_contact if self.mode_table.shape_sensor is None else (
+            self.mode_table.shape_sensor
         )  # fmt: skip
-        below = self.table.omega_rad_s <= omega_max
-        per_mass = self.table.per_modal_mass_1_kg[below]
+        below = self.mode_table.omega_rad_s <= omega_max
+        per_mass = self.mode_table.per_modal_mass_1_kg[below]
         if len(per_mass) and np.all(per_mass == per_mass[0]):
             return seen[below]
         return np.asarray(seen[below] * np.sqrt(per_mass))
@@ -139,7 +130,7 @@ class ModalStructure(Structure):
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N: those of the file and what is
         said of those beyond, or that of an infinite plate."""
-        table = self.table
+        table = self.mode_table
         beyond = self.residual if self.residual is not None else table.residual_flexibility_m_n
         if beyond is None:
             assert self.local_plate is not None

@@ -12,7 +12,6 @@ from hertzloop.plant.structures.mode_file import ModeTable
 
 Point = tuple[float, float]
 NO_PARTICIPATION = 1e-9  # of a shape's largest value
-SECONDS_PER_MODE = 1e-5  # of processor time
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
 
 
@@ -63,36 +62,22 @@ class ModeSource(Protocol):
         """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
         return None if sensor_m == contact_m else sensor_m
 
+    mode_table: ModeTable | None = None
+    """the modes that it was given as, which end; None where modes are computed"""
+    solid: bool = False
+    """whether waves within its thickness are modelled, so that the modes above a limit hold the
+    flexibility that the law of the contact holds as well"""
+    highest_hz: float = math.inf
+    """up to where its modes are known, Hz; inf without limit"""
+    seconds_per_mode: float = 1e-5
+    """about how much processor time it takes to compute a mode, s"""
+    quality: Mapping[str, Any] | None = None
+    """how good its modes are, by name; None of a closed form"""
+
     @property
     def pushed_at_sensor(self) -> Self:
         """The structure with the actuator where the sensor is, if the points do not say that."""
         return self
-
-    @property
-    def mode_table(self) -> ModeTable | None:
-        """The modes that it was given as, which end; None where modes are computed."""
-        return None
-
-    @property
-    def solid(self) -> bool:
-        """Whether waves within its thickness are modelled, so that the modes above a limit hold the
-        flexibility that the law of the contact holds as well."""
-        return False
-
-    @property
-    def highest_hz(self) -> float:
-        """Up to where its modes are known, Hz; inf without limit."""
-        return math.inf
-
-    @property
-    def seconds_per_mode(self) -> float:
-        """About how much processor time it takes to compute a mode, s."""
-        return SECONDS_PER_MODE
-
-    @property
-    def quality(self) -> Mapping[str, Any] | None:
-        """How good its modes are, by name; None of a closed form."""
-        return None
 
     def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
         """By how much the inertia of all modes above `omega_max` adds to their flexibility at a

@@ -11,7 +11,7 @@ of the half space as well. Contact and actuator are on the same face.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -223,6 +223,14 @@ def _left_out(poisson_ratio: float, omega_c: float) -> tuple[float, float]:
 class SolidPlate(SizedPlate):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
 
+    solid = True
+    highest_hz: float = field(init=False, repr=False, compare=False)
+    """up to where the branches are known, Hz"""
+
+    def __post_init__(self) -> None:
+        below = (1.0 - 1e-12) * HIGHEST  # whatever the rounding
+        vars(self)["highest_hz"] = below * self.unit_rad_s / (2.0 * math.pi)
+
     def __str__(self) -> str:
         return "a simply supported plate in three dimensions"
 
@@ -230,11 +238,6 @@ class SolidPlate(SizedPlate):
     def unit_rad_s(self) -> float:
         """c_T/h, in which the branches count frequencies, rad/s."""
         return self.material.shear_speed_m_s / self.plate.thickness_m
-
-    @property
-    def highest_hz(self) -> float:
-        """Up to where the branches are known, Hz."""
-        return (1.0 - 1e-12) * HIGHEST * self.unit_rad_s / (2.0 * math.pi)  # whatever the rounding
 
     def wave_number_1_m(self, omega: float) -> float:
         """Largest wave number of any branch at a frequency, 1/m."""
@@ -250,11 +253,6 @@ class SolidPlate(SizedPlate):
     def simply_supported(self) -> Plate:
         """The thin plate of the same sizes; waves as short as sound are long in it."""
         return self.plate
-
-    @property
-    def solid(self) -> bool:
-        """True."""
-        return True
 
     def contact_limit_hz(self, radius_m: float) -> float:
         """Up to where waves are long against a contact of this radius, Hz."""
