@@ -7,7 +7,7 @@ from typing import Any
 
 from numba import config, njit
 
-from hertzloop.jit.cache import cache_folder, kept_in, stored
+from hertzloop.jit.cache import Kernel, cache_folder, kept_in, stored
 
 
 def kernel(
@@ -62,8 +62,6 @@ def kernel(
         freedoms = {"contract": fused, "reassoc": reordered}
         options["fastmath"] = {name for name, given in freedoms.items() if given}
     on_disk = kept and os.path.exists(function.__code__.co_filename)  # not typed at a prompt
-    from hertzloop.jit.dispatcher import Kernel
-
     ours = (function.__module__ or "").startswith("hertzloop.")
     with kept_in(cache_folder()):
         made = Kernel.of(njit(error_model="numpy", **options)(function))
