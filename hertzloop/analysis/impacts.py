@@ -8,36 +8,25 @@ blocks nor what follows the impact counts.
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
-from hertzloop.plant.contact.yielding import dents_m
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import (
-    TO_CUBIC,
     Impact,
     ImpactPart,
     contacts,
     impacts_in,
     modal_displacement,
+    part_of,
     peak_force_n,
     peak_speed_m_s,
     starting_speed,
 )
-from hertzloop.plant.figures.noise import (
-    ImpactNoise,
-    impact_noise,
-    published_noise,
-    shares_of_drive_j,
-    spectra_of,
-    turned,
-)
+from hertzloop.plant.figures.noise import ImpactNoise, impact_noise, published_noise, turned
 from hertzloop.plant.plant import PlantSpec, modes_of
-from hertzloop.plant.schemes.collocation import damped_tail
-from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -175,7 +164,10 @@ class ConsistentWindow:
                 peak_force_n=peak_force_n(*self._peak.around),
                 plate_speed_max_m_s=peak_speed_m_s(self._fastest.around[0]),
             )
-        noise = _noise(self.spec, self.modes, np.asarray(self._drive), impact, self._speed_max)
+        noise = impact_noise(
+            self.spec, self.modes, np.asarray(self._drive), impact.plate_energy_j,
+            self._speed_max, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
+        )  # fmt: skip
         end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[rows_k.END])
         return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
@@ -199,14 +191,13 @@ class ConsistentWindow:
         parts = [self._before, own, following[:, : count + _BEHIND - own.shape[1]]]
         room = np.empty((COLUMNS, sum(part.shape[1] for part in parts)))
         rows = np.concatenate(parts, axis=1, out=room)
-        part = _read(
+        part = part_of(
             spec, self.modes, rows, lead, count, continued, 0 if continued else self.start - lead
         )
         if continued:
             self._continue(part, float(part.work_j[lead:].sum()))
         elif part.known:
             self._impact = part.impact(spec.step_s)
-        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         if not self._ended:
             self._ended = part.touching < piece.shape[1]
             touched = piece[:, : part.touching]
@@ -215,6 +206,7 @@ class ConsistentWindow:
             # The speed to the step after the contact.
             speed = piece[V_P, : part.touching + 1]
             self._fastest.follow(np.abs(speed), speed[np.newaxis])
+        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
 
@@ -236,33 +228,6 @@ class ConsistentWindow:
             plate_energy_j=impact.plate_energy_j + more.plate_energy_j,
             plate_speed_max_m_s=max(impact.plate_speed_max_m_s, more.plate_speed_max_m_s),
         )
-
-
-def _read(
-    spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
-    continued: bool = False, first_step: int = 0,
-) -> ImpactPart:  # fmt: skip
-    """Read rows of an impact; see `read_impact`."""
-    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
-    work, speeds = np.empty((2, len(xi)))
-    dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = rows_k.read_impact(
-        xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
-        modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
-        _reading(spec, modes), figures, work, speeds, drive,
-    )  # fmt: skip
-    return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
-
-
-def _noise(
-    spec: PlantSpec, modes: Oscillators, drive: np.ndarray, impact: Impact, speed_max_m_s: float
-) -> ImpactNoise:
-    return impact_noise(
-        spec.sphere, spec.plate, modes, shares_of_drive_j(modes, drive), impact.plate_energy_j,
-        speed_max_m_s, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
-        faces=spec.radiating_faces or 1,
-    )  # fmt: skip
 
 
 class _Highest:
@@ -294,22 +259,6 @@ class _Highest:
         self._last = value[-tail:].copy(), columns[:, -tail:].copy()
 
 
-@lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
-    """What the rows of a plant's impacts are read with."""
-    tail = damped_tail(spec)[0]
-    return rows_k.Reading(
-        step_s=spec.step_s,
-        mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-        same_point=spec.same_point,
-        mobility=tail.mobility_m_ns if tail else math.nan,
-        impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
-        to_cubic=TO_CUBIC,
-        spectra=spectra_of(modes, spec.step_s),
-    )
-
-
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
     """Parts that follow each other along the last axis, as one array; one part as it is."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
@@ -334,13 +283,17 @@ def first_impact(
     spec, lead = setup.plant, min(start, 1)
     modes = modes or modes_of(spec)
     rows = rows[:, start - lead : start + count + _BEHIND]
-    part = _read(spec, modes, rows, lead, count, first_step=start - lead)
+    part = part_of(spec, modes, rows, lead, count, first_step=start - lead)
     if not part.known:
         return None
     impact, end = part.impact(spec.step_s), lead + part.touching
+    noise = impact_noise(
+        spec, modes, part.drive, impact.plate_energy_j, part.speed_max_m_s, impact.duration_s,
+        impact.impact_speed_m_s, impact.rebound_speed_m_s,
+    )  # fmt: skip
     return RowsOfImpact(
         start, start + part.touching, start + count, rows[F_C, lead:end], end < rows.shape[1],
-        impact, _noise(spec, modes, part.drive, impact, part.speed_max_m_s),
+        impact, noise,
     )  # fmt: skip
 
 

@@ -21,7 +21,6 @@ from hertzloop.plant.figures.noise import (
     audible_alone,
     impact_noise,
     modal_drive,
-    shares_of_drive_j,
 )
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -448,11 +447,8 @@ class WholeRunMeter(Meter):
         if not impacts:
             return None
         noise = impact_noise(
-            self._spec.sphere, self._spec.plate, self._modes,
-            shares_of_drive_j(self._modes, np.asarray(self._drive)),
-            self._work_j, self._speed_max, impacts[0].duration_s,
-            impacts[0].impact_speed_m_s, impacts[-1].rebound_speed_m_s,
-            faces=self._spec.radiating_faces or 1,
+            self._spec, self._modes, np.asarray(self._drive), self._work_j, self._speed_max,
+            impacts[0].duration_s, impacts[0].impact_speed_m_s, impacts[-1].rebound_speed_m_s,
         )  # fmt: skip
         return _figures(len(impacts), max(i.peak_force_n for i in impacts), noise)
 

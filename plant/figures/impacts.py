@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
 from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures.noise import spectra_of
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P, XI_S
 
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
@@ -195,6 +198,39 @@ class ImpactPart(NamedTuple):
     def impact(self, step_s: float) -> Impact:
         """The contact that is known, with the work on the plate that belongs to it."""
         return impact_of(self.figures, step_s, float(self.work_j[self.start : self.until].sum()))
+
+
+def part_of(
+    spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
+    continued: bool = False, first_step: int = 0,
+) -> ImpactPart:  # fmt: skip
+    """Read rows of an impact; see `read_impact`."""
+    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
+    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
+    work, speeds = np.empty((2, len(xi)))
+    dents = dents_m(spec.contact, deepest)
+    known, start, until, touching, speed_max = rows_k.read_impact(
+        xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
+        modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
+        _reading(spec, modes), figures, work, speeds, drive,
+    )  # fmt: skip
+    return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
+
+
+@lru_cache(maxsize=16)
+def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
+    """What the rows of a plant's impacts are read with."""
+    tail = damped_tail(spec)[0]
+    return rows_k.Reading(
+        step_s=spec.step_s,
+        mass_kg=spec.sphere.mass_kg,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
+        same_point=spec.same_point,
+        mobility=tail.mobility_m_ns if tail else math.nan,
+        impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
+        to_cubic=TO_CUBIC,
+        spectra=spectra_of(modes, spec.step_s),
+    )
 
 
 def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hertzloop.plant.contact.hertz import Sphere
 from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
@@ -23,7 +24,7 @@ from hertzloop.plant.structures.radiation import (
     efficiency,
     efficiency_fahy,
 )
-from hertzloop.plant.structures.structure import Structure, oscillators
+from hertzloop.plant.structures.structure import oscillators
 
 RADIATED_UP_TO_HZ = 20e3
 _FASTEST_M_S = 1e100
@@ -301,31 +302,30 @@ def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
 
 
 def impact_noise(
-    sphere: Sphere,
-    plate: Structure,
+    spec: PlantSpec,
     modes: Oscillators,
-    shares_j: np.ndarray,
+    drive: np.ndarray,
     work_j: float,
     plate_speed_max_m_s: float,
     contact_time_s: float,
     impact_speed_m_s: float,
     rebound_speed_m_s: float,
-    faces: int = 1,
 ) -> ImpactNoise:
     """Figures of an impact of the consistent scheme.
 
-    `shares_j`: what every oscillator takes (see `modal_shares_j`) of the forces at contact
-    and actuator from the contact's start until the impact is over, `work_j` their work on the
-    plate, `plate_speed_max_m_s`: the largest at the contact point over the same steps. Radiated
-    energies are nan for any other structure than a simply supported plate, whose efficiencies are
-    known. Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
+    `drive`: of every oscillator (see `modal_drive`) by the forces at contact and actuator from the
+    contact's start until the impact is over, `work_j` their work on the plate,
+    `plate_speed_max_m_s`: the largest at the contact point over the same steps. Radiated energies
+    are nan for any other structure than a simply supported plate, whose efficiencies are known.
+    Without modes (`plant.NO_MODES`) all sums over modes are nan.
     """
+    shares_j = shares_of_drive_j(modes, drive)
     return ImpactNoise(
-        **closed_forms(sphere, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
+        **closed_forms(spec.sphere, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
         transmitted_j=work_j,
         transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
         plate_speed_max_m_s=plate_speed_max_m_s,
-        **_radiated_j(plate.simply_supported, modes, shares_j, faces),
+        **_radiated_j(spec.plate.simply_supported, modes, shares_j, spec.radiating_faces or 1),
     )
 
 
