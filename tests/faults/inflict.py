@@ -6,12 +6,14 @@ import signal
 import subprocess
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import psutil
 
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.views import inspection
 from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
@@ -21,6 +23,7 @@ SIGNALS = {
     "pause": signal.SIGSTOP, "long pause": signal.SIGSTOP,
     "terminate": signal.SIGTERM, "interrupt": signal.SIGINT,
 }  # fmt: skip
+CLOSED = {"hang up": signal.SIGHUP, "quit": signal.SIGQUIT}  # of a terminal; not drawn
 TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
 RUN = ["aluminium-3mm", "--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]
@@ -95,6 +98,8 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
     }[fault.how]  # fmt: skip
     if code != 1:
         return f"exit code {code}"
+    if said.count("error:") > 1:
+        return "more than one error"
     return "" if any(word in said for word in words) else "another cause"
 
 
@@ -104,7 +109,11 @@ def inflict(fault: Fault, folder: Path) -> Outcome:
     temporary.mkdir()
     began = time.monotonic()
     words = [*RUN, *LANE[fault.lane], "--out", str(recording)]
-    run = start("run", *words, env={**os.environ, "TMPDIR": str(temporary)})
+    number = (SIGNALS | CLOSED)[fault.how]
+    heeding = None
+    if fault.how in CLOSED:  # who runs the tests may ignore it
+        heeding = partial(signal.signal, number, signal.SIG_DFL)
+    run = start("run", *words, env={**os.environ, "TMPDIR": str(temporary)}, preexec_fn=heeding)
     children: list[psutil.Process] = []
     try:
         try:
@@ -116,7 +125,7 @@ def inflict(fault: Fault, folder: Path) -> Outcome:
             time.sleep(fault.after_s)
             if run.poll() is not None:
                 raise AssertionError("it is over")
-            victim.send_signal(SIGNALS[fault.how])
+            victim.send_signal(number)
         except (AssertionError, psutil.Error) as error:
             raise NotUnderWay(f"{error or type(error).__name__}") from error
         done_at = time.time()
@@ -183,7 +192,13 @@ def _judge_recording(fault: Fault, recording: Path, done_at: float, outcome: Out
         if not (fault.starting and recording.exists() and recording.stat().st_size == 0):
             outcome.wrong.append(f"unreadable: {error}")
         return
-    if not kept.problems:
+    if inspection.summary(inspection.inspected(kept))["complete"]:
         outcome.wrong.append("said to be complete")
+    interrupted = (fault.victim == LAUNCHER and fault.how != "kill") or may_go_on(fault)
+    told = set(kept.ends) == {"plant", "controller"} and "interrupted" in kept.result.get(
+        "fault", ""
+    )
+    if interrupted and not fault.starting and not told:  # the plant says so on the bus
+        outcome.wrong.append("no ends, or no cause, in the recording")
     if "the recorder did not finish the file" in kept.problems and not fault.starting:
         outcome.lost_ms = max(0.0, 1e3 * (done_at - recording.stat().st_mtime))

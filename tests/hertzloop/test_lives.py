@@ -4,21 +4,22 @@ signals work at any moment, the right one is blamed, and nothing stays behind.""
 import json
 import os
 import re
+import resource
 import signal
+import socket
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
-from hertzloop.bus.sockets import own_folder
+from hertzloop.bus.streams import PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import _ids
+from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,
@@ -35,8 +36,6 @@ from tests.hertzloop.processes import (
 from tests.ports import free_ports
 from tests.tiers import default
 
-PATIENCE_S = 20.0
-
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
@@ -45,18 +44,24 @@ def recording(tmp_path: Path) -> Path:
 
 @contextmanager
 def terminals(
-    recording: Path, *words: str, timeout_s: float = EVENTUALLY_S
+    recording: Path,
+    *words: str,
+    timeout_s: float = EVENTUALLY_S,
+    wait_s: float = EVENTUALLY_S,
+    roles: Container[str] = ROLES,
 ) -> Iterator[dict[str, subprocess.Popen]]:
     """Plant, controller and recorder as three people would start them."""
     a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
-    patience = ["--wait", str(EVENTUALLY_S), "--timeout", str(timeout_s)]
+    patience = ["--wait", str(wait_s), "--timeout", str(timeout_s)]
     bus = ["--name", f"terminals-{os.getpid()}", *patience]
+    commands = {
+        "recorder": ["--out", str(recording), "--listen", c, "--connect", a, "--connect", b],
+        "controller": ["--listen", b, "--connect", a],
+        "plant": ["--listen", a, *words],
+    }
     started = {
-        "recorder": start("node", "recorder", "--out", str(recording), *bus, "--listen", c,
-                          "--connect", a, "--connect", b),
-        "controller": start("node", "controller", *bus, "--listen", b, "--connect", a),
-        "plant": start("node", "plant", *bus, "--listen", a, *words),
-    }  # fmt: skip
+        role: start("node", role, *bus, *own) for role, own in commands.items() if role in roles
+    }
     try:
         yield started
     finally:
@@ -65,19 +70,36 @@ def terminals(
             process.communicate()
 
 
+TOLD = "the plant ended the run: interrupted at step"
+MISSED = "recorder (left the run|accepted no message for 20 s)"
+
+
 @pytest.mark.full
-def test_a_frozen_recorder_is_named_by_the_plant(recording: Path) -> None:
-    with terminals(recording, *LONG, timeout_s=5.0) as roles:
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        roles["recorder"].send_signal(signal.SIGSTOP)
-        code, err, _ = finish(roles["plant"], 60)
-        assert code == 1
+@pytest.mark.parametrize(
+    ("victim", "sent", "timeout_s", "said"),
+    [
         # By itself, or told by the controller, which sends to the recorder, too.
-        assert "recorder accepted no message for 5 s" in err
-        assert "Traceback" not in err
-        code, err, _ = finish(roles["controller"], 60)
-        assert code == 1, err
-        assert "Traceback" not in err
+        ("recorder", signal.SIGSTOP, 5.0,
+         {"plant": (1, "recorder accepted no message for 5 s"), "controller": (1, "")}),
+        # Much was sent to it, and it has not closed its file. As a rule that is heard at once, at
+        # the latest when the patience with a message to it is over: see bus/zenoh_config.py.
+        ("recorder", signal.SIGKILL, 20.0, {"plant": (1, MISSED), "controller": (1, MISSED)}),
+        ("plant", signal.SIGINT, EVENTUALLY_S,
+         {"plant": (130, "interrupted"), "controller": (1, TOLD), "recorder": (1, "")}),
+    ],
+)  # fmt: skip
+def test_all_are_told(
+    recording: Path, victim: str, sent: signal.Signals, timeout_s: float,
+    said: dict[str, tuple[int, str]],
+) -> None:  # fmt: skip
+    with terminals(recording, *LONG, timeout_s=timeout_s) as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles[victim].send_signal(sent)
+        for role, (code, words) in said.items():
+            found, err, _ = finish(roles[role])
+            assert found == code, (role, err)
+            assert re.search(words, err), (role, err)
+            assert "Traceback" not in err
 
 
 @pytest.mark.full
@@ -98,38 +120,11 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(
         assert "Traceback" not in err
 
 
-@pytest.mark.full
-def test_all_exit_codes_tell_of_a_failed_run(recording: Path) -> None:
-    with terminals(recording, *LONG) as roles:
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        roles["plant"].send_signal(signal.SIGINT)
-        said = {role: finish(process) for role, process in roles.items()}
-    assert {role: code for role, (code, _, _) in said.items()} == {
-        "plant": 130, "controller": 1, "recorder": 1
-    }  # fmt: skip
-    assert "the plant ended the run: interrupted at step" in said["controller"][1]
-
-
 def test_all_exit_codes_tell_of_a_good_run(recording: Path) -> None:
     with terminals(recording, "--set", "run.duration_s=0.002") as roles:
         for role, process in roles.items():
             code, err, _ = finish(process)
             assert code == 0, (role, err)
-
-
-@pytest.mark.full
-def test_a_recording_that_is_not_completed_fails_the_others(recording: Path) -> None:
-    """The recorder dies when much was sent to it, and before it has closed its file. As a rule that
-    is heard at once, at the latest when the patience with a message to it is over: see
-    bus/zenoh_config.py."""
-    with terminals(recording, *LONG, timeout_s=PATIENCE_S) as roles:
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        roles["recorder"].kill()
-        for role in ("plant", "controller"):
-            code, err, _ = finish(roles[role])
-            assert code == 1, (role, err)
-            known = "recorder (left the run|accepted no message for 20 s)"
-            assert re.search(known, err), (role, err)
 
 
 def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> None:
@@ -145,122 +140,84 @@ def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> 
         plant.communicate()
 
 
-class TestLauncher:
-    """`hertzloop run` and its own end."""
-
-    @pytest.fixture
-    def temporary(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-        folder = tmp_path / "temporary"
-        folder.mkdir()
-        monkeypatch.setenv("TMPDIR", str(folder))
-        monkeypatch.setattr(tempfile, "tempdir", None)
-        return folder
-
-    @pytest.mark.parametrize(
-        "sent",
-        default([signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGINT], [signal.SIGINT]),
-    )
-    def test_signals_end_it_in_order(
-        self, recording: Path, temporary: Path, sent: signal.Signals
-    ) -> None:
-        # Who runs the tests may ignore a closed terminal.
-        heeding = partial(signal.signal, sent, signal.SIG_DFL)
-        run = start("run", *LONG, "--out", str(recording), preexec_fn=heeding)
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        assert list(temporary.glob("hertzloop-*"))
-        run.send_signal(sent)
-        code, err, _ = finish(run)
-        assert code == 130, err
-        assert "interrupted; the recording" in err
-        assert not leftovers(recording)
-        assert not list(temporary.glob("hertzloop-*"))
-
-    def test_a_second_interrupt_leaves_no_process(self, recording: Path) -> None:
-        run = start("run", *LONG, "--out", str(recording))
-        child = child_of(run, "plant")
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        child.send_signal(signal.SIGSTOP)  # it cannot end in order
-        run.send_signal(signal.SIGINT)
-        time.sleep(0.5)
-        run.send_signal(signal.SIGINT)
-        code, err, _ = finish(run)
-        assert code == 130, err
-        assert "Traceback" not in err
-        assert not leftovers(recording)
-
-    def test_a_killed_launcher_leaves_no_process_and_its_folder_to_the_next_run(
-        self, recording: Path, temporary: Path
-    ) -> None:
-        run = start("run", *LONG, "--out", str(recording))
-        children = [child_of(run, command) for command in ("plant", "controller", "recorder")]
-        wait_for(grown_to(recording, WELL_UNDER_WAY))
-        run.kill()
-        run.communicate()
-        _, alive = psutil.wait_procs(children, timeout=60)
-        assert not alive
-        for folder in temporary.iterdir():
-            os.utime(folder, (0, 0))
-        with own_folder():
-            pass
-        assert not list(temporary.iterdir())
-
-    @pytest.mark.full
-    @pytest.mark.parametrize("command", ["plant", "controller", "recorder"])
-    def test_a_death_before_the_start_is_told_at_once(self, recording: Path, command: str) -> None:
-        run = start("run", *LONG, "--out", str(recording))
-        child_of(run, command).send_signal(signal.SIGKILL)
-        code, err, seconds = finish(run)
-        assert code == 1
-        role = command
-        assert err.endswith(f"error: {role} was killed by SIGKILL"), err
-        assert seconds < 60  # of the 180 that all have to appear
-        assert not leftovers(recording)
-
-    @pytest.mark.full
-    def test_an_interrupt_of_a_process_that_only_starts_is_told(self, recording: Path) -> None:
-        """It comes before the interpreter is there, and waits until somebody can say so."""
-
-        def interrupted() -> None:
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the launcher does
-            os.kill(os.getpid(), signal.SIGINT)
-
-        code, err, _ = finish(
-            start("node", "recorder", "--out", str(recording), preexec_fn=interrupted)
-        )
-        assert (code, err) == (130, "interrupted")
-        run = start("run", *LONG, "--out", str(recording))
-        child_of(run, "recorder").send_signal(signal.SIGINT)
-        code, err, _ = finish(run)
-        assert code == 1
-        assert err.endswith("recorder was interrupted"), err
-
-    @pytest.mark.parametrize("delay_s", [0.15, 0.4, 0.8, 1.2])
-    def test_an_early_interrupt_shows_no_traceback(self, recording: Path, delay_s: float) -> None:
-        run = start("run", *LONG, "--out", str(recording))
-        # After the interpreter's own start, in which no program can say anything.
-        wait_for(lambda: any("zoneinfo" in m.path or "numpy" in m.path or "typer" in m.path
-                             or "_json" in m.path or "_socket" in m.path
-                             for m in psutil.Process(run.pid).memory_maps()))  # fmt: skip
-        time.sleep(delay_s)
-        run.send_signal(signal.SIGINT)
-        code, err, _ = finish(run)
-        assert code == 130, err
-        assert "Traceback" not in err
-        assert "interrupted" in err
+def test_a_second_interrupt_leaves_no_process(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    child = child_of(run, "plant")
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    child.send_signal(signal.SIGSTOP)  # it cannot end in order
+    run.send_signal(signal.SIGINT)
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    code, err, _ = finish(run)
+    assert code == 130, err
+    assert "Traceback" not in err
+    assert not leftovers(recording)
 
 
 @pytest.mark.full
-def test_a_recorder_that_was_stopped_is_named(recording: Path) -> None:
-    run = start("run", *LONG, "--out", str(recording), "--timeout", "2", "--no-fast-lane")
-    recorder = child_of(run, "recorder")
-    wait_for(grown_to(recording, WELL_UNDER_WAY))
-    recorder.send_signal(signal.SIGSTOP)
-    wait_for(lambda: child_of(run, "plant").cpu_percent(0.5) < 2)  # its message waits
-    time.sleep(3.0)
-    recorder.send_signal(signal.SIGCONT)
+def test_an_interrupt_of_a_process_that_only_starts_is_told(recording: Path) -> None:
+    """It comes before the interpreter is there, and waits until somebody can say so."""
+
+    def interrupted() -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the launcher does
+        os.kill(os.getpid(), signal.SIGINT)
+
+    code, err, _ = finish(
+        start("node", "recorder", "--out", str(recording), preexec_fn=interrupted)
+    )
+    assert (code, err) == (130, "interrupted")
+
+
+@pytest.mark.parametrize("delay_s", default([0.15, 0.4, 0.8, 1.2], [0.8]))
+def test_an_early_interrupt_shows_no_traceback(recording: Path, delay_s: float) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    # After the interpreter's own start, in which no program can say anything.
+    wait_for(lambda: any("zoneinfo" in m.path or "numpy" in m.path or "typer" in m.path
+                         or "_json" in m.path or "_socket" in m.path
+                         for m in psutil.Process(run.pid).memory_maps()))  # fmt: skip
+    time.sleep(delay_s)
+    run.send_signal(signal.SIGINT)
+    code, err, _ = finish(run)
+    assert code == 130, err
+    assert "Traceback" not in err
+    assert "interrupted" in err
+
+
+@pytest.mark.full
+def test_port_in_use(recording: Path) -> None:
+    port = free_ports(3, in_a_row=True)[0]
+    with socket.create_server(("127.0.0.1", port)):
+        code, err, _ = finish(start("run", "--out", str(recording), "--port", str(port)))
+    assert code == 1
+    assert f"{port}: is the port in use?" in err
+    assert not leftovers(recording)
+
+
+@pytest.mark.full
+def test_full_disk(recording: Path) -> None:
+    """The recorder may write 3 MB and no more; the kernel refuses the rest."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    run = start("run", *LONG, "--out", str(recording), preexec_fn=limit)
     code, err, _ = finish(run)
     assert code == 1
-    assert "error: recorder does not respond; no sign of life for 3 s" in err
+    assert f"cannot write the recording {recording}" in err
+    assert "Traceback" not in err
+    assert not leftovers(recording)
+    assert read(recording).problems
+
+
+@pytest.mark.full
+def test_controller_never_started(recording: Path) -> None:
+    with terminals(recording, wait_s=10.0, roles=[PLANT, RECORDER]) as roles:
+        for process in roles.values():
+            code, err, _ = finish(process)
+            assert code == 1
+            assert re.search("waited 10 s for controller .* not there", err), err
+    assert not recording.exists()  # nothing was to be recorded
 
 
 @pytest.mark.full
