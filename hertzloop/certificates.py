@@ -18,11 +18,11 @@ _EARLIER = datetime.timedelta(days=1)  # hosts' clocks differ
 class Authority:
     """Signs certificates, valid for `days` from now."""
 
-    def __init__(self, days: int, name: str = "hertzloop authority") -> None:
+    def __init__(self, days: int) -> None:
         self._begin = datetime.datetime.now(datetime.UTC) - _EARLIER
         self._end = self._begin + _EARLIER + datetime.timedelta(days=days)
         self._key = ec.generate_private_key(ec.SECP256R1())
-        self._name = _named(name)
+        self._name = _named("hertzloop authority")
         self._certificate = (
             self._draft(self._name, self._key)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)

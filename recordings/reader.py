@@ -269,7 +269,7 @@ class Walk:
         try:
             for opcode, content in inner_records(rest[: max(end - start, 0)]):
                 if opcode == Opcode.CHANNEL:
-                    channel = channel_of(content)
+                    channel = _parsed(Channel, content, "a channel")
                     self.late_channels[channel.id] = channel.topic
         except Damaged:
             self.late_channels.clear()
@@ -364,14 +364,6 @@ def inner_records(data: bytes) -> Iterator[tuple[int, bytes]]:
             raise Damaged("a record in a chunk is longer than the chunk")
         yield opcode, data[at : at + length]
         at += length
-
-
-def channel_of(content: bytes) -> Channel:
-    """A channel from its record. Raises Damaged."""
-    try:
-        return Channel.read(ReadDataStream(BytesIO(content)))
-    except Exception as error:  # whatever the library makes of lengths that mean nothing
-        raise Damaged(f"a channel cannot be read ({type(error).__name__})") from error
 
 
 def message_of(content: bytes) -> Message:
@@ -738,9 +730,9 @@ class Intake:
         self.first = {}
         try:
             if record.opcode == Opcode.ATTACHMENT:
-                self._attachment(_parsed(Attachment, record.content))
+                self._attachment(_parsed(Attachment, record.content, "Attachment"))
             elif record.opcode == Opcode.METADATA:
-                self._metadata(_parsed(Metadata, record.content))
+                self._metadata(_parsed(Metadata, record.content, "Metadata"))
             elif record.opcode == Opcode.CHUNK:
                 for opcode, content in inner_records(record.content):
                     yield from self._inner(opcode, content)
@@ -786,7 +778,7 @@ class Intake:
 
     def _inner(self, opcode: int, content: bytes) -> Iterator[Taken]:
         if opcode == Opcode.CHANNEL:
-            channel = channel_of(content)
+            channel = _parsed(Channel, content, "a channel")
             self.channels[channel.id] = channel.topic
         elif opcode == Opcode.MESSAGE:
             message = message_of(content)
@@ -954,11 +946,11 @@ class Intake:
                 )
 
 
-def _parsed(kind: Any, content: bytes) -> Any:
+def _parsed(kind: Any, content: bytes, name: str) -> Any:
     try:
         return kind.read(ReadDataStream(BytesIO(content)))
     except Exception as error:  # whatever the library makes of lengths that mean nothing
-        raise Damaged(f"{kind.__name__} cannot be read ({type(error).__name__})") from error
+        raise Damaged(f"{name} cannot be read ({type(error).__name__})") from error
 
 
 def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
@@ -1022,8 +1014,6 @@ def _mode(said: str) -> int | None:
         return MODES.index(said)
     return int(said) if re.fullmatch(r"-?[0-9]{1,18}", said) else None
 
-
-__all__ = ["Event", "JoinedStream", "Recording", "Source", "holds_a_run", "read"]
 
 _DAMAGES_NAMED = 5
 

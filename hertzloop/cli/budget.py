@@ -14,8 +14,8 @@ from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scenes.scene import DEFAULT
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
 from hertzloop.studies.budget.limits import LEAST, NAMES, BudgetLimit

@@ -19,8 +19,8 @@ from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.loop.run_options import words_of
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
+from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scenes.scene import DEFAULT, toml_text
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies.margin.shown import unstable_line

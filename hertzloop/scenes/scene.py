@@ -49,7 +49,6 @@ from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
 from hertzloop.plant.structures.registry import STRUCTURES, THEORIES
 from hertzloop.scenes.errors import (
     LONGEST,
-    NO_CASE_OF_THESIS,
     SceneError,
     refused,
     sentence,
@@ -62,12 +61,6 @@ from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
 from hertzloop.text_tables import TableError, read_table
 from hertzloop.units import name_and_unit, plain_name, unit_of
-
-__all__ = [
-    "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
-    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "toml_text",
-    "toml_value", "vary",
-]  # fmt: skip
 
 _MOST_BYTES = 64 << 20  # of a file of modes, unpacked
 

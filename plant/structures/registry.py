@@ -38,7 +38,7 @@ class Description:
 
 @dataclass(frozen=True)
 class Kind:
-    """How a structure is made, and what it supports.
+    """How a structure is made, and what it needs.
 
     `make`: a function of a `Description`, as "module:function"; it raises ValueError for what does
     not make such a structure. `theory`: whether it is a plate by its sizes, which a scene takes by
@@ -47,21 +47,14 @@ class Kind:
 
     make: str
     theory: bool = True
-    supports_edges: bool = False  # other than simply supported ones
-    supports_contact_damping: bool = True
-    supports_actuator_mass: bool = True
-    supports_tail: bool = True  # the modes left out as one damped mode
     solid: bool = False  # needs a scheme that supports solids
 
 
 STRUCTURES = {
-    "kirchhoff": Kind("hertzloop.plant.structures.edged_plate:made", supports_edges=True),
-    "3d": Kind(
-        "hertzloop.plant.structures.solid_plate:made", supports_contact_damping=False,
-        supports_actuator_mass=False, supports_tail=False, solid=True,
-    ),
+    "kirchhoff": Kind("hertzloop.plant.structures.edged_plate:made"),
+    "3d": Kind("hertzloop.plant.structures.solid_plate:made", solid=True),
     "modes": Kind("hertzloop.plant.structures.modal_structure:made", theory=False),
-}  # fmt: skip
+}
 THEORIES = tuple(name for name, kind in STRUCTURES.items() if kind.theory)
 
 

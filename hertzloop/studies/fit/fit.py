@@ -1400,9 +1400,3 @@ def _percent(share: float) -> str:
     if share >= 10.0:
         return "no bound"
     return f"{100.0 * share:.{2 if share < 1.0 else 3}g} %"
-
-
-__all__ = [
-    "Estimate", "FitError", "FitResult", "Free", "Nuisance", "SceneError", "check",
-    "expected_record", "fit", "free_of", "prepared", "value_of",
-]  # fmt: skip

@@ -8,7 +8,7 @@ the starting point; only the frequencies move.
 import math
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,15 +68,17 @@ class Simulated:
     mobility_m_ns: float = 0.0
     pushed_m_ns: float = 0.0
     held: bool = True
+    _splines: dict[int, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def step_s(self) -> float:
         """Length of a step, s."""
         return float(self.time_s[1] - self.time_s[0])
 
-    @cached_property
-    def _gap(self) -> Any:
-        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI])
+    def _spline(self, row: int) -> Any:
+        if row not in self._splines:
+            self._splines[row] = scipy.interpolate.CubicSpline(self.time_s, self.rows[row])
+        return self._splines[row]
 
     @cached_property
     def _velocity(self) -> Any:
@@ -92,7 +94,7 @@ class Simulated:
                 pushed = self.rows[ts.F_A] + self.rows[ts.F_A1]
                 at_once = at_once - self.pushed_m_ns * np.concatenate([[0.0], pushed[:-1]])
             return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.V_P] + at_once)
-        moved = scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_P])
+        moved = self._spline(ts.XI_P)
         return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
 
     def _velocity_m_s(self, time_s: np.ndarray) -> np.ndarray:
@@ -115,19 +117,19 @@ class Simulated:
 
     @cached_property
     def _at_point(self) -> tuple[Any, Any]:
-        moved = scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_A])
+        moved = self._spline(ts.XI_A)
         return moved, scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
 
     def force_n(self, time_s: np.ndarray) -> np.ndarray:
         """Contact force at times after the touch (s, any shape): the contact law of the gap's
         spline. The rows hold means of a step, which are 5e-3 of the peak away from it."""
         time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
-        gap = self._gap(time_s)
+        gap = self._spline(ts.XI)(time_s)
         deepest = self._deepest(time_s, -gap)
         above = above_dent_m(self.contact, gap, deepest)
         found = elastic_n(self.contact, -gap, deepest)
         if self.contact.has_damper:
-            rate = -self._gap(time_s, 1)
+            rate = -self._spline(ts.XI)(time_s, 1)
             elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** self.contact.exponent
             damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
             found = found + damper * rate
@@ -177,29 +179,20 @@ class Simulated:
             return np.asarray(np.where(time_s > self.time_s[0], self.force_n(time_s), 0.0))
         if quantity == "actuator_force":
             return self.actuator_n(time_s)
-        if quantity in ("xi", "xi_s"):
-            column = self._gap if quantity == "xi" else self._sphere
-            inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
-            return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
         inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        if quantity in ("xi", "xi_s"):
+            column = self._spline(ts.XI if quantity == "xi" else ts.XI_S)
+            return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
         moved, velocity = self._at_point if elsewhere else (None, None)
         if quantity == "v_p":
             found = self._velocity_m_s(inside) if velocity is None else velocity(inside)
         elif quantity == "acceleration":
             found = self._acceleration_m_s2(inside) if velocity is None else velocity(inside, 1)
         elif quantity == "xi_p":
-            found = self._plate(inside) if moved is None else moved(inside)
+            found = (moved or self._spline(ts.XI_P))(inside)
         else:
             raise ValueError(f"quantity = '{quantity}': not known. Give one of the quantities.")
         return np.asarray(np.where(time_s > self.time_s[0], found, 0.0))
-
-    @cached_property
-    def _sphere(self) -> Any:
-        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_S])
-
-    @cached_property
-    def _plate(self) -> Any:
-        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_P])
 
     def _flight(self, time_s: np.ndarray) -> np.ndarray:
         """Height before the touch, at most that of the release, m."""
