@@ -32,7 +32,7 @@ from benchmarks.program import (
 )
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
-from hertzloop.plant.figures.impacts import Impact, impacts, modal_displacement, starting_speed
+from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
@@ -100,10 +100,7 @@ def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impac
     every = round(_STEP_S / spec.step_s)
     steps = every * round(duration_s / _STEP_S)
     rows = series_under(plant, np.zeros(steps))
-    found = impacts(
-        rows[0], rows[1], modal_displacement(spec, rows), rows[4], rows[5], None,
-        spec.sphere.mass_kg, spec.step_s, rows[7], rows[3], v_start=starting_speed(spec, rows),
-    )  # fmt: skip
+    found = impacts_in(spec, rows)
     return rows[0, ::every], found[0] if found else None, len(plant.modes.omega)
 
 

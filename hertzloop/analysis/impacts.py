@@ -19,11 +19,9 @@ from hertzloop.plant.figures.impacts import (
     ImpactPart,
     contacts,
     impacts_in,
-    modal_displacement,
     part_of,
     peak_force_n,
     peak_speed_m_s,
-    starting_speed,
 )
 from hertzloop.plant.figures.noise import ImpactNoise, impact_noise, published_noise, turned
 from hertzloop.plant.plant import PlantSpec, modes_of
@@ -342,8 +340,7 @@ def consistent_impacts(
 ) -> list[Impact]:
     """Contact figures of every impact from the rows of truth alone, each to the start of the next
     one or the end of the rows; `spec` if the plant was another one than the scene's."""
-    spec = spec or setup.plant
-    return impacts_in(spec, rows, modal_displacement(spec, rows), starting_speed(spec, rows))
+    return impacts_in(spec or setup.plant, rows)
 
 
 def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:

@@ -13,7 +13,7 @@ from hertzloop.analysis.impacts import PIECE, Block, RowsOfImpact
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures import rows_kernels as rows_k
-from hertzloop.plant.figures.impacts import Impact, modal_displacement, starting_speed, work_j
+from hertzloop.plant.figures.impacts import Impact, work_j
 from hertzloop.plant.figures.noise import (
     RADIATED_UP_TO_HZ,
     ImpactNoise,
@@ -455,8 +455,7 @@ class WholeRunMeter(Meter):
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         spec, lead = self._spec, self._before.shape[1]
         rows = np.concatenate([self._before, piece, following], axis=1)
-        displaced, v_start = modal_displacement(spec, rows), starting_speed(spec, rows)
-        self._work_j += work_j(spec, rows[:, lead:], displaced[lead:], v_start[lead:])
+        self._work_j += work_j(spec, rows, lead)
         self._speed_max = max(self._speed_max, float(np.abs(piece[V_P]).max(initial=0.0)))
         pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
         for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):

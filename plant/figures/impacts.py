@@ -72,17 +72,17 @@ def step_work_j(
     impedance_n_s_m: float | None,
     f_a1: np.ndarray | None = None,
     same_point: bool = True,
-    v_start: np.ndarray | None = None,
+    mobility_m_ns: float = math.nan,
 ) -> np.ndarray:
     """Work of contact and actuator force on the plate over every step, the last zero; J, shape
     (steps,). See `impacts`."""
     unknown = np.zeros(0)
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
-    rows_k.step_work(
-        xi_p, f_c, f_a, xi_a, f_c1, unknown if f_a1 is None else f_a1, v_p,
-        v_p if v_start is None else v_start, step_s,
-        math.nan if impedance_n_s_m is None else impedance_n_s_m, same_point, work,
+    rows_k.plate_work(
+        xi_p, xi_a, v_p, f_c, f_a, f_c1, unknown if f_a1 is None else f_a1, 0, same_point,
+        mobility_m_ns, math.nan if impedance_n_s_m is None else impedance_n_s_m, step_s,
+        np.empty(len(v_p)), work,
     )  # fmt: skip
     return work
 
@@ -102,15 +102,15 @@ def impacts(
     first_step: int = 0,
     f_a1: np.ndarray | None = None,
     dent_m: np.ndarray | None = None,
-    v_start: np.ndarray | None = None,
+    mobility_m_ns: float = math.nan,
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> list[Impact]:
     """All impacts of a run from its rows of truth (arrays of shape (steps,)).
 
     `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
     contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
-    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement; `v_start`: that
-    velocity under the forces of the step that begins, where it follows them at once. On an infinite
+    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement; `mobility_m_ns`:
+    of a part of that velocity that follows the forces at once, nan without. On an infinite
     plate of `impedance_n_s_m`, v = F/Z, it is F_1^2 h/(3 Z). `f_a1`: the same of the actuator's
     force; at a point of its own the velocity is taken from its places. A contact that the run's
     end cuts off counts with what there is of it, if there is any. `first_step`: step of the
@@ -127,7 +127,7 @@ def impacts(
     at_actuator = xi_p if xi_a is None else xi_a
     work = step_work_j(
         xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
-        v_start,
+        mobility_m_ns,
     )  # fmt: skip
     dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(rows_k.FIGURES), []
     for i, start in enumerate(starts):
@@ -217,17 +217,26 @@ def part_of(
     return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
 
 
+def _answers_at_once(spec: PlantSpec) -> tuple[float, float]:
+    """`mobility` and `impedance` of `Reading`."""
+    tail = damped_tail(spec)[0]
+    return (
+        tail.mobility_m_ns if tail else math.nan,
+        impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
+    )
+
+
 @lru_cache(maxsize=16)
 def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
     """What the rows of a plant's impacts are read with."""
-    tail = damped_tail(spec)[0]
+    mobility, impedance = _answers_at_once(spec)
     return rows_k.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
         same_point=spec.same_point,
-        mobility=tail.mobility_m_ns if tail else math.nan,
-        impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
+        mobility=mobility,
+        impedance=impedance,
         to_cubic=TO_CUBIC,
         spectra=spectra_of(modes, spec.step_s),
     )
@@ -245,44 +254,23 @@ def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
     return np.asarray(rows[XI_P] - spring * (actuator_n - contact_n))
 
 
-def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
-    """Velocity of the struck point right at the start of every step, under its forces, m/s: the
-    part of a damped tail follows them at once. In the first row it is that of the row."""
-    tail = damped_tail(spec)[0]
-    if tail is None:
-        return rows[V_P]
-    found = np.empty(rows.shape[1])
-    if len(found):
-        rows_k.starting_speeds(
-            rows[V_P], rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], spec.same_point,
-            tail.mobility_m_ns, found,
-        )  # fmt: skip
-    return found
-
-
-def impacts_in(
-    spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray,
-    first_step: int = 0,
-) -> list[Impact]:  # fmt: skip
-    """Contact figures of every impact from rows (10, steps), `modal_displacement` and
-    `starting_speed` of them."""
-    same = spec.same_point
+def impacts_in(spec: PlantSpec, rows: np.ndarray) -> list[Impact]:
+    """Contact figures of every impact from rows of truth (10, steps) alone, each to the start of
+    the next one or the end of the rows."""
+    mobility, impedance = _answers_at_once(spec)
     return impacts(
-        rows[XI], rows[XI_S], displaced, rows[F_C], rows[F_A], None if same else rows[XI_A],
-        spec.sphere.mass_kg, spec.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
-        impedance_n_s_m=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None,
-        first_step=first_step, f_a1=rows[F_A1],
-        dent_m=dents_m(spec.contact, rows[DEEPEST]), v_start=v_start,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
+        rows[XI], rows[XI_S], modal_displacement(spec, rows), rows[F_C], rows[F_A],
+        None if spec.same_point else rows[XI_A], spec.sphere.mass_kg, spec.step_s, rows[F_C1],
+        rows[V_P], impedance, f_a1=rows[F_A1], dent_m=dents_m(spec.contact, rows[DEEPEST]),
+        mobility_m_ns=mobility, gravity_m_s2=spec.sphere.gravity_m_s2,
     )  # fmt: skip
 
 
-def work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> float:
-    """Work of both forces on the plate over rows (10, steps), J."""
-    same = spec.same_point
-    impedance = impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None
-    work = step_work_j(
-        displaced, rows[F_C], rows[F_A], displaced if same else rows[XI_A], rows[F_C1],
-        rows[V_P], spec.step_s, impedance, rows[F_A1], same, v_start,
+def work_j(spec: PlantSpec, rows: np.ndarray, first: int) -> float:
+    """Work of both forces on the plate over rows (10, steps) from `first` on, J."""
+    work, speeds = np.empty((2, rows.shape[1]))
+    rows_k.plate_work(
+        modal_displacement(spec, rows), rows[XI_A], rows[V_P], rows[F_C], rows[F_A], rows[F_C1],
+        rows[F_A1], first, spec.same_point, *_answers_at_once(spec), spec.step_s, speeds, work,
     )  # fmt: skip
-    return float(work.sum())
+    return float(work[first:].sum())

@@ -23,6 +23,7 @@ from hertzloop.plant.structures.radiation import (
     air_loss_factor,
     efficiency,
     efficiency_fahy,
+    radiated_parts,
 )
 from hertzloop.plant.structures.structure import oscillators
 
@@ -247,12 +248,6 @@ def audible_alone(modes: Oscillators) -> Oscillators:
         modes, omega=modes.omega[:count], contact=modes.contact[:count],
         actuator=modes.actuator[:count], eta=eta,
     )  # fmt: skip
-
-
-def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
-    """eta_rad/(eta + eta_rad): what an oscillator radiates of its energy until it is at rest."""
-    total = material_eta + air_eta
-    return np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
 
 
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:

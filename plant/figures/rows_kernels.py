@@ -133,6 +133,25 @@ def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance,
         work[i] += f_a1[i] * change * step_s / 6.0
 
 
+@kernel(released=True)
+def plate_work(
+    displaced, xi_a, v_p, f_c, f_a, f_c1, f_a1, first, same_point, mobility, impedance, step_s,
+    speeds, work,
+):  # fmt: skip
+    """The `work` of every row from `first` on, as `step_work` has it; `speeds` is room. `mobility`,
+    `impedance`: see `Reading`."""
+    if not math.isnan(mobility):
+        starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, speeds)
+    else:
+        speeds[:] = v_p
+    part = slice(first, work.size)
+    place = displaced[part] if same_point else xi_a[part]
+    step_work(
+        displaced[part], f_c[part], f_a[part], place, f_c1[part], f_a1[part], v_p[part],
+        speeds[part], step_s, impedance, same_point, work[part],
+    )  # fmt: skip
+
+
 @kernel(borrowed=True)
 def edges_of(values, edges):
     """Steps at which what is not zero begins and ends, in turns, as many as `edges` takes; how
@@ -418,16 +437,11 @@ def read_impact(
     contact, the rows of `work` that belong to it, how many rows begin in contact, and the largest
     speed of the plate.
     """
-    size, own, same = xi.size, slice(lead, lead + count), by.same_point
-    if not math.isnan(by.mobility):
-        starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same, by.mobility, speeds)
-    else:
-        speeds[:] = v_p
+    size, own = xi.size, slice(lead, lead + count)
     part = slice(lead if continued else 0, size)
-    place = displaced[part] if same else xi_a[part]
-    step_work(
-        displaced[part], f_c[part], f_a[part], place, f_c1[part], f_a1[part], v_p[part],
-        speeds[part], by.step_s, by.impedance, same, work[part],
+    plate_work(
+        displaced, xi_a, v_p, f_c, f_a, f_c1, f_a1, part.start, by.same_point, by.mobility,
+        by.impedance, by.step_s, speeds, work,
     )  # fmt: skip
     start = part.start
     while start < size and f_c[start] == 0.0:

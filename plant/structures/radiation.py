@@ -99,3 +99,9 @@ def air_loss_factor(
     omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=float)
     moved = faces * AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S * by(plate, frequency_hz)
     return np.asarray(moved / (omega * plate.mass_per_area_kg_m2))
+
+
+def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
+    """eta_rad/(eta + eta_rad): what an oscillator radiates of its energy until it is at rest."""
+    total = material_eta + air_eta
+    return np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)

@@ -76,7 +76,7 @@ def test_corner_term_has_no_factor_of_frequency() -> None:
 
 def sound_j(modes: Any, shares: np.ndarray, material_eta: float, air: np.ndarray) -> float:
     """What modes radiate of their energies until they are at rest, J."""
-    parts = shares * noise.radiated_parts(material_eta, air)
+    parts = shares * radiation.radiated_parts(material_eta, air)
     return float(np.sum(parts[: noise.audible(modes)]))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
-from hertzloop.plant.figures.impacts import Impact, impacts_in, modal_displacement, starting_speed
+from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures import solid_plate as lamb
@@ -100,8 +100,7 @@ def _impact(
     )  # fmt: skip
     plant = CollocationPlant(what)
     rows = series_under(plant, np.zeros(160))
-    places = modal_displacement(what, rows), starting_speed(what, rows)
-    found = impacts_in(what, rows, *places)[0]
+    found = impacts_in(what, rows)[0]
     return found, plant.close_balance().energy_residual
 
 
