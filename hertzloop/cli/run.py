@@ -110,8 +110,9 @@ def run(
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"
         warning = unwrapped((head, "bold red"), f" {unstable_line(growth)}")
-    run_view.print_run(out, report, details, warning)
     linear = {"linear_loop": None if growth is None else asdict(growth)}
-    options.write_json(json_file, run_view.run_as_json(report) | linear)
+    data = run_view.run_as_json(report) | linear
+    run_view.print_run(out, report, details, warning)
+    options.write_json(json_file, data)
     if report.differs:
         raise typer.Exit(1)

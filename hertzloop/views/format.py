@@ -1,6 +1,5 @@
-"""Tables, styles and numbers as text, each number with the digits that are predictable."""
+"""Tables and lines of the terminal."""
 
-import math
 from collections.abc import Iterable
 from itertools import chain
 from typing import Any
@@ -9,10 +8,6 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
-
-UNKNOWN = "unknown"  # in the place of a number without a predictable digit
-LEGEND = f"{UNKNOWN}: not predictable"
-_PLAIN = 7  # digits before the decimal point that are written without an exponent
 
 
 class Table(RichTable):
@@ -62,37 +57,3 @@ def unwrapped(*pieces: str | tuple[str, str]) -> Text:
 def print_all(console: Console, pieces: Iterable[RenderableType]) -> None:
     """Print lines and tables, one below the other."""
     console.print(Group(*pieces), crop=False)
-
-
-def known_digits(value: float, form: str, error: float = 0.0) -> str:
-    """Write a number with the digits that its error leaves.
-
-    Args:
-        value: The number.
-        form: Format specification of a number without error.
-        error: Largest absolute error; 0 where all digits are predictable.
-
-    Returns:
-        The number as `form` has it or with fewer digits, "about 100" where digits before the
-        decimal point are not predictable, `UNKNOWN` where none is.
-    """
-    # `z`: what is rounded to zero has no sign.
-    usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
-    if error == 0.0:
-        return usual
-    if not error < abs(value):  # as `_predictable` of analysis.verdict has it
-        return UNKNOWN
-    whole = math.floor(math.log10(abs(value)))
-    digits = max(whole - math.floor(math.log10(error)), 1)
-    # `#` keeps the zeros that are known.
-    sign = "+" if form.startswith("+") else ""
-    known = f"{value:{sign}#.{digits}g}".replace(".e", "e").removesuffix(".")
-    shown = min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
-    return about(value, digits, sign) if shown is known and whole >= digits else shown
-
-
-def about(value: float, digits: int = 2, sign: str = "") -> str:
-    """A rounded number in words, e.g. "about 300"; 0 digits before the point are no news."""
-    rounded = float(f"{value:.{digits}g}")
-    plain = abs(rounded) < 10.0**_PLAIN
-    return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"

@@ -32,8 +32,11 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup, parts
-from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, print_all, unwrapped
+from hertzloop.views.format import Table, print_all, unwrapped
 
+UNKNOWN = "unknown"  # in the place of a number without a predictable digit
+LEGEND = f"{UNKNOWN}: not predictable"
+_PLAIN = 7  # digits before the decimal point that are written without an exponent
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 _LONGEST = 200  # characters that are shown of a controller's own words
@@ -49,6 +52,40 @@ _MOVED = {
     trust.Moved.REBOUND_SPEED: "rebound speed",
     trust.Moved.PLATE_ENERGY: "plate energy",
 }
+
+
+def known_digits(value: float, form: str, error: float = 0.0) -> str:
+    """Write a number with the digits that its error leaves.
+
+    Args:
+        value: The number.
+        form: Format specification of a number without error.
+        error: Largest absolute error; 0 where all digits are predictable.
+
+    Returns:
+        The number as `form` has it or with fewer digits, "about 100" where digits before the
+        decimal point are not predictable, `UNKNOWN` where none is.
+    """
+    # `z`: what is rounded to zero has no sign.
+    usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
+    if error == 0.0:
+        return usual
+    if not error < abs(value):  # as `_predictable` of analysis.verdict has it
+        return UNKNOWN
+    whole = math.floor(math.log10(abs(value)))
+    digits = max(whole - math.floor(math.log10(error)), 1)
+    # `#` keeps the zeros that are known.
+    sign = "+" if form.startswith("+") else ""
+    known = f"{value:{sign}#.{digits}g}".replace(".e", "e").removesuffix(".")
+    shown = min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
+    return about(value, digits, sign) if shown is known and whole >= digits else shown
+
+
+def about(value: float, digits: int = 2, sign: str = "") -> str:
+    """A rounded number in words, e.g. "about 300"; 0 digits before the point are no news."""
+    rounded = float(f"{value:.{digits}g}")
+    plain = abs(rounded) < 10.0**_PLAIN
+    return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
 
 
 def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:

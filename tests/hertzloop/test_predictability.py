@@ -13,8 +13,7 @@ from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from hertzloop.views.format import known_digits
-from hertzloop.views.run import headings, impact_rows, noise_rows
+from hertzloop.views.run import headings, impact_rows, known_digits, noise_rows
 from tests.commands import invoke
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
