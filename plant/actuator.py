@@ -139,6 +139,8 @@ def _asked(model: Any, inputs: np.ndarray, others: float) -> np.ndarray:
 @lru_cache(maxsize=64)
 def rest_force_n(actuator: Actuator, step_s: float) -> float:
     """Return the force on the plate without any command, N; zero of one that does not rest."""
+    if actuator.ideal:
+        return 0.0
     mean, rise, *state = _asked(build_model(actuator, step_s), np.zeros(3), 0.0)
     return float(mean) if rise == 0.0 and not np.any(state) else 0.0
 

@@ -42,11 +42,6 @@ class Filters:
             return ()
         return _poles(self.low_pass, self.low_pass_order, 2.0 * math.pi * self.low_pass_hz)
 
-    @property
-    def low_pass_delay_s(self) -> float:
-        """Group delay of the low-pass at low frequencies, s."""
-        return sum((-1.0 / p).real * (2.0 if p.imag else 1.0) for p in self.low_pass_poles())
-
     def sections(self, step_s: float) -> np.ndarray:
         """Return the coefficients of `kernels.follow` for a step, shape (filters, 7)."""
         found = []
@@ -143,6 +138,8 @@ class SensorSpec(Filters):
     fault: Fault | None = None
     converter_step: float = field(init=False, repr=False, compare=False)
     """distance of two levels of the converter; zero of an ideal one"""
+    low_pass_delay_s: float = field(init=False, repr=False, compare=False)
+    """group delay of the low-pass at low frequencies, s"""
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
@@ -150,7 +147,9 @@ class SensorSpec(Filters):
         step = 0.0
         if self.bits is not None and self.full_scale is not None:
             step = (self.full_scale[1] - self.full_scale[0]) / (2**self.bits - 1)
-        object.__setattr__(self, "converter_step", step)
+        poles = self.low_pass_poles()
+        delay_s = sum((-1.0 / p).real * (2.0 if p.imag else 1.0) for p in poles)
+        vars(self).update(converter_step=step, low_pass_delay_s=delay_s)
 
 
 def _problems(spec: SensorSpec) -> Iterator[str]:

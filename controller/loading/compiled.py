@@ -297,13 +297,6 @@ def pack(values: Mapping[str, Any]) -> PackedRecord:
     return PackedRecord(dtype, record.view(np.uint8), tuple(held))
 
 
-def numbers_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Those of named values that are numbers or tuples of numbers."""
-    return {
-        name: value for name, value in pairs if isinstance(value, int | float | tuple | np.ndarray)
-    }
-
-
 @lru_cache(maxsize=256)
 def state_of(home: Any) -> PackedRecord:
     """Layout and first content of the state that a law's class `State` describes.

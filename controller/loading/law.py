@@ -13,7 +13,6 @@ from pydantic import BaseModel
 
 from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
-from hertzloop.controller.loading.compiled import numbers_of
 
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (
@@ -112,7 +111,8 @@ class Law:
         """What its functions see as `p`. Raises LawError."""
         if hasattr(self.home, "prepare"):
             return self._asked("prepare", keys, about)
-        own = numbers_of(vars(keys).items())
+        kinds = int | float | tuple | np.ndarray
+        own = {key: value for key, value in vars(keys).items() if isinstance(value, kinds)}
         known = (getattr(about, name) for name in ABOUT_FIELDS)
         return _constants_of((*ABOUT_FIELDS, *own))(*known, *own.values())
 

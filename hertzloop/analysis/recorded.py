@@ -42,7 +42,7 @@ def pieces_of(recording: Recording) -> Iterator[Block]:
 
 def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
     truth = recording.truth
-    if not set(truth.arrays) >= NEEDED_FIELDS:
+    if not truth.arrays.keys() >= NEEDED_FIELDS:
         return
     for at, arrays in pieces:
         first, rows = int(truth.step_at(at)), stacked(arrays)

@@ -134,9 +134,10 @@ def judge(
         free: Figures of the same run without control, None if it is that itself.
         not_again: Why the closed loop cannot be simulated again, where that is so.
     """
-    books, law, pacing = recording.books, law_of(recording), pacing_of(recording)
+    books, law = recording.books, law_of(recording)
+    figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)
     ran = Ran(
-        figures_of(setup, blocks_of(recording)),
+        figures,
         law.scene_law,
         books.expected_error if books else None,
         injected_j=books.injected_j if books else 0.0,

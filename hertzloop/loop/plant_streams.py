@@ -49,12 +49,12 @@ def hello(setup: Setup, stiffness: float) -> Hello:
     """Return the first message of a run."""
     return Hello(
         scene=setup.name,
+        versions=versions_here(),
         scene_toml=to_toml(setup.scene, brief=True),
         steps=setup.steps,
         step_ns=setup.step_ns,
         seed=setup.seed,
         stiffness=stiffness,
-        versions=versions_here(),
         law=parts.law_of(setup).name,
         law_digest=parts.law_of(setup).digest,
     )
