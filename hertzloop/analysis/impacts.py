@@ -28,14 +28,7 @@ from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import (
-    COLUMNS,
-    F_A,
-    F_C,
-    F_C1,
-    V_P,
-    XI,
-)
+from hertzloop.plant.time_series import COLUMNS, F_A, F_C, F_C1, V_P, XI
 from hertzloop.setup import Setup
 
 # Rows of truth, shape (10, steps).

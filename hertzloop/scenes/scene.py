@@ -827,11 +827,8 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
             assert speed_m_s is not None  # see `_striker_problems`
             height_m = speed_m_s**2 / (2.0 * GRAVITY_M_S2)
         fall_s = math.sqrt(2.0 * height_m / GRAVITY_M_S2)
-    if not SCHEMES[run.scheme].supports_touch_phase:
-        return [
-            f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
-            f"scheme {supporting('supports_touch_phase')}."
-        ]
+    if refusal := _needs("supports_touch_phase", run.scheme, "modal", phase):
+        return refusal
     if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
         return [
             f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "

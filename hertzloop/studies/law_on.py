@@ -10,7 +10,6 @@ from hertzloop.analysis.recorded import SHARES, Pacing, Responses
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, parse, parts
 from hertzloop.studies import pictures, words
-from hertzloop.studies.pictures import look, save, sheet
 
 _AROUND_STEPS = 100  # shown before and after the first difference
 
@@ -48,20 +47,20 @@ def draw(found: ForceComparison, names: tuple[str, str], path: Path) -> Path:
     """Both forces over the whole run, and around the first difference."""
     at = found.first if found.first is not None else int(np.argmax(np.abs(found.recorded_n)))
     near = slice(max(at - _AROUND_STEPS, 0), at + _AROUND_STEPS)
-    figure, axes = sheet(2, 1)
+    figure, axes = pictures.sheet(2, 1)
     for axis, span, scale, unit in (
         (axes[0, 0], slice(None), 1e3, "ms"),
         (axes[1, 0], near, 1e6, "us"),
     ):
         time = scale * found.step_s * np.arange(len(found.recorded_n))[span]
         for i, force in enumerate((found.recorded_n, found.other_n)):
-            axis.step(time, force[span], where="post", label=names[i], **look(i))
+            axis.step(time, force[span], where="post", label=names[i], **pictures.look(i))
         axis.set(xlabel=f"time ({unit})", ylabel="force (N)")
         axis.legend()
     if found.first is not None:
         axes[1, 0].axvline(1e6 * found.step_s * at, color="0.5", linewidth=0.8)
         axes[1, 0].set_title(f"around the first difference, step {at}")
-    return save(figure, path)
+    return pictures.save(figure, path)
 
 
 _A_BAR = 4  # classes

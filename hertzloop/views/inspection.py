@@ -12,14 +12,7 @@ from rich.text import Text
 from hertzloop.analysis.figures import Ran, figures_of
 from hertzloop.analysis.meters import SPAN_ROWS, Comparison
 from hertzloop.analysis.model import Yield, yield_of
-from hertzloop.analysis.recorded import (
-    NEEDED_FIELDS,
-    LawRan,
-    Pacing,
-    blocks_of,
-    law_of,
-    pacing_of,
-)
+from hertzloop.analysis.recorded import NEEDED_FIELDS, LawRan, Pacing, blocks_of, law_of, pacing_of
 from hertzloop.analysis.trust import Predictability, errors_of, predictability, why_not_again
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.analysis.verdict import verdict as verdict_of

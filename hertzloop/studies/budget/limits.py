@@ -269,7 +269,9 @@ class _Known:
         ]  # fmt: skip
         if not pairs:
             return
-        rows = yield [self._at(place) | one for place, one in pairs]
+        lasts = {} if self.lasts_s is None else {"run.duration_s": self.lasts_s}
+        key, values = self.quantity.key, self.quantity.values
+        rows = yield [{key: values[place]} | lasts | one for place, one in pairs]
         self.cases += len(rows)
         lacking = not_run(rows)
         if lacking and not self.reason:
@@ -308,10 +310,6 @@ class _Known:
         """Whether the figure, with twice its slope from place `a` to `b`, misses a goal at `c`."""
         slope = (self.excess[b] - self.excess[a]) / (b - a)
         return self.excess[b] + 2.0 * slope * (c - b) > 0.0
-
-    def _at(self, place: int) -> Case:
-        case = {self.quantity.key: self.quantity.values[place]}
-        return case if self.lasts_s is None else case | {"run.duration_s": self.lasts_s}
 
     def confirm(self, place: int) -> Generator[list[Case], Rows, bool]:
         """Whether longer runs agree that a value meets the goals; from then on all runs are longer,

@@ -140,11 +140,7 @@ class Record:
     hit: int = 0
 
     def __post_init__(self) -> None:
-        if self.quantity not in QUANTITIES:
-            raise RecordError(
-                f"record.quantity = '{self.quantity}': not known in {self.name}. Give one of "
-                f"{', '.join(QUANTITIES)}."
-            )
+        _known_quantity(self.quantity, self.name)
         if len(self.time_s) != len(self.value) or np.ndim(self.value) != 1:
             raise RecordError(
                 f"{self.name}: has {len(self.time_s)} times and values of shape "
@@ -177,6 +173,15 @@ class Record:
         """Whether samples have one distance, to a hundredth of it."""
         steps = np.diff(self.time_s)
         return bool(np.max(np.abs(steps - self.interval_s)) < 1e-2 * self.interval_s)
+
+
+def _known_quantity(quantity: str | None, name: str) -> str:
+    if quantity not in QUANTITIES:
+        raise RecordError(
+            f"record.quantity = '{quantity}': not known in {name}. Give one of "
+            f"{', '.join(QUANTITIES)}."
+        )
+    return quantity
 
 
 def clipped(record: Record) -> np.ndarray:
@@ -662,12 +667,8 @@ def _made(
         raise RecordError(f"{name}: has no samples. {reasons or 'Give a record of one impact.'}")
     series, more = _series_of(name, contents, measured)
     notes += more
-    quantity = NAMES.get(measured.quantity or "", measured.quantity) or quantity_of(series.name)
-    if quantity not in QUANTITIES:
-        raise RecordError(
-            f"record.quantity = '{quantity}': not known in {name}. Give one of "
-            f"{', '.join(QUANTITIES)}."
-        )
+    named = NAMES.get(measured.quantity or "", measured.quantity)
+    quantity = _known_quantity(named or quantity_of(series.name), name)
     measured, words = _scaled(name, series, quantity, measured, table, contents, notes)
     factor = _factor(quantity, measured)
     factor /= series.levels

@@ -211,9 +211,10 @@ def profiled(problem: Problem, point: Point, until_s: float) -> tuple[Problem, P
     start = round(problem.fixed[f.key] / grain)
     if not tried(start, point, 0):
         raise RecordError(f"--free {f.key}: cannot be simulated at its best value.")
+    reach = max(_LEAST_REACH, start)  # farther, the key is not identifiable
     for way in (-1, 1):
         k, beyond = start + way, 0
-        while lowest <= k <= highest and beyond < _BEYOND and abs(k - start) <= _reach(start):
+        while lowest <= k <= highest and beyond < _BEYOND and abs(k - start) <= reach:
             if not tried(k, points[k - way], way):
                 break
             least = min(point.chi_square for point in points.values())
@@ -224,11 +225,6 @@ def profiled(problem: Problem, point: Point, until_s: float) -> tuple[Problem, P
     best = at(found.best)
     best.evaluations = problem.evaluations
     return best, points[found.best], found
-
-
-def _reach(start: int) -> int:
-    """How many steps from its start a walk goes: farther, the key is not identifiable."""
-    return max(_LEAST_REACH, start)
 
 
 def expected(problem: Problem, point: Point, until_s: float) -> Profile:

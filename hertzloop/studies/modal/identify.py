@@ -131,11 +131,6 @@ def _square(points: list[_Point]) -> float:
     return float(sum(point.left @ point.left for point in points))
 
 
-def _as_modes(omega: np.ndarray, loss: np.ndarray, points: list[_Point]) -> FittedModes:
-    factors, n = np.array([point.x for point in points]), len(omega)
-    return FittedModes(omega, loss, factors[:, :n], factors[:, n:], _square(points))
-
-
 def refined(
     observed: MeasuredRows, omega: np.ndarray, loss: np.ndarray, rounds: int = _ROUNDS,
     gain: float = _GAIN,
@@ -172,11 +167,10 @@ def refined(
         damping = max(damping / 5.0, 1e-9)
         if _square(points) > (1.0 - gain) * before:
             break
-    order = np.argsort(omega)
-    modes = _as_modes(omega, loss, points)
+    order, factors = np.argsort(omega), np.array([point.x for point in points])
     return FittedModes(
-        omega[order], loss[order], modes.residues[:, order], modes.rest, modes.square
-    )
+        omega[order], loss[order], factors[:, order], factors[:, n:], _square(points)
+    )  # fmt: skip
 
 
 def _triangle(matrix: np.ndarray) -> np.ndarray:
