@@ -134,7 +134,6 @@ def _address(library: Any, name: str) -> int:
 
 
 def _why(path: Path, error: OSError) -> str:
-    """What is wrong with a library that cannot be loaded."""
     head = path.read_bytes()[:20]
     if head[:4] != b"\x7fELF":
         return "it is no shared library of this system"
@@ -288,7 +287,6 @@ class _Instance:
         return force
 
     def _begin(self) -> None:
-        """The unit at the start of a run."""
         self.said = ""
         if self._unit is None:
             self._make()

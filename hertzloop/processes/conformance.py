@@ -315,7 +315,6 @@ class ScriptedPlant:
         self.sent = end
 
     def _hear_answers(self, step: int) -> None:
-        """Wait until all samples sent are answered."""
         while self.seen < self.sent:
             envelope = self.port.receive(
                 self.timeout_s,
@@ -332,7 +331,6 @@ class ScriptedPlant:
         raise Broken(f"the controller ended {why} after {self.seen} of {len(self.values)} samples")
 
     def _take(self, header: ForceBlock, force: np.ndarray) -> None:
-        """One block of forces and what it promises."""
         that = self.checks.that
         name = f"stream 'force' sequence {header.sequence}"
         first, end, seen = header.first_step, header.first_step + len(force), header.samples_seen
@@ -477,7 +475,6 @@ class _Process:
         return f": {lines[-1]}" if lines else ""
 
     def end(self) -> None:
-        """Terminate, then kill."""
         if self._process.poll() is None:
             self._process.terminate()
             if self.code(2.0) is None:

@@ -204,7 +204,6 @@ def start(
 
 @cache
 def _load() -> None:
-    """Import what the roles need."""
     importlib.import_module(_PROGRAM).load()
 
 

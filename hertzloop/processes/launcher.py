@@ -108,7 +108,6 @@ class Launcher:
         self._hung_s = max(2 * _SILENT_S, _HUNG * timeout_s)
 
     def _words(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
-        """Options of the command of a role."""
         listen, connect = mesh_endpoints(role, endpoints)
         bus = BusOptions(listen, connect, wait_s=self._wait_s, machine=True)
         return words_of(replace(self._options, name=name), role) + words_of(bus)

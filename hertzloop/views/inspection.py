@@ -183,7 +183,6 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
 
 
 def _details(found: Inspected) -> list[Text | Table]:
-    """Streams, all impacts, noise figures and neglected effects."""
     recording, known = found.recording, found.known
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     table = Table(title=f"{recording.path}: scene {scene}, seed {seed}")
