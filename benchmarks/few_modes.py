@@ -31,9 +31,9 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies import pictures
@@ -98,7 +98,7 @@ class FewModes:
 
 
 def _first(setup: Setup) -> np.ndarray:
-    found = consistent_impacts(setup, simulate(setup).rows)[0]
+    found = impacts_in(setup.plant, simulate(setup).rows)[0]
     scale = setup.sphere.impact_speed_m_s
     energy = 0.5 * setup.sphere.mass_kg * scale**2
     return np.array([found.peak_force_n, found.rebound_speed_m_s / scale,

@@ -29,10 +29,10 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
 from hertzloop.setup import Setup, load, model_error, parts
@@ -125,8 +125,8 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     plant.state.body[_START] = parts.start_plant(setup, spec).state.body[_START]
     # Up to the last row of the run: the work of its last step shows in no row.
     finer = series_under(plant, np.repeat(rows[F_A], 2)[:-1])
-    mine = consistent_impacts(setup, rows, spec)[0]
-    best = consistent_impacts(setup, finer, fine)[0]
+    mine = impacts_in(spec, rows)[0]
+    best = impacts_in(fine, finer)[0]
     injected = float(np.sum(rows[F_A, :-1] * np.diff(rows[XI_P])))
     exchanged = max(abs(best.plate_energy_j), abs(injected))
     gap, true = rows[XI], finer[XI, ::2]

@@ -20,7 +20,6 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.plate_theory import (
@@ -28,7 +27,7 @@ from hertzloop.plant.estimates.plate_theory import (
     thickness_number,
     zener_inelasticity,
 )
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
@@ -55,7 +54,7 @@ def run(setup: Setup, **changes: Any) -> Run:
     done = simulate(setup, own_plant=plant)
     books = done.books
     residual = max(abs(books.energy_residual), abs(books.momentum_residual))
-    found = consistent_impacts(setup, done.rows, spec)[0]
+    found = impacts_in(spec, done.rows)[0]
     return Run(found, books.tail_dissipated_j, residual, len(plant.modes.omega))
 
 

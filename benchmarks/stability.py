@@ -27,9 +27,9 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.speed_accuracy import Problem, problem
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import thesis2008_kernels as tk
@@ -633,13 +633,13 @@ def loop_map(name: str = "aluminium-3mm", every: int = 1) -> Iterator[LoopPoint]
     and latency only."""
     lasts = "run.duration_s=0.0016"
     off = load(name, [lasts, "controller.law=off"])
-    free = consistent_impacts(off, simulate(off).rows)[0]
+    free = impacts_in(off.plant, simulate(off).rows)[0]
     for kappa in _KAPPAS[::every]:
         for latency_us in _LATENCIES_US[::every]:
             keys = [f"controller.kappa={kappa:.3f}", f"controller.latency_us={latency_us}"]
             setup = load(name, [lasts, *keys])
             truth = simulate(setup)
-            first = consistent_impacts(setup, truth.rows)[0]
+            first = impacts_in(setup.plant, truth.rows)[0]
             yield LoopPoint(
                 float(kappa),
                 float(latency_us),

@@ -311,11 +311,11 @@ class Plant(ABC):
 
     def close_balance(self) -> Balance:
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
-        speed_m_s = self.sphere_speed_m_s()
+        speed_m_s, contact_j = self.sphere_speed_m_s(), self.contact_energy_j()
         modal_j = float(self.kernels.close_balance(self.model, self.state))
         return balance(
             self.model, self.state, self._start, speed_m_s,
-            modal_j=modal_j, contact_j=self.contact_energy_j(),
+            modal_j=modal_j, contact_j=contact_j,
         )  # fmt: skip
 
     def contact_energy_j(self) -> float:

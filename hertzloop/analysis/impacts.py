@@ -18,7 +18,6 @@ from hertzloop.plant.figures.impacts import (
     Impact,
     ImpactPart,
     contacts,
-    impacts_in,
     part_of,
     peak_force_n,
     peak_speed_m_s,
@@ -326,14 +325,6 @@ def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
         touched = touched or bool(np.any(rows[F_C]))
         over = touched and rows[F_C, -1] == 0.0
     return np.concatenate(taken, axis=1)
-
-
-def consistent_impacts(
-    setup: Setup, rows: np.ndarray, spec: PlantSpec | None = None
-) -> list[Impact]:
-    """Contact figures of every impact from the rows of truth alone, each to the start of the next
-    one or the end of the rows; `spec` if the plant was another one than the scene's."""
-    return impacts_in(spec or setup.plant, rows)
 
 
 def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:

@@ -14,12 +14,12 @@ import numpy as np
 
 from hertzloop.analysis.cases import latched_us
 from hertzloop.analysis.figures import Figures, Ran
-from hertzloop.analysis.impacts import consistent_impacts, first_impact, impacts_of_blocks
+from hertzloop.analysis.impacts import first_impact, impacts_of_blocks
 from hertzloop.analysis.meters import control_force_n
 from hertzloop.analysis.recorded import LawRan, law_of
 from hertzloop.loop.compiled import LawStopped, closed_loop_rows, finer_loop, simulate
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
@@ -136,9 +136,9 @@ def changes(
     """What differs in the first impact between a scene's rows and those of a finer plant over the
     same time; None if that has no impact."""
     times = finer_rows.shape[1] // rows.shape[1]
-    coarse_impact = consistent_impacts(setup, rows)[0]
+    coarse_impact = impacts_in(setup.plant, rows)[0]
     # Work counts from row to row: without the last part of a step both end at the same time.
-    by_finer = consistent_impacts(setup, finer_rows[:, : finer_rows.shape[1] + 1 - times], fine)
+    by_finer = impacts_in(fine, finer_rows[:, : finer_rows.shape[1] + 1 - times])
     if not by_finer:
         return None
     contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / setup.step_s) + 2
@@ -210,11 +210,11 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     converges = SCHEMES[setup.scheme].converges
     if not setup.has_law or not converges or steps > _MOST_STEPS:
         return None
-    # How long a run lasts may decide about the model of its plate.
-    short = setup.on_plate(setup.plate_model).lasting(steps)
-    finer = _twice_the_modes(short)
+    finer = _twice_the_modes(setup)
     if finer is None:
         return None
+    # How long a run lasts may decide about the model of its plate.
+    short = setup.on_plate(setup.plate_model).lasting(steps)
     try:
         run = simulate(short)
         until = past_first_impact(short, run.rows)

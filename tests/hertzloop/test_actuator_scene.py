@@ -9,10 +9,10 @@ import pytest
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection
 from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
@@ -67,7 +67,7 @@ def test_bandwidth_and_mass_cost_the_law_its_latency(
 def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
     settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
     scene = load("aluminium-3mm", settings)
-    (impact,) = consistent_impacts(scene, simulate(scene).rows)
+    (impact,) = impacts_in(scene.plant, simulate(scene).rows)
     assert impact.rebound_speed_m_s == pytest.approx(rebound_m_s, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(work_uj, rel=2e-3)
 
@@ -83,7 +83,7 @@ def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[s
     scene = load(name, settings)
     run = simulate(scene)
     assert np.any(run.rows[F_A1])
-    work = sum(i.plate_energy_j for i in consistent_impacts(scene, run.rows))
+    work = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
     books = run.books
     taken = books.modal_j + books.modal_dissipated_j + books.tail_dissipated_j
     assert work == pytest.approx(taken, rel=2e-4)

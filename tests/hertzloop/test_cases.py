@@ -9,9 +9,9 @@ import pytest
 
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import digest_of, figures_of_case
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.meters import PushMeter
 from hertzloop.loop.compiled import SimulatedRun, simulate
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from tests.commands import invoke
@@ -34,7 +34,7 @@ def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
     scene = load("aluminium-20mm", [*keys, "controller.law=velocity_feedback"])
     figures = figures_of_case(scene, "impact")
     both = (scene, scene.without_control())
-    first, free = (consistent_impacts(each, simulate(each).rows)[0] for each in both)
+    first, free = (impacts_in(each.plant, simulate(each).rows)[0] for each in both)
     assert figures.contacts == 1
     assert figures.steps < scene.steps
     assert figures.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
@@ -70,7 +70,7 @@ def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
     found = figures_of_case(scene).rebound_percent
     assert found == pytest.approx(percent, abs=0.5)
     speeds = [
-        consistent_impacts(s, simulate(s).rows)[0].rebound_speed_m_s
+        impacts_in(s.plant, simulate(s).rows)[0].rebound_speed_m_s
         for s in (scene, scene.without_control())
     ]
     assert found == pytest.approx(100.0 * (speeds[0] / speeds[1]) ** 2, rel=1e-3)

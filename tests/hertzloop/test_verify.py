@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.trust import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.loop.compiled import finer_loop, simulate
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, F_C, XI, series_under
@@ -85,8 +85,8 @@ def test_the_law_answers_the_finer_plant() -> None:
     plant = built(fine, "modal").at_start()
     plant.state.body[_START] = parts.start_plant(scene).state.body[_START]
     forces = np.repeat(run.forces, 2)
-    (free,) = consistent_impacts(scene, series_under(plant, forces), fine)
-    (coarse,) = consistent_impacts(scene, run.rows)
+    (free,) = impacts_in(fine, series_under(plant, forces))
+    (coarse,) = impacts_in(scene.plant, run.rows)
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
     print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
     assert closed.plate_energy > 1.5 * open_loop

@@ -8,12 +8,12 @@ import pytest
 
 import hertzloop
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.analysis.model import limiting_pressure
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
@@ -47,7 +47,7 @@ def test_the_3_mm_ball_on_a_plate_that_yields(
 ) -> None:  # fmt: skip
     scene = yielding(pressure_pa, "controller.law=off")
     run = simulate(scene)
-    (impact,) = consistent_impacts(scene, run.rows)
+    (impact,) = impacts_in(scene.plant, run.rows)
     assert 1e6 * impact.duration_s == pytest.approx(contact_us, abs=0.02)
     assert impact.rebound_speed_m_s == pytest.approx(rebound, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(plate_uj, rel=1e-3)
@@ -68,7 +68,7 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
     recording = read(tmp_path / "a.mcap")
     rows = rows_of(recording)
     assert np.array_equal(rows[DEEPEST], simulate(scene).rows[DEEPEST])
-    (impact,) = consistent_impacts(scene, rows)
+    (impact,) = impacts_in(scene.plant, rows)
     events = [e for e in recording.events if e.name == "plant"]
     assert [e.message for e in events] == ["contact 1 began", "contact 1 ended"]
     ended = round(events[1].time_ns / scene.step_ns)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, XI_P
 from hertzloop.setup import load
 
@@ -52,7 +52,7 @@ def test_plate_sphere_and_actuator_exchange_the_same_energy(law: str, latency_us
                                    "controller.kappa=0.4", f"controller.latency_us={latency_us}",
                                    "plate.loss_factor=0.0"])  # fmt: skip
     run = simulate(scene)
-    plate = sum(i.plate_energy_j for i in consistent_impacts(scene, run.rows))
+    plate = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
     books = run.books
     mechanical = books.kinetic_j + books.gravity_j + books.contact_j
     lost = books.energy_start_j - mechanical

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as rows_k
-from hertzloop.plant.figures.impacts import Impact, impacts, step_work_j
+from hertzloop.plant.figures.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -117,7 +116,7 @@ def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
     scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
     truth = simulate(scene)
     rows, balance = truth.rows, truth.books
-    found = consistent_impacts(scene, rows)
+    found = impacts_in(scene.plant, rows)
     # Work of both forces is energy in the plate now, or already lost in it.
     taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j
     assert rows[4][-1] == 0.0  # the last step's work is in no row

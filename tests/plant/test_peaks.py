@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant.figures.impacts import peak_force_n, peak_speed_m_s
+from hertzloop.plant.figures.impacts import impacts_in, peak_force_n, peak_speed_m_s
 from hertzloop.setup import load
 
 FREE = "controller.law=off"
@@ -43,7 +42,7 @@ def test_peak_of_a_speed_between_steps() -> None:
 
 def peak(scene: str, *settings: str) -> float:
     loaded = load(scene, [SHORT, *settings])
-    return consistent_impacts(loaded, simulate(loaded).rows)[0].peak_force_n
+    return impacts_in(loaded.plant, simulate(loaded).rows)[0].peak_force_n
 
 
 def test_peak_of_the_default_scene() -> None:
