@@ -54,28 +54,45 @@ def pytest_configure(config: pytest.Config) -> None:
             )
 
 
-_COMPILE = """
-import sys
+# What many tests run, in two shares that take the same time. What both would compile, the figures
+# of an impact, comes last in the second: the first has done it by then.
+_COMPILE = (
+    """
+ensure_compiled(lambda: None, load(DEFAULT, ["run.plate_model=modal"]))
+""",
+    """
+infinite = load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"])
+with TemporaryDirectory() as folder:
+    for compiled in (False, True):
+        record_in_process(infinite, Path(folder, f"{compiled}.mcap"), compiled=compiled)
+yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=20000"]
+simulate(load(DEFAULT, [*yields, "run.duration_s=0.0001"]))
+ensure_compiled(lambda: None, infinite)
+""",
+)
+_IMPORTS = """
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hertzloop.__main__ import collect_rarely
+from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.scenes.scene import DEFAULT
-from hertzloop.__main__ import collect_rarely
 from hertzloop.setup import load
+
 collect_rarely()
-ensure_compiled(lambda: None, load(DEFAULT, [f"run.plate_model={sys.argv[1]}"]))
 """
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the kernels of the default scene on two cores before any process of tests starts:
-    each of these would compile them for itself."""
+    """Compile on two cores before any process of tests starts: each of these would compile the
+    same for itself."""
     config = session.config
     if hasattr(config, "workerinput") or _names_files(config) or config.option.collectonly:
         return
-    compiling = [
-        subprocess.Popen([sys.executable, "-c", _COMPILE, model]) for model in ("modal", "infinite")
-    ]
+    compiling = [subprocess.Popen([sys.executable, "-c", _IMPORTS + share]) for share in _COMPILE]
     for process in compiling:
-        process.wait()
+        assert process.wait() == 0
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -1,6 +1,7 @@
 """The contact kernels alone: chord, contact_force, solve_contact, against 50-digit arithmetic."""
 
 from decimal import Decimal, localcontext
+from functools import cache
 
 import pytest
 from hypothesis import assume, given, settings
@@ -12,7 +13,6 @@ from hertzloop.plant.schemes import discrete_gradient_kernels as chords
 from hertzloop.plant.schemes import discrete_gradient_kernels as k
 from tests.plant.rigs import rigid
 
-MODEL = rigid(1e-6, Contact(1.0)).model
 # Additions and roots of a force: a dozen roundings of 1.1e-16 each, with room for pow.
 ROUNDING = 1e-14
 
@@ -24,8 +24,13 @@ viscous = st.one_of(st.just(0.0), st.floats(-3, 4).map(lambda e: 10.0**e))
 hunt_crossley = st.one_of(st.just(0.0), st.floats(-3, 2).map(lambda e: 10.0**e))
 
 
+@cache  # to build it compiles kernels
+def usual() -> k.PlantModel:
+    return rigid(1e-6, Contact(1.0)).model
+
+
 def model(s: float, c: float = 0.0, d: float = 0.0) -> k.PlantModel:
-    return MODEL._replace(stiffness=s, viscous_n_s_m=c, hunt_crossley_s_m=d)
+    return usual()._replace(stiffness=s, viscous_n_s_m=c, hunt_crossley_s_m=d)
 
 
 def potential(s: float, xi: Decimal) -> Decimal:
