@@ -10,6 +10,7 @@ import datetime
 import functools
 import math
 import re
+from collections import Counter
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -233,24 +234,15 @@ def _found(lines: list[str]) -> _TableLayout | None:
     given = next((line for line in lines if line.strip()), "").strip().strip('"')
     forced = re.fullmatch(r"sep=(.)", given, re.IGNORECASE)
     tried = [forced[1]] if forced else ["\t", ";", "|", ",", None]
-    best: tuple[tuple[bool, bool, int], _TableLayout] | None = None
-    found = []
-    for separator in tried:
-        one = _run(lines, separator, forced is not None)
-        if one is not None:
-            found.append(one)
+    runs = (_run(lines, separator, forced is not None) for separator in tried)
+    found = [one for one in runs if one is not None]
     if not found:
         return None
     # A table ends the file, but for a few lines below it.
     latest = max(layout.last for _, _, layout in found)
     found = [one for one in found if one[2].last > latest - 4]
     most = max(rows for rows, _, _ in found)
-    for at, (rows, clean, layout) in enumerate(found):
-        rank = (rows >= 0.9 * most, clean, -at)
-        if best is None or rank > best[0]:
-            best = rank, layout
-    assert best is not None
-    layout = best[1]
+    layout = max(found, key=lambda one: (one[0] >= 0.9 * most, one[1]))[2]  # the first of these
     if layout.separator == "," and not forced:
         single = _run(lines, None, False)
         if single is not None and _one_column(lines, layout):
@@ -264,8 +256,8 @@ def _one_column(lines: list[str], layout: _TableLayout) -> bool:
     rows = [line.strip() for line in lines[layout.start :] if line.strip()]
     if layout.cells > 2 or any("." in _OVERFLOW.sub("", x) or _kind(x, True) == "t" for x in rows):
         return False
-    above = [x for x in lines[: layout.start] if x.strip() and not _is_comment(x)]
-    above = [x for x in above if _kind(x.strip(), True) == "t"]
+    above = [x for x in lines[: layout.start] if x.strip() and not _is_comment(x)
+             and _kind(x.strip(), True) == "t"]  # fmt: skip
     if not above:
         raise TableError(
             f"line {layout.start + 1} '{_short(rows[0])}' may hold two whole numbers or one with a "
@@ -330,13 +322,9 @@ def _run(
     places = {j for j in places if j in sure or any(
         kinds[i][j : j + 1] in ("n", "d") and not set(_texts(kinds[i][:j])) - usual for i in rows
     )}  # fmt: skip
-    counts: dict[int, int] = {}
-    for i in rows:
-        for j, c in enumerate(kinds[i]):
-            if c in "nd":
-                counts[j] = counts.get(j, 0) + 1
+    counts = Counter(j for i in rows for j, c in enumerate(kinds[i]) if c in "nd")
     texts = {j for i in rows for j in _texts(kinds[i])} - sure
-    kept = tuple(sorted(j for j in places - texts if counts.get(j, 0)))
+    kept = tuple(sorted(j for j in places - texts if counts[j]))
     dates = frozenset(
         j for j in kept
         if 2 * sum(1 for i in rows if j < len(kinds[i]) and kinds[i][j] == "d") > counts[j]

@@ -211,9 +211,8 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     for values, group in list(groups.items())[:_MOST_ROWS]:
         cells = []
         for name in names:
-            low, middle, high = np.percentile(
-                [row[name] for row in known(group, name)] or [math.nan], [2.5, 50.0, 97.5]
-            )
+            having = [row[name] for row in known(group, name)] or [math.nan]
+            low, middle, high = np.percentile(having, [2.5, 50.0, 97.5])
             cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
         table.add_row(*(short(value) for value in values), *cells)
     return table

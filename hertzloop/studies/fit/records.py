@@ -209,12 +209,8 @@ def clipped(record: Record) -> np.ndarray:
     for extreme in (np.nanmin(value), np.nanmax(value)):
         if abs(extreme - usual) < 0.3 * largest or abs(extreme) < rest:
             continue
-        same = value == extreme
-        starts = np.flatnonzero(np.diff(np.concatenate([[False], same]).astype(int)) == 1)
-        for start in starts:
-            end = start
-            while end < len(value) and same[end]:
-                end += 1
+        same = np.concatenate([[False], value == extreme, [False]])
+        for start, end in np.flatnonzero(np.diff(same.astype(int))).reshape(-1, 2):
             if end - start >= _PLATEAU:
                 found[start:end] = True
     return found
