@@ -1,19 +1,15 @@
 """Plant and controller in two threads, with the fast lane between them and queues for a bus."""
 
-import hashlib
 import queue
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
+from pathlib import Path
 
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
-    STREAMS,
     SUBSCRIPTIONS,
     Envelope,
     StreamFault,
@@ -21,7 +17,10 @@ from hertzloop.bus.streams import (
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import Recorder
 from hertzloop.setup import Setup, parts
+from tests.hertzloop.exchange import Heard
 from tests.hertzloop.processes import EVENTUALLY_S
 
 
@@ -97,15 +96,16 @@ class Pair:
 
     def samples(self) -> dict[str, str]:
         """Digest of every compared array, joined over its blocks, and of the events."""
-        digests: dict[str, Any] = {}
+        heard = Heard()
         for envelope in self.heard:
-            if not STREAMS[envelope.stream].compared:
-                continue
-            block = decoded(envelope)
-            if not block.arrays:
-                name = envelope.stream
-                digests.setdefault(name, hashlib.sha256()).update(envelope.payload)
-            for name, values in block.arrays.items():
-                whole = f"{envelope.stream}.{name}"
-                digests.setdefault(whole, hashlib.sha256()).update(np.asarray(values).tobytes())
-        return {name: digest.hexdigest() for name, digest in digests.items()}
+            heard.take(envelope.stream, decoded(envelope))
+        return heard.samples()
+
+    def recorded(self, path: Path) -> Recording:
+        """What a recorder makes of it."""
+        recorder = Recorder(path)
+        for envelope in self.heard:
+            recorder.handle(envelope)
+        recorder.reconcile()
+        recorder.close()
+        return read(path)

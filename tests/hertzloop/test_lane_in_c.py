@@ -21,6 +21,7 @@ from hertzloop.setup import load
 from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports
+from tests.tiers import default
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -70,7 +71,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
 
 
 @needs_cc
-@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("every", default([1, 3], [3]))
 def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) -> None:
     more = ["run.duration_s=0.0055", f"sensors.every_steps={every}"]
     with run(example, tmp_path / "c.mcap", *more) as processes:
@@ -89,6 +90,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
 
 
 @needs_cc
+@pytest.mark.full
 def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Path) -> None:
     recording = tmp_path / "c.mcap"
     with run(example, recording, "run.duration_s=15") as (plant, recorder, controller):

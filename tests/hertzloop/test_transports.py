@@ -1,7 +1,9 @@
 """One closed loop, three ways to run it, the same bits; the horizon changes only the speed."""
 
+from collections.abc import Callable, Collection
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,6 +12,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import run_scene
+from tests.hertzloop.lanes import Pair
 from tests.tiers import default
 
 CONVERTERS = [
@@ -135,59 +138,74 @@ def compiled(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyp
 
     @cache
     def recording(variant: str) -> Recording:
-        return record(scene_of(variant), folder / f"{variant}.mcap", Transport.COMPILED)
+        found = record(scene_of(variant), folder / f"{variant}.mcap", Transport.COMPILED)
+        # Forces act and events happen: identity of zeros would prove nothing.
+        if variant not in ("no control", "sinking in", "a single step"):
+            assert found.truth.arrays["f_a_n"].any()
+            assert found.truth.arrays["f_c_n"].any()
+            assert {"plant", "controller"} == {event.name for event in found.events}
+        if variant == "converters":
+            assert len(set(found.daq.arrays["code"])) > 10  # a contact of 10 samples
+        assert variant != "no control" or not found.truth.arrays["f_a_n"].any()
+        return found
 
     return recording
 
 
-def record(scene: Setup, path: Path, transport: Transport, horizon: int | None = None) -> Recording:
-    report = run_scene(scene, path, RunOptions(transport=transport, horizon=horizon))
+def record(
+    scene: Setup,
+    path: Path,
+    transport: Transport = Transport.ZENOH,
+    horizon: int | None = None,
+    lane: bool = True,
+) -> Recording:
+    """A run as `hertzloop run` does it."""
+    report = run_scene(scene, path, RunOptions(transport, horizon=horizon, fast_lane=lane))
     assert report["steps"] == scene.steps
-    recording = read(path)
+    assert report["lane"] == "JOINED" * (lane and transport == Transport.ZENOH)
+    return checked(read(path), scene)
+
+
+def in_threads(scene: Setup, path: Path, horizon: int | None = None) -> Recording:
+    """A run over the lane, with queues for a bus."""
+    pair = Pair(scene, horizon=horizon).run()
+    assert pair.fault == pair.controller_fault == ""
+    assert pair.stats is not None
+    assert pair.stats.lane == "JOINED"
+    return checked(pair.recorded(path), scene)
+
+
+def checked(recording: Recording, scene: Setup) -> Recording:
+    """A recording of a whole run of a scene."""
     assert not recording.problems
-    assert recording.truth.samples == scene.steps
-    assert recording.force.samples == scene.steps
+    assert recording.truth.samples == recording.force.samples == scene.steps
     assert recording.daq.samples == -(-scene.steps // scene.every_steps)
     return recording
 
 
-@pytest.mark.parametrize("horizon", default([None, 1, 7], [None]))
-@pytest.mark.parametrize("variant", default(VARIANTS, QUICK))
-def test_in_process(compiled, tmp_path: Path, variant: str, horizon: int | None) -> None:  # type: ignore[no-untyped-def]
-    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.INPROCESS, horizon)
+# A way to run a scene, variants that it is tried with, and those of the default tier.
+IN_THREADS = {"default", "converters", "velocity feedback", "predicted", "shifted threshold",
+              "a single step"}  # fmt: skip
+WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
+    "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
+    "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, VARIANTS, set()),
+    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, VARIANTS, set()),
+    "zenoh": (record, {}, VARIANTS, {"default", "infinite plate"}),
+    "zenoh, horizon 1": (record, {"horizon": 1}, SOME, {"converters"}),
+    "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),
+    "threads": (in_threads, {}, sorted(IN_THREADS), IN_THREADS),
+    "threads, horizon 7": (in_threads, {"horizon": 7}, sorted(IN_THREADS), IN_THREADS),
+}
+CASES = {(variant, way): variant in quick for way, (*_, tried, quick) in WAYS.items()
+         for variant in tried}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", default(CASES, [c for c in CASES if CASES[c]]), ids="-".join)
+def test_the_same_bits(compiled, tmp_path: Path, case: tuple[str, str]) -> None:  # type: ignore[no-untyped-def]
+    variant, way = case
+    run, how, *_ = WAYS[way]
+    found = run(scene_of(variant), tmp_path / "a.mcap", **how)
     assert first_difference(found, compiled(variant)) is None
-
-
-@pytest.mark.parametrize("variant", default(VARIANTS, ["default", "infinite plate"]))
-def test_processes_over_zenoh(compiled, tmp_path: Path, variant: str) -> None:  # type: ignore[no-untyped-def]
-    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.ZENOH)
-    assert first_difference(found, compiled(variant)) is None
-
-
-@pytest.mark.parametrize("variant", default(SOME, ["converters"]))
-def test_processes_with_horizon_one(compiled, tmp_path: Path, variant: str) -> None:  # type: ignore[no-untyped-def]
-    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.ZENOH, 1)
-    assert first_difference(found, compiled(variant)) is None
-
-
-@pytest.mark.parametrize(
-    "variant",
-    default(
-        [name for name in VARIANTS if name not in ("no control", "sinking in", "a single step")],
-        QUICK,
-    ),
-)
-def test_a_variant_is_worth_comparing(compiled, variant: str) -> None:  # type: ignore[no-untyped-def]
-    """Forces act and events happen: identity of zeros would prove nothing."""
-    recording = compiled(variant)
-    assert recording.truth.arrays["f_a_n"].any()
-    assert recording.truth.arrays["f_c_n"].any()
-    assert {"plant", "controller"} == {event.name for event in recording.events}
-
-
-def test_samples_take_many_values_and_no_control_has_no_force(compiled) -> None:  # type: ignore[no-untyped-def]
-    assert len(set(compiled("converters").daq.arrays["code"])) > 10  # a contact of 10 samples
-    assert not compiled("no control").truth.arrays["f_a_n"].any()
 
 
 def test_same_run_twice_and_another_seed(compiled, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
