@@ -7,12 +7,14 @@ printed, if none is given.
 """
 
 import argparse
+import io
 import resource
 import secrets
 import signal
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +23,7 @@ from types import FrameType
 import numpy as np
 import pytest
 from mcap.opcode import Opcode
+from rich.console import Console
 
 import hertzloop.recordings.writer
 from hertzloop.recordings.compare import first_difference
@@ -34,6 +37,7 @@ from hertzloop.recordings.reader import (
     unpacked,
 )
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.views import inspection
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
@@ -41,6 +45,7 @@ from tests.tables import markdown
 
 LONGEST_S = 120  # for one copy: far more than any takes, on a busy machine, too
 MOST_BYTES = 2 * 2**30
+SHOWN = 28  # each such copy is shown, too, which takes long: another kind every time
 
 
 @dataclass
@@ -117,36 +122,92 @@ def samples(recording: Recording) -> dict[tuple[str, str], bytes]:
     }
 
 
-def try_one(path: Path, out: Path, original: Recording, whole: list[list[bytes]]) -> int | None:
-    """Read and recover a damaged copy of `original` at `path`; how many of its `whole` chunks were
-    recovered, None if a sentence says that it is no recording. Raises AssertionError."""
+def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
+    """What is done with a recording, through to what a person sees if it is `shown`; None
+    if a sentence says that it is none. Raises AssertionError."""
     try:
-        kept = read(path)
-    except RecordingError:
+        kept = read(path, keep=not shown)
+    except RecordingError as error:
+        sentence = str(error)
+        if str(path) not in sentence or "\n" in sentence:
+            raise AssertionError(f"no sentence: {sentence}") from error
         return None
-    assert kept.problems, "said to be complete"
-    if first_difference(original, kept) is None:
+    if shown:
+        found, text = inspection.inspected(kept), io.StringIO()
+        inspection.show(Console(file=text, width=500), found)
+        complete = not kept.problems
+        assert ("Complete" in text.getvalue()) == inspection.summary(found)["complete"] == complete
+    same = first_difference(original, kept) is None
+    assert same == (first_difference(kept, original) is None)
+    if same:
         assert samples(kept) == samples(original), "said to be the same"
+        assert sorted(map(repr, kept.events)) == sorted(map(repr, original.events))
+    return kept
+
+
+def recovered(path: Path, out: Path, kept: Recording) -> bool:
+    """Whether something can be recovered; that keeps all that is read. Raises AssertionError."""
     try:
         recover(path, out, overwrite=True)
-    except RecordingError:
+    except RecordingError as error:
+        if "nothing to recover" not in str(error):
+            raise AssertionError(f"not recovered: {error}") from error
+        return False
+    after = read(out, keep=True)
+    assert samples(after) == samples(kept)
+    assert (after.events, after.ends) == (kept.events, kept.ends)
+    assert after.problems or not kept.problems, "complete once recovered"
+    return True
+
+
+def try_one(
+    path: Path, out: Path, original: Recording, whole: list[list[bytes]], shown: bool
+) -> int | None:
+    """Read and recover a damaged copy of `original` at `path`; how many of its `whole` chunks were
+    recovered, None if a sentence says that it is no recording. Raises AssertionError."""
+    kept = looked_at(path, original, shown)
+    if kept is None:
         return None
-    assert read(out).problems, "complete once recovered"
+    assert kept.problems, "said to be complete"
+    assert kept.scene_toml == original.scene_toml
+    for name in SAMPLED:
+        stream, full = getattr(kept, name), getattr(original, name)
+        steps = stream.step_at(np.arange(stream.samples))
+        assert np.array_equal(steps * 1000, stream.time_ns)
+        for label, values in stream.arrays.items():
+            assert values.tobytes() == full.arrays[label][steps].tobytes(), f"other {label}"
+    if not recovered(path, out, kept):
+        return None
     have = {one for _, inside in chunks(out.read_bytes()) for one in inside}
     return sum(have.issuperset(payloads) for payloads in whole)
 
 
-def try_many(source: Path, folder: Path, tries: int, seed: int) -> Tally:
-    """Damage copies of a recording, every kind in turn."""
-    content, original, tally = source.read_bytes(), read(source), Tally()
+Copies = Iterator[tuple[str, bytes]]  # a kind of damage, and a file
+
+
+def drawn(content: bytes, tries: int, seed: int) -> Copies:
+    """Damaged copies, every kind in turn."""
+    for number in range(tries):
+        change = DAMAGES[number % len(DAMAGES)]
+        random = np.random.default_rng([seed, number])
+        yield change.__name__, bytes(change(bytearray(content), random))
+
+
+def everywhere(content: bytes, places: Iterable[int]) -> Copies:
+    """Copies cut off at a place, and with another bit there."""
+    for at in places:
+        yield f"cut at {at}", content[:at]
+        yield f"flipped at {at}", content[:at] + bytes([content[at] ^ 0x40]) + content[at + 1 :]
+
+
+def try_many(source: Path, folder: Path, copies: Copies) -> Tally:
+    """Try damaged copies of a recording."""
+    content, original, tally = source.read_bytes(), read(source, keep=True), Tally()
     parts, scenes = chunks(content), scene_records(content)
     path, out = folder / "damaged.mcap", folder / "recovered.mcap"
     before = signal.signal(signal.SIGALRM, _too_long)
     try:
-        for number in range(tries):
-            change = DAMAGES[number % len(DAMAGES)]
-            kind = change.__name__
-            damaged = bytes(change(bytearray(content), np.random.default_rng([seed, number])))
+        for number, (kind, damaged) in enumerate(copies):
             if damaged == content:
                 continue
             path.write_bytes(damaged)
@@ -154,7 +215,7 @@ def try_many(source: Path, folder: Path, tries: int, seed: int) -> Tally:
             tally.tries[kind] += 1
             signal.alarm(LONGEST_S)
             try:
-                found = try_one(path, out, original, whole)
+                found = try_one(path, out, original, whole, number % SHOWN == 0)
             except Exception as error:
                 tally.wrong.append(f"{kind}, try {number}: {type(error).__name__}: {error}")
                 continue
@@ -186,7 +247,9 @@ def main() -> int:
     chosen = parser.parse_args()
     print(f"seed {chosen.seed}", flush=True)
     with tempfile.TemporaryDirectory() as name:
-        tally = try_many(many_chunks(Path(name)), Path(name), chosen.tries, chosen.seed)
+        source = many_chunks(Path(name))
+        copies = drawn(source.read_bytes(), chosen.tries, chosen.seed)
+        tally = try_many(source, Path(name), copies)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if most > MOST_BYTES:
         tally.wrong.append(f"it took {most / 2**30:.2f} GiB of memory")

@@ -1,6 +1,9 @@
-"""A short series of damages; long ones, with other seeds: see `tests.recordings.damages`."""
+"""Damaged and lying recordings: a sentence each, never a traceback, never "Complete" for damage,
+never "the same" for other samples, and nothing lost that was not damaged. A long series, with other
+seeds: `tests.recordings.damages`."""
 
 import struct
+import zlib
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,28 +12,68 @@ import pytest
 from mcap.opcode import Opcode
 
 import hertzloop.recordings.reader
-from hertzloop.recordings.reader import Source, in_order, read, recover
+from hertzloop.recordings.reader import SAMPLED, Source, in_order, read, recover, unpacked
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
     DAMAGES,
     chunks,
+    drawn,
+    everywhere,
+    looked_at,
     many_chunks,
+    recovered,
     samples,
     scene_records,
     try_many,
     undamaged,
 )
+from tests.recordings.damaging import lying
+from tests.recordings.rewriting import messages
+from tests.tiers import default
 
-TRIES, SEED = 45, 20
+TRIES, SEED = 27, 20
+LIES = 200
 
 
-def test_damages(tmp_path: Path) -> None:
-    source = many_chunks(tmp_path)
-    tally = try_many(source, tmp_path, TRIES, SEED)
-    assert tally.wrong == [], f"python -m tests.recordings.damages --tries {TRIES} --seed {SEED}"
-    assert tally.lost == [], f"python -m tests.recordings.damages --tries {TRIES} --seed {SEED}"
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return many_chunks(tmp_path_factory.mktemp("damages"))
+
+
+@pytest.mark.parametrize("tries", default([TRIES, 30 * len(DAMAGES)], [TRIES]))
+def test_damages(source: Path, tmp_path: Path, tries: int) -> None:
+    tally = try_many(source, tmp_path, drawn(source.read_bytes(), tries, SEED))
+    assert tally.wrong == [], f"python -m tests.recordings.damages --tries {tries} --seed {SEED}"
+    assert tally.lost == [], f"python -m tests.recordings.damages --tries {tries} --seed {SEED}"
     assert set(tally.tries) == {damage.__name__ for damage in DAMAGES}
-    assert sum(tally.whole_chunks.values()) > TRIES
+    assert sum(tally.whole_chunks.values()) > tries
+
+
+@pytest.mark.parametrize("many", default([False, True], [False]))
+def test_damage_anywhere(source: Path, tmp_path: Path, many: bool) -> None:
+    """A place in each chunk, in its length, at its end; of many, the scene and both ends, too."""
+    content = source.read_bytes()
+    size, at = len(content), places(source)
+    found = {*at[:-1:12], at[-1] - 1, at[5] + 2, *np.linspace(0, size - 1, 5, dtype=int).tolist()}
+    if many:
+        lengths = [a + byte for a in at for byte in (1, 2, 3)]
+        found |= {*range(0, 3000, 20), *range(size - 120, size, 2), *lengths}
+    tally = try_many(source, tmp_path, everywhere(content, sorted(found)))
+    assert tally.wrong == tally.lost == []
+    assert sum(tally.whole_chunks.values()) > 10 * len(found)
+
+
+@pytest.mark.full
+def test_lies_with_right_checksums(source: Path, tmp_path: Path) -> None:
+    original, sent, path = read(source), messages(source), tmp_path / "lying.mcap"
+    readable = 0
+    for seed in range(LIES):
+        lying(sent, source, path, np.random.default_rng([99, seed]))
+        kept = looked_at(path, original, shown=True)
+        if kept is not None:
+            readable += 1
+            recovered(path, tmp_path / "recovered.mcap", kept)
+    assert readable > LIES // 2
 
 
 def not_recovered(source: Path, moved: bytes, folder: Path) -> list[int]:
@@ -54,18 +97,16 @@ def places(source: Path) -> list[int]:
     return [*(at for at, _ in found), sum(found[-1])]
 
 
-def test_chunks_behind_the_end_of_the_data_are_recovered(tmp_path: Path) -> None:
+def test_chunks_behind_the_end_of_the_data_are_recovered(source: Path, tmp_path: Path) -> None:
     """Parts of the file have changed places: its end came before some of its chunks."""
-    source = many_chunks(tmp_path)
     content, at = source.read_bytes(), places(source)
     middle = at[len(at) // 2]
     moved = content[:middle] + content[at[-1] :] + content[middle : at[-1]]
     assert not_recovered(source, moved, tmp_path) == []
 
 
-def test_chunks_in_any_order_are_recovered_in_theirs(tmp_path: Path) -> None:
+def test_chunks_in_any_order_are_recovered_in_theirs(source: Path, tmp_path: Path) -> None:
     """The one that says what messages are last, too."""
-    source = many_chunks(tmp_path)
     content, at = source.read_bytes(), places(source)
     pieces = [content[a:b] for a, b in pairwise(at)]
     for order in (range(len(pieces))[::-1], np.random.default_rng(3).permutation(len(pieces))):
@@ -79,9 +120,8 @@ def test_chunks_in_any_order_are_recovered_in_theirs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [Opcode.SCHEMA, Opcode.STATISTICS, Opcode.MESSAGE_INDEX])
-def test_a_length_that_is_wrong_hides_no_chunk(tmp_path: Path, kind: Opcode) -> None:
+def test_a_length_that_is_wrong_hides_no_chunk(source: Path, tmp_path: Path, kind: Opcode) -> None:
     """A record without a checksum says that it is longer than the chunks behind it."""
-    source = many_chunks(tmp_path)
     content, at = source.read_bytes(), places(source)
     spans = at[9] - at[3]
     head = struct.pack("<BQ", kind, spans + 50)  # as if it ended within a chunk
@@ -92,8 +132,7 @@ def test_a_length_that_is_wrong_hides_no_chunk(tmp_path: Path, kind: Opcode) -> 
     assert not_recovered(source, content[: at[3]] + head + content[at[3] :], tmp_path) == []
 
 
-def test_a_scene_behind_the_end_of_the_data_is_found(tmp_path: Path) -> None:
-    source = many_chunks(tmp_path)
+def test_a_scene_behind_the_end_of_the_data_is_found(source: Path, tmp_path: Path) -> None:
     content = source.read_bytes()
     [scene, hello] = scene_records(content)
     without = content.replace(scene, b"").replace(hello, b"")
@@ -105,10 +144,9 @@ def test_a_scene_behind_the_end_of_the_data_is_found(tmp_path: Path) -> None:
 
 
 def test_what_seems_a_chunk_everywhere_is_not_checked_for_ever(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Heads of chunks by the thousand, all of the same data: only some are tried."""
-    source = many_chunks(tmp_path)
     content, at = source.read_bytes(), places(source)
     count, head, data = 1000, 9 + 32 + 8, bytes(1 << 20)
     sizes = [left * head + len(data) for left in reversed(range(count))]
@@ -140,3 +178,66 @@ def test_no_order_suits_a_forged_file() -> None:
     for _ in range(50):
         parts = [{s: int(draw.integers(9)) for s in ("daq", "truth", "force")} for _ in range(9)]
         assert sorted(in_order(parts)) == list(range(9))
+
+
+def without_checksum(content: bytes, closed: bool) -> bytes:
+    """The file with another last sample in its longest chunk, whose checksum is 0, as of a writer
+    that leaves it out; `closed`: with the right checksum over all data, else cut off before it."""
+    at, chunks = 8, list[tuple[int, int]]()
+    while content[at] != Opcode.DATA_END:
+        length = int.from_bytes(content[at + 1 : at + 9], "little")
+        if content[at] == Opcode.CHUNK:
+            chunks.append((length, at))
+        at += 9 + length
+    length, first = max(chunks)
+    records = bytearray(unpacked(content[first + 9 : first + 9 + length]))
+    records[-8] ^= 1
+    head = content[first + 9 : first + 25] + struct.pack("<QIIQ", len(records), 0, 0, len(records))
+    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(records)) + head + records
+    data = content[:first] + chunk + content[first + 9 + length : at]
+    if not closed:
+        return data
+    return data + content[at : at + 9] + struct.pack("<I", zlib.crc32(data)) + content[at + 13 :]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_chunk_of_ours_without_its_checksum_is_not_believed(
+    source: Path, tmp_path: Path, closed: bool
+) -> None:
+    """MCAP lets a writer leave checksums out; hertzloop leaves none out."""
+    path = tmp_path / "a.mcap"
+    path.write_bytes(without_checksum(source.read_bytes(), closed))
+    original, kept = read(source), read(path)
+    assert "are damaged: a checksum is missing" in " ".join(kept.problems)
+    assert kept.truth.samples < original.truth.samples
+    for name in SAMPLED:
+        stream, full = getattr(kept, name), getattr(original, name)
+        steps = stream.step_at(np.arange(stream.samples))
+        for label, values in stream.arrays.items():
+            assert full.arrays[label][steps].tobytes() == values.tobytes()
+
+
+def test_a_scene_of_ours_without_its_checksum_is_not_believed(source: Path, tmp_path: Path) -> None:
+    content = bytearray(source.read_bytes())
+    at = content.index(b"\x0a\x00\x00\x00scene.toml") - 25
+    end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    assert content[at] == Opcode.ATTACHMENT
+    content[end - 4 : end] = bytes(4)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content[:-100])
+    told = read(path).problems
+    assert any("are damaged: a checksum is missing" in problem for problem in told)
+
+
+def test_only_what_is_damaged_is_said_to_be(source: Path, tmp_path: Path) -> None:
+    """The record that ends the data is none: summary and footer behind it are still what they
+    were."""
+    content, at = bytearray(source.read_bytes()), 8
+    while content[at] != Opcode.DATA_END:
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    content[at] = 0xFF
+    path = tmp_path / "no_end.mcap"
+    path.write_bytes(content)
+    first, *more = read(path).problems
+    assert f"bytes {at} to {at + 12} of {len(content)} are damaged" in first
+    assert not [problem for problem in more if "a record of kind" in problem]

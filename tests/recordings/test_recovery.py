@@ -26,11 +26,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("share", [0.5, 0.8, 0.99])
-def test_cut_off(whole: Path, tmp_path: Path, share: float) -> None:
+def test_cut_off(whole: Path, tmp_path: Path) -> None:
     content = whole.read_bytes()
     cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
-    cut.write_bytes(content[: int(share * len(content))])
+    cut.write_bytes(content[: int(0.8 * len(content))])
     copied = recover(cut, mended).messages
     with mended.open("rb") as file:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == copied
@@ -40,16 +39,6 @@ def test_cut_off(whole: Path, tmp_path: Path, share: float) -> None:
     xi = read(whole).truth.arrays["xi_m"]
     assert np.array_equal(after.truth.arrays["xi_m"], xi[: after.truth.samples])
     assert any("recovered from cut.mcap" in problem for problem in after.problems)
-
-
-def test_flipped_byte(whole: Path, tmp_path: Path) -> None:
-    content = bytearray(whole.read_bytes())
-    content[int(0.6 * len(content))] ^= 1
-    (tmp_path / "bad.mcap").write_bytes(content)
-    recover(tmp_path / "bad.mcap", tmp_path / "mended.mcap")
-    kept = read(tmp_path / "mended.mcap")
-    assert 0 < kept.truth.samples < 120_000
-    assert any("bad.mcap" in problem for problem in kept.problems)
 
 
 def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
