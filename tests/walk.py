@@ -1,8 +1,10 @@
 """The way of a run through the files: every function once, in the order of the first calls.
 
     python -m tests.walk
+    python -m tests.walk --mergers 180
 
-A stay is a visit to a file. A return is a stay in a file that was visited before.
+A stay is a visit to a file. A return is a stay in a file that was visited before. `--mergers`
+prints which files would have to become one for so many returns, each time those that save most.
 """
 
 import json
@@ -10,8 +12,9 @@ import os
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from contextlib import redirect_stdout
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from types import CodeType, FrameType
 
@@ -54,15 +57,39 @@ def walked() -> list[tuple[str, str]]:
     return found
 
 
+def returns(files: list[str]) -> int:
+    """Visits to a file that was visited before, of the files in the order of the calls."""
+    stays = [file for file, _ in groupby(files)]
+    return len(stays) - len(set(stays))
+
+
+def mergers(files: list[str], target: int) -> Iterator[tuple[str, str, int]]:
+    """Two files that become one, and the returns that are left, until these are `target`."""
+    while returns(files) > target:
+        tried = []
+        for one, other in {tuple(sorted(pair)) for pair in pairwise(files)}:
+            # A file with kernels takes names from few others.
+            if one != other and one.endswith("kernels.py") == other.endswith("kernels.py"):
+                joined = [one if file == other else file for file in files]
+                tried.append((returns(joined), one, other, joined))
+        left, one, other, files = min(tried)
+        yield one, other, left
+
+
 def main() -> None:
     """Print the stays, then their number, that of the files and that of the returns, as JSON."""
+    target = sys.argv[2:]
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
         found = walked()
     stays = [(file, [name for _, name in some]) for file, some in groupby(found, lambda f: f[0])]
     for file, names in stays:
         print(f"{file}: {' '.join(names)}")
-    files = len({file for file, _ in stays})
-    print(json.dumps({"stays": len(stays), "files": files, "returns": len(stays) - files}))
+    order = [file for file, _ in stays]
+    files = len(set(order))
+    print(json.dumps({"stays": len(stays), "files": files, "returns": returns(order)}))
+    if target:
+        for one, other, left in mergers(order, int(target[0])):
+            print(f"{left} {one} {other}")
 
 
 if __name__ == "__main__":
