@@ -1,6 +1,8 @@
 """Call a command line within this process."""
 
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -15,3 +17,16 @@ def invoke(words: Sequence[str], env: Mapping[str, str] | None = None) -> Result
     # The runner makes a command of an application; this one is made.
     with patch("typer.testing._get_command", lambda made: made):
         return CliRunner().invoke(commands, list(words), env=env)
+
+
+def run_and_inspected(folder: Path, *settings: str) -> list[tuple[str, Any]]:
+    """What `run --details` and `inspect --details` print of a compiled run, and what they write."""
+    file, found = str(folder / "a.mcap"), []
+    run = ["run", "aluminium-3mm", "--transport", "compiled", "--out", file]
+    run += [word for setting in settings for word in ("--set", setting)]
+    for words in (run, ["inspect", file]):
+        report = folder / f"{words[0]}.json"
+        done = invoke([*words, "--details", "--json", str(report)])
+        assert done.exit_code == 0, done.output
+        found.append((done.output, json.loads(report.read_text())))
+    return found

@@ -1,6 +1,5 @@
 """The actuator as a scene's table: what it costs the law, what is refused, what is printed."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, parts
-from tests.commands import invoke
+from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -115,32 +114,13 @@ def test_demand_of_the_ideal_law() -> None:
     assert figures_of(off, simulate(off).rows).demand is None
 
 
-def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_run_and_inspect_print_the_demand(tmp_path: Path) -> None:
     settings = ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"]
-    arguments = [text for setting in settings for text in ("--set", setting)]
-    run = invoke(
-        [
-            "run",
-            "aluminium-3mm",
-            "--transport",
-            "compiled",
-            "--out",
-            "a.mcap",
-            "--json",
-            "a.json",
-            "--details",
-            *arguments,
-        ],
-    )
-    assert run.exit_code == 0, run.output
-    assert "its bandwidth adds 2.23" in run.output
-    inspected = invoke(["inspect", "a.mcap", "--json", "b.json", "--details"])
-    assert inspected.exit_code == 0, inspected.output
-    assert "Actuator demand" in inspected.output
-    asked = [json.loads((tmp_path / name).read_text())["demand"] for name in ("a.json", "b.json")]
-    assert asked[0] == asked[1]
-    assert asked[0]["force_n"] > 10.0
+    (ran, written), (inspected, again) = run_and_inspected(tmp_path, *settings)
+    assert "its bandwidth adds 2.23" in ran
+    assert "Actuator demand" in inspected
+    assert written["demand"] == again["demand"]
+    assert written["demand"]["force_n"] > 10.0
 
 
 def test_verify_gives_the_actuator_the_same_commands() -> None:

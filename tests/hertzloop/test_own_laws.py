@@ -26,6 +26,7 @@ from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.test_cli import call, said
 from tests.tiers import default
 
 LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
@@ -116,18 +117,10 @@ def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.Monkey
     path = f"{ROOT}{os.pathsep}{here}"
     references = ("acme_laws/halves.py:Half", "acme_laws.halves:Half", "half", "force_feedback")
     for number, law in enumerate(references):
-        words = [
-            "run",
-            "aluminium-3mm",
-            "--transport",
-            "compiled",
-            "--set",
-            SHORT,
-            "--out",
-            f"{number}.mcap",
-        ]
+        words = ["run", "aluminium-3mm", "--transport", "compiled", "--set", SHORT]
         settings = ["--set", f"controller.law={law}"]
         settings += ["--set", "controller.kappa=0.5"] if law == "force_feedback" else []
+        words += ["--out", f"{number}.mcap"]
         done = hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
         assert done.returncode == 0, done.stderr
     for number in range(3):
@@ -137,39 +130,28 @@ def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.Monkey
 @pytest.mark.full
 def test_sweep_check_and_tune(here: Path) -> None:
     shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
-    fixed = ["--set", "controller.law=mine.py", "--set", SHORT]
+    fixed = ["aluminium-3mm", "--set", "controller.law=mine.py", "--set", SHORT]
     over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
-    done = hertzloop(
-        "sweep", "aluminium-3mm", *fixed, *over, "-o", "r.csv", "--workers", "2", cwd=here
-    )
-    assert done.returncode == 0, done.stderr
+    done = call("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2")
+    assert done.exit_code == 0, done.output
     header = json.loads((here / "r.csv.json").read_text())
     (about,) = header["laws"].values()
     assert about["source"] == (here / "mine.py").read_text()
-    done = hertzloop("sweep", "--verify", "r.csv", "--cases", "2", cwd=here)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 of 2 cases: the same bytes over zenoh" in done.stdout
-    tuned = [
-        "tune",
-        "aluminium-3mm",
-        "--law",
-        "mine.py",
-        "--set",
-        SHORT,
-        "--minimise",
-        "plate_energy_db",
-    ]
+    done = call("sweep", "--verify", "r.csv", "--cases", "2")
+    assert done.exit_code == 0, done.output
+    assert "2 of 2 cases: the same bytes over zenoh" in said(done)
+    tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT]
     small = ["--generations", "2", "--population", "4", "--json", "t.json"]
-    done = hertzloop(*tuned, *small, cwd=here)
-    assert done.returncode == 0, done.stderr
+    done = call(*tuned, "--minimise", "plate_energy_db", *small)
+    assert done.exit_code == 0, done.output
     (best,) = json.loads((here / "t.json").read_text())["front"]
     assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
     # Another text is another law, for what was begun and for what is to be checked.
     with (here / "mine.py").open("a") as file:
         file.write("\n# changed\n")
-    done = hertzloop("sweep", "--verify", "r.csv", "--cases", "1", cwd=here)
-    assert done.returncode == 2
-    assert "Copy the same file to both sides" in " ".join(done.stderr.split())
+    done = call("sweep", "--verify", "r.csv", "--cases", "1")
+    assert done.exit_code == 2
+    assert "Copy the same file to both sides" in said(done)
 
 
 def test_a_case_looks_for_its_law_once_and_starts_no_thread(
@@ -197,14 +179,10 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
 def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
     write_law(here)
     laws = "controller.law=slope_threshold,mine.py"
-    done = hertzloop(
-        "sweep", "aluminium-3mm", "--set", SHORT, "--over", laws, "-o", "r.csv", cwd=here
-    )
-    assert done.returncode == 0, done.stderr
-    done = hertzloop(
-        "sweep", "--verify", "r.csv", "--cases", "2", "--transport", "inprocess", cwd=here
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = call("sweep", "aluminium-3mm", "--set", SHORT, "--over", laws, "-o", "r.csv")
+    assert done.exit_code == 0, done.output
+    done = call("sweep", "--verify", "r.csv", "--cases", "2", "--transport", "inprocess")
+    assert done.exit_code == 0, done.output
 
 
 @pytest.mark.full
@@ -217,19 +195,10 @@ def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None
     path.write_text(text)
     recordings = []
     for law in ("mine.py", "slow.py"):
-        words = [
-            "run",
-            "aluminium-3mm",
-            "--transport",
-            "compiled",
-            "--set",
-            SHORT,
-            "--out",
-            f"{law}.mcap",
-        ]
-        done = hertzloop(*words, "--set", f"controller.law={law}", cwd=here)
-        assert done.returncode == 0, done.stderr
-        cost = re.search(r"runs as Python, ([0-9.]+) us", " ".join(done.stderr.split()))
+        words = ["--transport", "compiled", "--set", SHORT, "--out", f"{law}.mcap"]
+        done = call("run", "aluminium-3mm", *words, "--set", f"controller.law={law}")
+        assert done.exit_code == 0, done.output
+        cost = re.search(r"runs as Python, ([0-9.]+) us", said(done))
         assert (cost is not None and float(cost[1]) > 0.0) == (law == "slow.py")
         recordings.append(read(here / f"{law}.mcap"))
     assert recordings[0].force.arrays["force_n"].any()
@@ -303,22 +272,21 @@ def test_every_shipped_law_is_described() -> None:
 
 
 def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
-    for words in (["law", "mine.py"], ["scene", "a scene.toml"]):
-        done = hertzloop(words[0], "new", *words[1:], cwd=here)
-        assert done.returncode == 0, done.stderr
+    for kind, name in (("law", "mine.py"), ("scene", "a scene.toml")):
+        done = call(kind, "new", name)
+        assert done.exit_code == 0, done.output
     run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
-    done = hertzloop(*run, "--set", "controller.law=mine.py", cwd=here)
-    assert done.returncode == 0, done.stderr
+    done = call(*run, "--set", "controller.law=mine.py")
+    assert done.exit_code == 0, done.output
     recording = read(here / "a-scene.mcap")
     assert recording.force.arrays["force_n"].any()
-    again = hertzloop("law", "new", "mine.py", cwd=here)
-    assert again.returncode == 2
-    assert "mine.py exists" in again.stderr
-    wrong = hertzloop("law", "new", "mine.txt", cwd=here)
-    assert wrong.returncode == 2
+    again = call("law", "new", "mine.py")
+    assert again.exit_code == 2
+    assert "mine.py exists" in said(again)
+    assert call("law", "new", "mine.txt").exit_code == 2
     # The same start in C.
     if shutil.which("cc"):
-        assert hertzloop("law", "new", "mine.c", cwd=here).returncode == 0
+        assert call("law", "new", "mine.c").exit_code == 0
         build(here, here / "mine.c")
         scene = load("a scene.toml", [SHORT, "controller.law=mine.so"])
         assert first_difference(record(scene, here / "c.mcap"), recording) is None
@@ -329,22 +297,13 @@ def test_law_on_a_recording(here: Path) -> None:
     write_law(here)
     shutil.copy(ROOT / "controller" / "laws" / "slope_threshold.py", here / "same.py")
     record(load("aluminium-3mm", [SHORT, "controller.latency_us=2"]), here / "r.mcap")
-    same = hertzloop("law", "replay", "r.mcap", "--law", "same.py", cwd=here)
-    assert same.returncode == 0, same.stderr
-    assert "the same forces in all 1,600 steps" in same.stdout
+    replay = ["law", "replay", "r.mcap", "--law"]
+    same = call(*replay, "same.py")
+    assert same.exit_code == 0, same.output
+    assert "the same forces in all 1,600 steps" in said(same)
     assert (here / "r-law.png").read_bytes().startswith(b"\x89PNG")
-    words = [
-        "law",
-        "replay",
-        "r.mcap",
-        "--law",
-        "same.py",
-        "--set",
-        "controller.kappa=0.7",
-        "-o",
-        "b.png",
-    ]
-    other = hertzloop(*words, "--json", "o.json", cwd=here)
+    words = ["--set", "controller.kappa=0.7", "-o", "b.png", "--json", "o.json"]
+    other = call(*replay, "same.py", *words)
     difference, written = other.stdout.splitlines()
     assert "differ first at step" in difference
     assert written == "written: b.png"
@@ -354,19 +313,19 @@ def test_law_on_a_recording(here: Path) -> None:
     assert not force[:first].any()
     content = (here / "r.mcap").read_bytes()
     (here / "cut.mcap").write_bytes(content[:-2000])
-    cut = hertzloop("law", "replay", "cut.mcap", "--law", "same.py", cwd=here)
-    assert "cut.mcap: the file is cut off or damaged" in " ".join(cut.stderr.split())
-    wrong = hertzloop("law", "replay", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
-    assert wrong.returncode == 2
-    assert "needs 'contact_force'" in " ".join(wrong.stderr.split())
+    cut = call("law", "replay", "cut.mcap", "--law", "same.py")
+    assert "cut.mcap: the file is cut off or damaged" in said(cut)
+    wrong = call(*replay, "mine.py", "-o", "c.png")
+    assert wrong.exit_code == 2
+    assert "needs 'contact_force'" in said(wrong)
 
 
 def test_a_recording_outlives_its_law(here: Path) -> None:
     path = write_law(here)
     record(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), here / "a.mcap")
     path.unlink()
-    done = hertzloop("inspect", "a.mcap", "--json", "i.json", cwd=here)
-    assert done.returncode == 0, done.stderr
+    done = call("inspect", "a.mcap", "--json", "i.json")
+    assert done.exit_code == 0, done.output
     data = json.loads((here / "i.json").read_text())
     assert data["complete"]
     assert len(data["impacts"]) == 1

@@ -1,6 +1,5 @@
 """Sentences are for people: with every word of them replaced, programs find the same facts."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import run_cases
 from hertzloop.studies.sweeps.sweep import SweepResults, header_of, read_results, write_results
-from tests.commands import invoke
+from tests.commands import invoke, run_and_inspected
 from tests.recordings.rewriting import Sent, rewrite
 
 SHORT = ["run.duration_s=0.0015", "run.accuracy=0.1"]
@@ -54,20 +53,11 @@ def without(data: Any) -> Any:
     return [without(value) for value in data] if isinstance(data, list) else data
 
 
-def command(*words: str, code: int = 0) -> None:
-    done = invoke(list(words))
-    assert done.exit_code == code, done.output
-
-
 def recorded(name: str, folder: Path) -> tuple[Recording, list[Any]]:
     """One of RUNS in a new folder, and what `run` and `inspect` write of it."""
     folder.mkdir()
-    file, (run, inspect) = str(folder / "a.mcap"), (folder / "run.json", folder / "inspect.json")
-    settings = [word for key in [*SHORT, *RUNS[name]] for word in ("--set", key)]
-    command("run", "aluminium-3mm", "--transport", "compiled", "--out", file,
-            "--json", str(run), *settings)  # fmt: skip
-    command("inspect", file, "--json", str(inspect))
-    return read(Path(file)), [json.loads(one.read_text()) for one in (run, inspect)]
+    found = run_and_inspected(folder, *SHORT, *RUNS[name])
+    return read(folder / "a.mcap"), [written for _, written in found]
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -114,7 +104,8 @@ def test_a_sweep_with_other_words_counts_the_same(
         assert (outcome.unstable, len(outcome.not_run)) == (1, 1)
     assert [row["status"] for row in strange.rows] == [replaced(r["status"]) for r in usual.rows]
     assert without(strangely_read) == without(read_again)
-    command("report", str(tmp_path / "a.csv"), "--out-dir", str(tmp_path))
+    done = invoke(["report", str(tmp_path / "a.csv"), "--out-dir", str(tmp_path)])
+    assert done.exit_code == 0, done.output
 
 
 def every_event() -> list[Event]:

@@ -5,46 +5,40 @@ from pathlib import Path
 
 import pytest
 
-from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.test_cli import SHORT, call, here, said
 
-GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"
+__all__ = ["here"]  # the fixture
+ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["a[/y].mcap", "[red]b.mcap", "[bold]c[/bold].mcap"])
-def test_markup_in_a_file_name_means_nothing(name: str, tmp_path: Path) -> None:
-    golden = next(GOLDEN.glob("*.mcap"))
+def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
     for file in (name, f"new{name}"):
-        (tmp_path / file).parent.mkdir(exist_ok=True)
-    shutil.copy(golden, tmp_path / name)
+        (here / file).parent.mkdir(exist_ok=True)
+    shutil.copy(next((ROOT / "recordings" / "golden").glob("*.mcap")), name)
     for words in (["inspect", name], ["compare", name, name]):
-        done = hertzloop(*words, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    assert name in hertzloop("inspect", name, cwd=tmp_path).stdout
-    cut = (tmp_path / name).read_bytes()[:-4000]
-    (tmp_path / name).write_bytes(cut)
-    assert name in " ".join(hertzloop("compare", name, name, cwd=tmp_path).stderr.split())
-    done = hertzloop("repair", name, "--out", f"new{name}", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert f"new{name}" in done.stdout
+        assert call(*words).exit_code == 0
+    assert name in call("inspect", name).output
+    Path(name).write_bytes(Path(name).read_bytes()[:-4000])
+    assert name in said(call("compare", name, name))
+    done = call("repair", name, "--out", f"new{name}")
+    assert done.exit_code == 0
+    assert f"new{name}" in done.output
 
 
-def test_markup_in_a_run(tmp_path: Path) -> None:
-    scene = hertzloop("scene", "list")
-    assert scene.returncode == 0
-    toml = (GOLDEN.parents[1] / "hertzloop" / "scenes" / "aluminium-3mm.toml").read_text()
+def test_markup_in_a_run(here: Path) -> None:
+    toml = (ROOT / "hertzloop" / "scenes" / "aluminium-3mm.toml").read_text()
     shows = 'shows = "[red]not red[/y]"'
     lines = [shows if line.startswith("shows") else line for line in toml.splitlines()]
-    (tmp_path / "[").mkdir()
-    (tmp_path / "[/y].toml").write_text("\n".join(lines))
-    words = ["--transport", "compiled", "--set", "run.duration_s=0.0012", "--out", "[/z].mcap"]
-    done = hertzloop("run", "[/y].toml", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "hertzloop replay [/z].mcap" in done.stdout
+    (here / "[").mkdir()
+    (here / "[/y].toml").write_text("\n".join(lines))
+    done = call("run", "[/y].toml", *SHORT, "--out", "[/z].mcap")
+    assert done.exit_code == 0, done.output
+    assert "hertzloop replay [/z].mcap" in done.output
 
 
 @pytest.mark.parametrize("value", ["[/y]", "[red]x", "[link=https://a]b[/link]"])
 def test_markup_in_a_refused_value(value: str) -> None:
-    done = hertzloop("run", "--set", f"plate.material={value}")
-    assert done.returncode == 2
-    assert value in " ".join(done.stderr.split())
+    done = call("run", "--set", f"plate.material={value}")
+    assert done.exit_code == 2
+    assert value in said(done)

@@ -1,6 +1,5 @@
 """A contact that yields, as a scene: figures of the 3 mm ball, what is recorded and refused."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import pressure_words
-from tests.commands import invoke
+from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -77,37 +76,17 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
     assert rows[XI, ended] < -5e-6
 
 
-def test_run_inspect_and_python_tell_the_dent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    arguments = ["--set", "contact.plasticity=thornton", "--set", "run.duration_s=0.0013",
-                 "--set", "contact.limiting_pressure_pa=1.05e9", "--set",
-                 "actuator.bandwidth_hz=3e5"]  # fmt: skip
-    run = invoke(
-        [
-            "run",
-            "aluminium-3mm",
-            "--transport",
-            "compiled",
-            "--out",
-            "a.mcap",
-            "--json",
-            "a.json",
-            "--details",
-            *arguments,
-        ],
-    )
-    assert run.exit_code == 0, run.output
-    assert "a dent of" in run.output
-    inspected = invoke(["inspect", "a.mcap", "--json", "b.json", "--details"])
-    assert inspected.exit_code == 0, inspected.output
-    assert "a dent of" in inspected.output
-    found = [json.loads((tmp_path / name).read_text())["yield"] for name in ("a.json", "b.json")]
-    assert found[0] == found[1]
-    assert found[0]["dent_m"] > 2e-6
+def test_run_inspect_and_python_tell_the_dent(tmp_path: Path) -> None:
     scene = yielding(1.05e9, "actuator.bandwidth_hz=3e5")
-    assert float(hertzloop.simulate(scene.scene).truth["deepest_m"].max()) > found[0]["dent_m"]
+    keys = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9",
+            "run.duration_s=0.0013", "actuator.bandwidth_hz=3e5"]  # fmt: skip
+    (ran, written), (inspected, again) = run_and_inspected(tmp_path, *keys)
+    assert "a dent of" in ran
+    assert "a dent of" in inspected
+    assert written["yield"] == again["yield"]
+    dent_m = written["yield"]["dent_m"]
+    assert dent_m > 2e-6
+    assert float(hertzloop.simulate(scene.scene).truth["deepest_m"].max()) > dent_m
 
 
 def test_verify_a_contact_that_yields() -> None:

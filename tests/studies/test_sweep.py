@@ -49,13 +49,8 @@ def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
 @pytest.mark.parametrize(
     ("over", "says"),
     [
-        (["controller.latency_us"], "invalid range"),
-        (["controller.latency_us=5:1:1"], "the first number must be the lower"),
-        (["controller.latency_us=0:5:0"], "Give a step above 0"),
-        (["controller.latency_us=a:b"], "must consist of numbers"),
         (["controller.latency_us=0:5"], "has no step"),
         (["controller.latency_us=0:inf:1"], "must consist of numbers"),
-        (["controller.kappa=1,,2"], "has an empty value"),
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
         (["controller.latncy_us=0:5:1"], "Did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
