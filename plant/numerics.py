@@ -1,4 +1,4 @@
-"""The functions of exponential integrators, and arrays as a processor wants them."""
+"""The functions of exponential integrators."""
 
 import math
 from functools import cache
@@ -10,7 +10,6 @@ from hertzloop.jit.by_type import fused
 
 _SERIES_TERMS = 24  # 1/24! is below rounding for |x| <= 1
 _BLOCK = 256  # numbers that are followed together, in the processor's nearest memory
-_LINE = 8  # numbers
 RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
 
@@ -71,17 +70,3 @@ def phi(k: int, x: np.ndarray) -> np.ndarray:
         direct = np.exp(far) - sum(far**i / math.factorial(i) for i in range(k))
         found[large] = direct / far**k
     return found
-
-
-def aligned(values: np.ndarray) -> np.ndarray:
-    """A copy of an array of floats, C-contiguous, at the start of a cache line.
-
-    Elsewhere, which is where NumPy puts large ones, every vector of eight would be read from two
-    lines, and how fast a run is would depend on where its arrays happened to lie.
-    """
-    room = np.empty(values.size + _LINE)
-    address = room.__array_interface__["data"][0]  # `ctypes` takes longer
-    first = -(address // room.itemsize) % _LINE
-    placed = room[first : first + values.size].reshape(values.shape)
-    placed[...] = values
-    return placed

@@ -11,7 +11,7 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
-from hertzloop.plant.numerics import aligned, damped_frequency, phi
+from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
 from hertzloop.plant.plant import Plant, PlantSpec, air_eta, common_fields
 from hertzloop.plant.schemes import collocation_kernels as modal_k
@@ -19,6 +19,7 @@ from hertzloop.plant.structures.modes import Oscillators
 
 _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
 _TAIL_NODES_PER_RADIAN = 0.75
+_LINE = 8  # numbers in a line of the processor's cache
 
 
 # The modes left out of a plate, as one damped mode in place of a massless spring.
@@ -118,6 +119,20 @@ def _lost(
     full = y * (bend * weights) @ bend.T
     upper = np.triu(full) + np.triu(full, 1)
     return np.asarray(upper[np.triu_indices(4)])
+
+
+def aligned(values: np.ndarray) -> np.ndarray:
+    """A copy of an array of floats, C-contiguous, at the start of a cache line.
+
+    Elsewhere, which is where NumPy puts large ones, every vector of eight would be read from two
+    lines, and how fast a run is would depend on where its arrays happened to lie.
+    """
+    room = np.empty(values.size + _LINE)
+    address = room.__array_interface__["data"][0]  # `ctypes` takes longer
+    first = -(address // room.itemsize) % _LINE
+    placed = room[first : first + values.size].reshape(values.shape)
+    placed[...] = values
+    return placed
 
 
 def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel:

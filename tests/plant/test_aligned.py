@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from hertzloop.plant.numerics import aligned
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.collocation import CollocationPlant, aligned
 from tests.plant.rigs import spec
 
 
