@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.test_cli import call
 from tests.recordings.rewriting import Sent, record, rewrite
 
 COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
@@ -14,19 +14,13 @@ COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
 
 @pytest.mark.full
 def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
-    words = [
-        "--details",
-        *COMPILED,
-        "--set",
-        "run.duration_s=0.0015",
-        "--out",
-        str(tmp_path / "a.mcap"),
-    ]
+    words = ["--details", *COMPILED, "--set", "run.duration_s=0.0015", "--out"]
+    words.append(str(tmp_path / "a.mcap"))
     report = tmp_path / "a.json"
     off = ["--set", "controller.law=off", "--json", str(report)]
-    alone = hertzloop("run", "aluminium-3mm", *words, *off)
-    both = hertzloop("run", "aluminium-3mm", *words, "--overwrite")
-    assert alone.returncode == both.returncode == 0, alone.stderr + both.stderr
+    alone = call("run", "aluminium-3mm", *words, *off)
+    both = call("run", "aluminium-3mm", *words, "--overwrite")
+    assert alone.exit_code == both.exit_code == 0, alone.output + both.output
     for title in ("Impacts with control", "The same without control", "dB"):
         assert title not in alone.stdout
         assert title in both.stdout
@@ -53,8 +47,8 @@ def test_books_that_are_not_finite_are_told_of(
             setattr(sent.header, field, value)
 
     path = rewrite(whole, tmp_path / "b.mcap", change)
-    done = hertzloop("inspect", str(path), "--json", str(tmp_path / "b.json"))
-    assert done.returncode == 1
+    done = call("inspect", str(path), "--json", str(tmp_path / "b.json"))
+    assert done.exit_code == 1
     said = f"the energy balance holds {field} = {value:g}"
     assert said in " ".join(done.stdout.split())
     found = json.loads((tmp_path / "b.json").read_text())
@@ -69,8 +63,8 @@ def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) ->
             sent.header.expected_error = math.inf
 
     path = rewrite(whole, tmp_path / "b.mcap", change)
-    done = hertzloop("inspect", str(path))
-    assert done.returncode == 0, done.stdout
+    done = call("inspect", str(path))
+    assert done.exit_code == 0, done.stdout
     assert "Complete" in done.stdout
 
 
@@ -82,10 +76,10 @@ def test_a_run_that_explodes_is_unstable(tmp_path: Path, transport: str) -> None
     keys = ["run.accuracy=0.1", "run.duration_s=0.0014", "sensors.quantity=auto",
             "controller.law=velocity_feedback", "controller.kappa=10"]  # fmt: skip
     words = [word for key in keys for word in ("--set", key)]
-    done = hertzloop("run", "aluminium-3mm", *words, "--transport", transport, "--out", str(path))
-    assert done.returncode == 0, done.stderr
-    inspected = hertzloop("inspect", str(path))
-    assert inspected.returncode == 0
+    done = call("run", "aluminium-3mm", *words, "--transport", transport, "--out", str(path))
+    assert done.exit_code == 0, done.output
+    inspected = call("inspect", str(path))
+    assert inspected.exit_code == 0
     for said in (done.stdout, inspected.stdout):
         assert "UNSTABLE: the actuator supplies 3.04e+21 times the impact energy." in said
     assert "Complete" in inspected.stdout

@@ -7,6 +7,7 @@ import pytest
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.setup import load
 from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.test_cli import call, said
 from tests.tiers import default
 
 SCENE = {"thesis2008": "thesis-aluminium"}
@@ -16,8 +17,8 @@ SCENE = {"thesis2008": "thesis-aluminium"}
 def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     words = ["--transport", "compiled", "--set", f"run.scheme={scheme}"]
     words += ["--set", "run.duration_s=0.0012", "--out", str(tmp_path / "a.mcap")]
-    done = hertzloop("run", SCENE.get(scheme, "aluminium-3mm"), *words, timeout_s=280.0)
-    assert done.returncode == 0, done.stderr
+    done = call("run", SCENE.get(scheme, "aluminium-3mm"), *words)
+    assert done.exit_code == 0, done.output
     assert (tmp_path / "a.mcap").is_file()
 
 
@@ -57,10 +58,9 @@ def test_what_cannot_be_run_leaves_no_file(
 ) -> None:
     file = tmp_path / "a.mcap"
     sets = [word for setting in settings for word in ("--set", setting)]
-    done = hertzloop("run", scene, *sets, "--transport", transport, "--out", str(file))
-    assert done.returncode == 2, done.stderr
-    assert words in " ".join(done.stderr.split())
-    assert "Traceback" not in done.stderr
+    done = call("run", scene, *sets, "--transport", transport, "--out", str(file))
+    assert done.exit_code == 2, done.output
+    assert words in said(done)
     assert not file.exists()
 
 
@@ -69,7 +69,7 @@ def test_a_force_that_cannot_be_known_leaves_no_file(tmp_path: Path) -> None:
     keys = ["controller.law=precomputed", "sphere.radius_m=0.2", "run.accuracy=0.3"]
     sets = [word for key in keys for word in ("--set", key)]
     words = ["--transport", "inprocess", "--out", str(tmp_path / "a.mcap")]
-    done = hertzloop("run", "sylomer-20mm", *sets, *words, timeout_s=250.0)
-    assert done.returncode == 2, done.stderr
-    assert "does not end" in done.stderr
+    done = call("run", "sylomer-20mm", *sets, *words)
+    assert done.exit_code == 2, done.output
+    assert "does not end" in said(done)
     assert not (tmp_path / "a.mcap").exists()

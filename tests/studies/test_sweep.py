@@ -2,7 +2,6 @@
 
 import json
 import math
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from hertzloop.studies.sweeps.design import (
 )
 from hertzloop.studies.sweeps.replay_cases import replay_cases
 from tests.commands import invoke
-from tests.studies.sweeping import COARSE, command
+from tests.studies.sweeping import COARSE
 
 
 @pytest.mark.parametrize(
@@ -280,17 +279,16 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--workers", "1", "-o", str(out),
              "--json", str(report), "--over",
              "run.duration_s=0.0005,0.0007,0.0009,0.002,0.003"]  # fmt: skip
-    done = subprocess.run(command(*words), capture_output=True, text=True)
-    assert done.returncode == 1
+    done = invoke(words)
+    assert done.exit_code == 1
     assert "2 of 5 cases run in" in done.stdout
     assert "3 of 5 cases failed" in done.stderr
     told = json.loads(report.read_text())
     assert (told["cases"], told["ran"], told["failed"], told["unstable"]) == (5, 2, 3, 0)
-    again = subprocess.run(
-        command("sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)),
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert again.returncode == 1, again.stdout
+    again = invoke(
+        ["sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)]
+    )
+    assert again.exit_code == 1, again.stdout
     assert "2 of 2 cases: the same bytes" in again.stdout
     assert "3 of 5 cases have no figures to verify" in again.stdout
     assert "3 of 5 cases failed" in again.stderr
@@ -304,8 +302,8 @@ def test_an_unstable_case_was_run_but_has_no_figures(tmp_path: Path) -> None:
     for setting in (*COARSE, "controller.law=velocity_feedback", "controller.latency_us=20",
                     "run.duration_s=0.01"):  # fmt: skip
         words += ["--set", setting]
-    done = subprocess.run(command(*words), capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    done = invoke(words)
+    assert done.exit_code == 0, done.stderr
     assert "1 of 2 cases are unstable and have no figures" in done.stdout
     told = json.loads(report.read_text())
     assert (told["ran"], told["failed"], told["unstable"]) == (2, 0, 1)
@@ -318,11 +316,10 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
     text = out.read_text().splitlines()
     text[2] = text[2].replace("1,1,", "1,0.5,", 1)  # what no scene can have
     out.write_text("\n".join(text) + "\n")
-    done = subprocess.run(
-        command("sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)),
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 1
+    done = invoke(
+        ["sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)]
+    )
+    assert done.exit_code == 1
     assert "2 of 2 cases: the same bytes" in done.stdout
     assert "1 of 3 cases failed" in done.stderr
     told = json.loads(report.read_text())
