@@ -56,7 +56,8 @@ def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
         taken = 0.4 * contact.stiffness * min(deepest, law.delta_m) ** 2.5
         taken += law.force_n * beyond + 0.5 * law.rise_n_m * beyond**2
         assert taken == pytest.approx(energy_j)
-    soft = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=0.44e9"]
+    soft = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=0.44e9",
+            "actuator.bandwidth_hz=300000"]  # a kind of plant that is compiled already  # fmt: skip
     scene = load("aluminium-3mm", [*soft, "sensors.bits=12", "run.duration_s=0.0013"])
     limits = scene.sensor.full_scale
     assert limits is not None

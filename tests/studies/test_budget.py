@@ -590,7 +590,7 @@ def test_the_command_ends_as_documented(requirements):
 def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1",
-             "--only", "bandwidth_hz", "--json", "a.json"]  # fmt: skip
+             "--only", "latency_us", "--json", "a.json"]  # fmt: skip
     one = " ".join(invoke(words).stdout.split())
     assert "changes by -4.2 dB in the first impact and by -2.0 dB over all contacts" in one
     assert "--span both" in one
@@ -599,7 +599,7 @@ def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     assert "the first impact" in done.stdout
     assert "the whole run" in done.stdout
     data = json.loads((tmp_path / "a.json").read_text())
-    limits = [data[of]["bandwidth_hz"]["value"] for of in ("limits", "other_span")]
+    limits = [data[of]["latency_us"]["value"] for of in ("limits", "other_span")]
     assert None not in limits
     assert limits[0] != limits[1]
     assert data["other_span_db"] == pytest.approx(-2.0, abs=0.05)

@@ -106,6 +106,7 @@ def test_noise_does_not_make_an_elastic_contact_yield() -> None:
         assert estimate.high is None, seed
 
 
+@pytest.mark.full
 def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class() -> None:
     """The baseline rests on one level, away from the offset; the contact shows all of the noise."""
     seen = truth(scene(), "contact_force", 70e-6)
@@ -173,6 +174,7 @@ def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
     assert found.model is Model.DOES_NOT_FIT
 
 
+@pytest.mark.full
 def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval() -> None:
     one = record(scene(*YIELDS), "v_p", 3e-3, clock_ppm=40.0)
     [estimate] = fitted(scene(*YIELDS), one, THICKNESS).estimates
@@ -693,6 +695,7 @@ def written(path: Path, one: Record, name: str = "contact_force_n") -> str:
     return str(path)
 
 
+@pytest.mark.full
 def test_json_has_the_fields_and_types_of_its_page(tmp_path: Path) -> None:
     elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
     one = written(tmp_path / "a" / "drop.csv", elastic)
@@ -943,6 +946,7 @@ def test_the_records_of_the_tutorial_give_the_true_values() -> None:
         assert estimate.low < TRUE[estimate.key] < estimate.high
 
 
+@pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
     from hertzloop.studies.fit.report import fitted_scene
     from hertzloop.studies.sweeps.replay_cases import replay_cases

@@ -44,7 +44,8 @@ def holds(found: FitResult, **true: float) -> bool:
 
 
 @pytest.mark.parametrize("changes", [
-    (), ("actuator.bandwidth_hz=5e4",), ("sensors.every_steps=3", "controller.latency_us=6"),
+    (), pytest.param(("actuator.bandwidth_hz=5e4",), marks=pytest.mark.full),
+    ("sensors.every_steps=3", "controller.latency_us=6"),
 ])  # fmt: skip
 def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str, ...]) -> None:
     setup = scene(*changes)
@@ -106,6 +107,7 @@ def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not
     assert wrong.model is Model.DOES_NOT_FIT
 
 
+@pytest.mark.full
 def test_the_latency_needs_the_touch_in_the_same_time() -> None:
     """A force that comes after the contact has any latency, as its record begins at any time."""
     true = scene(f"{LATENCY}=40", f"{BANDWIDTH}=4e4")
@@ -131,6 +133,7 @@ def test_a_latency_without_effect_is_not_identifiable() -> None:
     assert any("the records allow" in sentence for sentence in report.sentences(found))
 
 
+@pytest.mark.full
 def test_a_finer_grid_resolves_more_of_a_latency() -> None:
     true = scene("run.step_ns=250", "sensors.every_steps=4", f"{LATENCY}=6.25")
     found = fitted(true.vary({LATENCY: 3.0}), [record(true, phase=1.2)], f"{LATENCY}=4:9")
@@ -138,6 +141,7 @@ def test_a_finer_grid_resolves_more_of_a_latency() -> None:
     assert found.estimates[0].value % 0.25 == 0.0
 
 
+@pytest.mark.full
 def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:
     true = scene(f"{LATENCY}=6")
     free = truth(true.without_control(), FORCE, 80e-6, accuracy=1e-4)
