@@ -1201,15 +1201,14 @@ def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intak
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
     if len(damage) > _DAMAGES_NAMED:
         damage[_DAMAGES_NAMED:] = [f"... and in {len(damage) - _DAMAGES_NAMED} more places"]
-    joined: dict[str, Any] = {
-        name: intake.tracks[name].join(partial(source.again, name, intake.run_id))
-        for name in SAMPLED
-    }
     recording = Recording(
-        path, intake.scene_toml, intake.metadata or {}, intake.result or {}, **joined,
+        path, intake.scene_toml, intake.metadata or {}, intake.result or {},
         events=intake.events, books=intake.books, pacing=intake.pacing, ends=intake.ends,
         law_source=intake.law_source, others=intake.others, unchecked=len(walk.unchecked),
     )  # fmt: skip
+    for name in SAMPLED:  # a new row of STREAMS is an attribute more
+        again: Callable[[], Iterator[Arrays]] = partial(source.again, name, intake.run_id)
+        setattr(recording, name, intake.tracks[name].join(again))
     intake.reconcile()
     recording.problems = [*intake.problems, *damage]
     faults = [recording.result.get("fault", ""), *(end.fault for end in intake.ends.values())]
