@@ -793,15 +793,18 @@ def _change(
     error: float = 0.0,
     reference_error: float = 0.0,
 ) -> str:
-    """Ratio in dB for energies and amplitudes, in per cent otherwise."""
+    """The change in dB for energies and amplitudes, in per cent otherwise; empty where the sign
+    of a value makes it meaningless."""
     if reference == 0.0 or math.isnan(value):
         return ""
     if not row.db:
+        if reference < 0.0 or value < 0.0:
+            return ""
         if value > 1e3 * reference:  # what is divided by lies within the model's error
             return "from nearly zero"
-        share = 100.0 * value / reference
+        share = 100.0 * (value / reference - 1.0)
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
-        return _with_unit(known_digits(share, ".1f", wrong), "%")
+        return _with_unit(known_digits(share, "+.1f", wrong), "%")
     return _in_db(meters.change_db(value, reference, row.db, error, reference_error), "+.2f")
 
 

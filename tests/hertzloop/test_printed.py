@@ -4,7 +4,7 @@ import io
 import math
 import operator
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.setup import load
 from hertzloop.views import run as tables
 from hertzloop.views.format import Table
@@ -107,7 +108,7 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
         assert found == pytest.approx(values, rel=6e-4), label
         ratio = values[0] / values[1]
         if change.endswith("%"):
-            assert float(change[:-2]) == pytest.approx(100 * ratio, abs=0.051)
+            assert float(change[:-2]) == pytest.approx(100 * (ratio - 1.0), abs=0.051)
         else:
             of_amplitude = label.startswith(("peak pressure", "largest plate"))
             decibel = (20 if of_amplitude else 10) * math.log10(ratio)
@@ -122,6 +123,18 @@ def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
             assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
+
+
+def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
+    without = ImpactNoise(**{field.name: 1.0 for field in fields(ImpactNoise)})
+    under = replace(without, contact_time_s=0.447, next_impact_speed_m_s=1e4)
+    rows = {row[0]: row[-1] for row in tables.noise_rows([under, without], compare=True)}
+    assert rows["contact time"] == "-55.3 %"
+    assert rows["next impact speed"] == "from nearly zero"
+    assert rows["rebound height"] == "+0.0 %"
+    back = replace(without, next_impact_speed_m_s=-0.2)
+    rows = {row[0]: row[-1] for row in tables.noise_rows([under, back], compare=True)}
+    assert rows["next impact speed"] == ""
 
 
 @pytest.mark.full
