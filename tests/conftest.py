@@ -8,6 +8,7 @@ import gc
 import importlib.util
 import os
 import random
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -24,6 +25,10 @@ settings.load_profile("no clock")
 
 
 collect_rarely()
+
+# A shell's background job ignores Ctrl-C, and so do the processes that tests start and interrupt.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Packages of the extra `all-tests`, one for each of its lines that tests import.
 _ALL_TESTS = (

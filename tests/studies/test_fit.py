@@ -946,7 +946,6 @@ def test_the_records_of_the_tutorial_give_the_true_values() -> None:
         assert estimate.low < TRUE[estimate.key] < estimate.high
 
 
-@pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
     from hertzloop.studies.fit.report import fitted_scene
     from hertzloop.studies.sweeps.replay_cases import replay_cases
