@@ -335,7 +335,6 @@ def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
 def limit_words(limit: BudgetLimit) -> str:
     """Return a limit in words."""
     if limit.value is not None:
-        return (
-            f"{'at least' if limit.quantity in LEAST else 'up to'} {limit.value:.4g} {limit.unit}"
-        )
+        least = limit.quantity in LEAST
+        return f"{'at least' if least else 'up to'} {limit.value:.4g} {limit.unit}"
     return limit.boundary.value

@@ -30,7 +30,7 @@ class ModalStructure(Structure):
     """
 
     name: str
-    mode_table: ModeTable = field()
+    mode_table: ModeTable = field()  # without the default of the class above
     material: Material
     local_plate: Plate | None = None
     residual: float | None = None
