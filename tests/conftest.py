@@ -97,7 +97,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         return
     compiling = [subprocess.Popen([sys.executable, "-c", _IMPORTS + share]) for share in _COMPILE]
     for process in compiling:
-        assert process.wait() == 0
+        process.wait()  # of what fails here, the tests say why
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -7,6 +7,7 @@ A stay is a visit to a file. A return is a stay in a file that was visited befor
 prints which files would have to become one for so many returns, each time those that save most.
 """
 
+import argparse
 import json
 import os
 import sys
@@ -78,7 +79,9 @@ def mergers(files: list[str], target: int) -> Iterator[tuple[str, str, int]]:
 
 def main() -> None:
     """Print the stays, then their number, that of the files and that of the returns, as JSON."""
-    target = sys.argv[2:]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--mergers", type=int, metavar="RETURNS")
+    target = parser.parse_args().mergers
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
         found = walked()
     stays = [(file, [name for _, name in some]) for file, some in groupby(found, lambda f: f[0])]
@@ -87,8 +90,8 @@ def main() -> None:
     order = [file for file, _ in stays]
     files = len(set(order))
     print(json.dumps({"stays": len(stays), "files": files, "returns": returns(order)}))
-    if target:
-        for one, other, left in mergers(order, int(target[0])):
+    if target is not None:
+        for one, other, left in mergers(order, target):
             print(f"{left} {one} {other}")
 
 
