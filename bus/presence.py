@@ -126,14 +126,14 @@ class Presence:
     def missing(self) -> list[str]:
         """Roles of the run that left it without a word.
 
-        A role that announced its end has said why: that message is received before anything is
-        missed. A role that confirmed its completion has heard all of the others, whose final
-        messages may still be on their way to this one. So may be those of a role that is still
-        there: for a moment nobody is missed.
+        A role that announced its end has said why. zenoh sends tokens before messages that wait,
+        and each link has its own pace. So the final message may come after its role has left: for a
+        moment nobody is missed while another role could still say why. Once the recorder has
+        confirmed its completion nobody is missed: it has heard all final messages.
         """
-        if not self._left_s:
+        if not self._left_s or self._complete:
             return []
-        said, watched = self._ended | self._complete, list(self._watched.items())
+        said, watched = self._ended, list(self._watched.items())
         lost = [role for role, one in watched if one not in self.alive[role] and role not in said]
         to_say = self._watched.keys() - said - {*lost}
         before_s = clock.now() - (_EXPLAIN_S if to_say else 0.0)

@@ -104,6 +104,20 @@ class TestPresence:
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
 
+    def test_a_token_that_overtakes_the_last_words_of_its_role_is_no_loss(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        """The recorder has heard them; the plant's token is gone before the controller has."""
+        zenoh[RECORDER].presence.confirm_completion()
+        zenoh[RECORDER].close()
+        zenoh[PLANT].presence.leave()
+        for role in (RECORDER, PLANT):
+            assert zenoh[CONTROLLER].presence.wait_until_gone(role, PATIENCE_S)
+        with pytest.raises(PeerLost, match=r"controller waited .* for samples: nothing came"):
+            zenoh[CONTROLLER].receive(ABSENCE_S, "samples")
+        zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
+        assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
+
     def test_last_words_that_come_after_a_departure_explain_it(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:

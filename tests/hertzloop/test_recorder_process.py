@@ -14,7 +14,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamF
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.roles import BusAddress, run_controller, run_plant, run_recorder
 from hertzloop.recordings.reader import read
-from tests.bus.meshes import PATIENCE_S, url
+from tests.bus.meshes import ABSENCE_S, PATIENCE_S, url
 from tests.bus.tapes import SCENE, controller_says, plant_says
 from tests.ports import free_ports
 from tests.recordings.rewriting import scene
@@ -66,14 +66,11 @@ def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, strea
     assert f"stream '{stream}' is incomplete" in read(path).result["fault"]
 
 
-def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All was sent and answered: without the recorder's word nobody knows that it was kept."""
-    monkeypatch.setattr(Presence, "confirm_completion", lambda _: None)
+def run_over_zenoh(path: Path, name: str) -> list[Future]:
+    """A run of the three roles; how plant and controller ended."""
     urls = [url(port) for port in free_ports(3)]
     plant, controller, recorder = (
-        BusAddress("unconfirmed", [at], urls[:place], None, PATIENCE_S, PATIENCE_S)
+        BusAddress(name, [at], urls[:place], None, PATIENCE_S, PATIENCE_S)
         for place, at in enumerate(urls)
     )
     with ThreadPoolExecutor(3) as roles:
@@ -81,10 +78,34 @@ def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
             roles.submit(run_plant, scene(), plant),
             roles.submit(run_controller, controller),
         ]
-        roles.submit(run_recorder, tmp_path / "a.mcap", recorder).result()
-        for role in others:
-            with pytest.raises(PeerLost, match="recorder left the run before its part was compl"):
-                role.result()
+        roles.submit(run_recorder, path, recorder).result()
+    return others
+
+
+def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All was sent and answered: without the recorder's word nobody knows that it was kept."""
+    monkeypatch.setattr(Presence, "confirm_completion", lambda _: None)
+    for role in run_over_zenoh(tmp_path / "a.mcap", "unconfirmed"):
+        with pytest.raises(PeerLost, match="recorder left the run before its part was compl"):
+            role.result()
+
+
+def test_the_plant_leaves_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A controller that is slow to hear the plant's end does not miss the plant before."""
+    leave, order = ZenohPort.close, list[str]()
+
+    def close(port: ZenohPort) -> None:
+        if port.role == CONTROLLER:
+            time.sleep(ABSENCE_S)
+        order.append(port.role)
+        leave(port)
+
+    monkeypatch.setattr(ZenohPort, "close", close)
+    for role in run_over_zenoh(tmp_path / "a.mcap", "in-order"):
+        role.result()
+    assert order == [RECORDER, CONTROLLER, PLANT]
 
 
 def test_a_fault_that_comes_before_the_scene(tmp_path: Path) -> None:
