@@ -81,10 +81,12 @@ CODES = {
 
 
 def limited(text: str, folder: Path) -> None:
-    """Replace the last line of the law by that of the page."""
+    """Replace the last line of `command` by that of the page."""
     [line] = re.findall(r"^    return min\(.*\)$", text, re.M)
     law = folder / "mine.py"
-    law.write_text("\n".join([*law.read_text().splitlines()[:-1], line, ""]))
+    changed, count = re.subn(r"^    return p\.factor .*$", line, law.read_text(), flags=re.M)
+    assert count == 1
+    law.write_text(changed)
 
 
 def a_third(text: str, folder: Path) -> None:

@@ -194,7 +194,7 @@ class Entries:
         except Exception as error:  # whatever Numba does not know: there is Python instead
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
                 raise KeyboardInterrupt from error
-            self.trouble = _first_line(error)
+            self.trouble = _first_line(error, name)
             keep(self._refused, self.trouble)
         if self.trouble:
             return {}
@@ -234,14 +234,14 @@ class Entries:
             return made
 
 
-def _first_line(error: Exception) -> str:
+def _first_line(error: Exception, function: str) -> str:
     """What Numba complains about, in a line: the innermost error, since those around it speak of
-    our functions, and the line of the law."""
+    our functions, and the line of the law, or the function where that is not said."""
     inner = re.sub(r"\x1b\[\d+m", "", str(error)).rpartition("(step: nopython frontend)")[2]
     lines = [line.strip() for line in inner.splitlines()]
     said = [line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))]
-    at = re.search(r"^ *File .*, (line \d+):", inner, re.MULTILINE)
-    return (said[0] if said else type(error).__name__) + (f" ({at[1]})" if at else "")
+    at = re.search(r"^ *File (?!.*hertzloop_law_).*, (line \d+):", inner, re.MULTILINE)
+    return f"{said[0] if said else type(error).__name__} ({at[1] if at else 'in ' + function})"
 
 
 # Parameters and states as records: the same bytes for compiled Python, plain Python and C.

@@ -53,6 +53,8 @@ def try_law(setup: Setup) -> str:
     if said:
         raise SceneError(said)
     if isinstance(bound, BoundPython) and bound.trouble:
+        if bound.trouble.startswith("NameError"):  # Python may never come there
+            raise SceneError(f"law {bound.name}: {bound.trouble}. Correct the name, or define it.")
         cost_us = bound.cost_us(samples[:200])
         return (
             f"the law {bound.name} runs as Python, {cost_us:.1f} us a sample instead of about "

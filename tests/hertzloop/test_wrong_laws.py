@@ -90,6 +90,15 @@ BEFORE = {
         "def reach(keys):\n    return 5.0\ndef command(p, s, samples, i):\n    return 0.0\n",
         ["law mine.py: reach returned 5.0. Return a Reach."],
     ),
+    "name": (
+        "def command(p, s, samples, i):\n    return 0.0\n"
+        "def quiet_level(p, s):\n    return depth\n",
+        ["law mine.py: NameError: name 'depth' is not defined (in quiet_level). Correct the name"],
+    ),
+    "name that the trial does not reach": (
+        "def command(p, s, samples, i):\n    return tiny if i > 100_000 else 0.0\n",
+        ["law mine.py: NameError: name 'tiny' is not defined (in command)."],
+    ),
     "text": ("def command(p, s, samples, i):\n    return 'much'\n", ["at sample 0", "'much'"]),
     "nothing": ("def command(p, s, samples, i):\n    pass\n", ["at sample 0", "None"]),
 }  # fmt: skip
