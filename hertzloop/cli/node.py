@@ -33,6 +33,7 @@ from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import (
     INTERRUPTED,
     end_with_the_launcher,
+    interrupts_held_back,
     on_interrupt,
     raise_when_ended,
 )
@@ -200,12 +201,16 @@ def watch(
     try:
         with _shown_in(stream, save):
             stream.send_blueprint(viewer.live_blueprint())
-            err.print(f"watching run '{name}'")
+            err.print(f"waiting for run '{name}'")
             try:
                 with on_interrupt(ended.append):  # what was seen until now is kept
                     for payload in truth_blocks(name, where, bus.machine):
+                        first = not shown
                         with contextlib.suppress(MessageError):  # of another subscriber
                             shown += viewer.send_block(stream, payload)
+                            if first and shown:
+                                with interrupts_held_back():  # else the line could come twice
+                                    err.print(f"watching run '{name}'")
                 if ended:
                     why, code = "interrupted", INTERRUPTED
             except PeerLost as error:
