@@ -15,7 +15,7 @@ import zenoh
 
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.process_clock import LONGEST_S, clock
-from hertzloop.bus.streams import ROLES
+from hertzloop.bus.streams import RECORDER, ROLES
 from hertzloop.bus.unauthorised import UnauthorisedPeers
 from hertzloop.bus.zenoh_config import role_of
 
@@ -131,7 +131,7 @@ class Presence:
         moment nobody is missed while another role could still say why. Once the recorder has
         confirmed its completion nobody is missed: it has heard all final messages.
         """
-        if not self._left_s or self._complete:
+        if not self._left_s or RECORDER in self._complete:
             return []
         said, watched = self._ended, list(self._watched.items())
         lost = [role for role, one in watched if one not in self.alive[role] and role not in said]

@@ -53,7 +53,7 @@ def try_law(setup: Setup) -> str:
     if said:
         raise SceneError(said)
     if isinstance(bound, BoundPython) and bound.trouble:
-        if bound.trouble.startswith("NameError"):  # Python may never come there
+        if bound.trouble.startswith("NameError"):  # Python says so only when it gets there
             raise SceneError(f"law {bound.name}: {bound.trouble}. Correct the name, or define it.")
         cost_us = bound.cost_us(samples[:200])
         return (

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
 _COMPLETION_S = 60.0  # for the recorder to close its file, at least
-_PATIENCE_S = 4.0  # for an interrupted role to end in order, and for others to leave first
+_PATIENCE_S = 4.0  # for an interrupted role to end in order; for the controller to leave
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
@@ -134,7 +134,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
                 port.presence.wait_for_completion(
                     RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
                 )
-            if role == PLANT:  # zenoh can tell the controller of that before it hears of the end
+            if role == PLANT:  # its token could be gone before the controller hears its end
                 port.presence.wait_until_gone(CONTROLLER, _PATIENCE_S)
         finally:
             port.close()
