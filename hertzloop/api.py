@@ -225,7 +225,12 @@ def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
     Raises:
         SceneError: a key is unknown, or a value is not possible.
     """
-    return scenes.vary(scene if isinstance(scene, Scene) else load(scene), values)
+    return scenes.vary(_current(scene), values)
+
+
+def _current(scene: AnyScene) -> Scene:
+    """Return a scene with its law as that is now. Raises SceneError."""
+    return scenes.with_law_as_it_is(scene) if isinstance(scene, Scene) else load(scene)
 
 
 def _views() -> Any:
@@ -235,7 +240,13 @@ def _views() -> Any:
 
 
 def _resolved(scene: AnyScene) -> Setup:
-    return resolve(scene if isinstance(scene, Scene) else load(scene))
+    """Return a scene as it is to be simulated, with its law as that is now. Raises SceneError."""
+    from hertzloop.processes.law_trial import check_repeatable  # an own law needs it, no other
+
+    setup = resolve(_current(scene))
+    if not setup.law_is_shipped:
+        check_repeatable(setup)
+    return setup
 
 
 def simulate(scene: AnyScene) -> Run:

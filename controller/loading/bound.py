@@ -64,9 +64,8 @@ class BoundPython(BoundLaw):
     With `ahead` false it has `command` alone: what it knows of later samples is not asked for.
     """
 
-    def __init__(
-        self, name: str, digest: str, home: Any, constants: Any, ahead: bool = True
-    ) -> None:
+    def __init__(self, law: law_code.LawCode, constants: Any, ahead: bool = True) -> None:
+        home = law.home
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
         packed, state = law_code.pack(fields), law_code.state_of(home)
         # Python sees numbers, and arrays instead of tuples.
@@ -78,12 +77,12 @@ class BoundPython(BoundLaw):
         trouble, ended = "", list[BaseException]()
         if not law_code.UNCOMPILED:
             with law_code.compiling:
-                held = law_code.entries_of(name, digest, home, packed.dtype, state.dtype)
+                held = law_code.entries_of(law, packed.dtype, state.dtype)
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
             held = callbacks.python_functions(home, self._constants, state.dtype, wanted, ended)
             addresses = callbacks.addresses_of(held)
-        super().__init__(name, addresses, packed, state, held, ended)
+        super().__init__(law.name, addresses, packed, state, held, ended)
         self.trouble = trouble
 
     def explain(self, samples: np.ndarray, index: int) -> str:

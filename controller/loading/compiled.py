@@ -17,11 +17,13 @@ from pathlib import Path
 from threading import Lock
 from types import ModuleType
 from typing import Any, NamedTuple, get_type_hints
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from llvmlite import ir
 from numba import config, from_dtype, types
 from numba.core import cgutils
+from numba.core.caching import NullCache
 from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
@@ -147,6 +149,22 @@ def compiled_abreast() -> Iterator[None]:
         _abreast = False
 
 
+class LawCode(NamedTuple):
+    """What is compiled of a law.
+
+    Attributes:
+        home: the module or class with its functions.
+        kept: whether compiled code is kept on the disk, under the digest.
+        dispatchers: those of Numba that the law has itself.
+    """
+
+    name: str
+    digest: str
+    home: Any
+    kept: bool = True
+    dispatchers: tuple[Dispatcher, ...] = ()
+
+
 class Entries:
     """A law's functions as C functions for records of these layouts, each compiled, or loaded from
     the disk, when it is first asked for.
@@ -154,16 +172,18 @@ class Entries:
     `trouble`: why Numba could not compile one of them, empty while it could.
     """
 
-    def __init__(
-        self, home: Any, name: str, digest: str, parameters: np.dtype, state: np.dtype
-    ) -> None:
+    def __init__(self, law: LawCode, parameters: np.dtype, state: np.dtype) -> None:
+        home, name, digest = law.home, law.name, law.digest
         self._shipped = getattr(home, "__name__", "").startswith(_SHIPPED)
+        self._kept = law.kept
+        for dispatcher in law.dispatchers:
+            _forget_other_values(dispatcher, digest)
         self._names = [name for name in FUNCTIONS if callable(getattr(home, name, None))]
         text = text_of(name, self._names)
         layout = f"{digest} {parameters} {state} {text}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
         path = cache_folder() / "laws" / f"{module.__name__}.py"
-        self._new = not path.exists()
+        self._new = self._kept and not path.exists()
         if self._new:
             keep(path, text)
         module.__file__ = str(path)
@@ -195,7 +215,8 @@ class Entries:
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
                 raise KeyboardInterrupt from error
             self.trouble = _first_line(error, name)
-            keep(self._refused, self.trouble)
+            if self._kept:
+                keep(self._refused, self.trouble)
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
@@ -229,9 +250,22 @@ class Entries:
                 function, normalize_signature(signature), locals={},
                 options={"error_model": "numpy"},
             )  # fmt: skip
-            made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
+            if self._kept:
+                made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
             made.compile()
             return made
+
+
+_compiled_for: WeakKeyDictionary[Dispatcher, str] = WeakKeyDictionary()  # digests of laws
+
+
+def _forget_other_values(dispatcher: Dispatcher, digest: str) -> None:
+    """Have a law's own compiled function compiled with the values that its globals have now: Numba
+    keeps it with the values that they had, on the disk too where it was told to."""
+    dispatcher._cache = NullCache()  # type: ignore[attr-defined]
+    if dispatcher.overloads and _compiled_for.get(dispatcher) != digest:
+        dispatcher.recompile()
+    _compiled_for[dispatcher] = digest
 
 
 def _first_line(error: Exception, function: str) -> str:
@@ -329,10 +363,9 @@ _ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = 
 compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
 
 
-def entries_of(name: str, digest: str, home: Any, parameters: np.dtype, state: np.dtype) -> Entries:
+def entries_of(law: LawCode, parameters: np.dtype, state: np.dtype) -> Entries:
     """The entries of a law for these layouts, made once; to be called with `compiling` held."""
-    key = (name, digest, id(parameters), id(state))
+    key = (law.name, law.digest, id(parameters), id(state))
     if key not in _ENTRIES:
-        made = Entries(home, name, digest, parameters, state)
-        _ENTRIES[key] = (made, parameters, state)
+        _ENTRIES[key] = Entries(law, parameters, state), parameters, state
     return _ENTRIES[key][0]

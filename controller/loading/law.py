@@ -1,4 +1,4 @@
-"""A law as it was found: its scene keys, what it senses, its text and digest."""
+"""A law as it was found: its scene keys, what it senses, its text, digest and identity."""
 
 import math
 from collections import namedtuple
@@ -13,6 +13,8 @@ from pydantic import BaseModel
 
 from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
+from hertzloop.controller.loading.compiled import LawCode
+from hertzloop.controller.loading.identity import Identity, identify
 
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (
@@ -21,11 +23,14 @@ ABOUT_FIELDS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law:
     """A law written in Python. `home` is the module, or the class in it, with its functions.
+    A law that is loaded again is another one: what it prepares may have changed.
 
     Attributes:
+        digest: of the text and of the identity; of the text alone for a shipped law or a library.
+        identity: of the functions and the values that they read; None for those two.
         keys, key_names: its scene keys.
         whole_steps: those that have to be a whole number of steps.
         senses: the quantity that it has to be given; "any" if that is all the same. Of several,
@@ -43,7 +48,9 @@ class Law:
     source: str
     digest: str
     home: Any = field(repr=False, compare=False)
+    identity: Identity | None = field(default=None, repr=False, compare=False)
     _bound: dict[Any, BoundLaw] = field(default_factory=dict, repr=False, compare=False)
+    _prepared: list[Identity] = field(default_factory=list, repr=False, compare=False)
     keys: type[BaseModel] = field(init=False, repr=False, compare=False)
     key_names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     whole_steps: list[str] = field(init=False, repr=False, compare=False)
@@ -76,6 +83,16 @@ class Law:
     def note(self, keys: Any) -> str:
         """A sentence on its keys that a user should read before a run; usually empty."""
         return str(self._asked("note", keys) or "")
+
+    def identity_note(self) -> str:
+        """A sentence on a law whose identity is unknown; empty if it is known."""
+        if self.identity is None or not self.identity.unknown:
+            return ""
+        return (
+            f"law {self.name}: {self.identity.unknown}, so that it is unknown whether an earlier "
+            "run had the same law. Each process compiles it anew, and uses no earlier results. "
+            "Use numbers, strings, arrays or tuples of these as globals."
+        )
 
     def reach(self, keys: Any) -> Reach:
         """How far its force can go; without limit if it does not say. Raises LawError."""
@@ -110,11 +127,31 @@ class Law:
     def constants(self, keys: Any, about: About) -> Any:
         """What its functions see as `p`. Raises LawError."""
         if hasattr(self.home, "prepare"):
-            return self._asked("prepare", keys, about)
+            found = self._asked("prepare", keys, about)
+            self._check_values()
+            return found
         kinds = int | float | tuple | np.ndarray
         own = {key: value for key, value in vars(keys).items() if isinstance(value, kinds)}
         known = (getattr(about, name) for name in ABOUT_FIELDS)
         return _constants_of((*ABOUT_FIELDS, *own))(*known, *own.values())
+
+    def _check_values(self) -> None:
+        """Refuse a law whose `prepare` changes what its compiled functions read: they keep the
+        values that they were compiled with. Raises LawError."""
+        if self.identity is None or len(self._prepared) >= _PREPARES_CHECKED:
+            return
+        self._prepared.append(now := identify(self.home))
+        if changed := self.identity.changed(now):
+            raise LawError(
+                f"law {self.name}: prepare changes the global {changed}, which the law reads. "
+                "Return its value from prepare; the law reads it from p."
+            )
+
+    def _code(self) -> LawCode:
+        known = self.identity
+        if known is None:  # shipped
+            return LawCode(self.name, self.digest, self.home)
+        return LawCode(self.name, self.digest, self.home, not known.unknown, known.dispatchers)
 
     def _asked(self, function: str, *about: Any) -> Any:
         """What one of its functions says before a run, None without it. Raises LawError."""
@@ -138,7 +175,7 @@ class Law:
         found = self._bound.get(words)
         if found is None:
             try:
-                found = BoundPython(self.name, self.digest, self.home, constants, ahead)
+                found = BoundPython(self._code(), constants, ahead)
             except TypeError as error:
                 raise LawError(f"law {self.name}: is invalid: {error}") from error
             if words[0] is None:
@@ -150,6 +187,7 @@ class Law:
 
 
 _MOST_BOUND = 64
+_PREPARES_CHECKED = 4  # the first: it takes 0.1 ms, and a sweep prepares a law in each case
 _FEW = 64
 
 

@@ -42,7 +42,7 @@ class _Key(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LibraryLaw(Law):
     """A law in a shared library; `home` is the library."""
 
@@ -174,7 +174,7 @@ class _Port:
     dimension: tuple[int, int, int] | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UnitLaw(Law):
     """A law in an FMU; `home` is its model description."""
 

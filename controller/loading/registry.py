@@ -10,9 +10,11 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Iterator
+import sysconfig
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache, lru_cache
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,6 +23,7 @@ from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
 from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 from hertzloop.controller.loading.library import library_law, unit_law
 
@@ -75,7 +78,7 @@ def find(reference: str, digest: str | None = None) -> Law:
     which nothing is executed then."""
     if reference in shipped():
         law = _loaded_shipped(reference)
-        _check_digest(reference, law.digest, digest)
+        check_digest(reference, law.digest, digest)
         return law
     file = _FILE.fullmatch(reference)
     if file:
@@ -98,12 +101,24 @@ def find(reference: str, digest: str | None = None) -> Law:
     )
 
 
-def _check_digest(reference: str, found: str, wanted: str | None) -> None:
-    if wanted is not None and found != wanted:
-        raise LawError(
-            f"law {reference}: its digest here is {found}, but {wanted} is required. Copy the same "
-            "file to both sides."
-        )
+def read_again() -> None:
+    """Have the laws of files and modules read anew when they are next asked for: what they read
+    themselves, such as a file of gains, may have changed meanwhile."""
+    global _reading
+    _reading += 1
+
+
+def check_digest(law: str, found: str, wanted: str | None) -> None:
+    """Raise LawError, which names the `law`, if another digest than that found is wanted."""
+    if wanted is not None and not same_law(found, wanted):
+        why = "Copy the same file to both sides."
+        if found[:TEXT_DIGITS] == wanted[:TEXT_DIGITS] and len(found) == len(wanted):
+            why = (
+                "Its files are the same, but other values were read when it was imported: from a "
+                "file, the environment, another module, random numbers or a clock. Make these the "
+                "same on both sides."
+            )
+        raise LawError(f"law {law}: its digest here is {found}, but {wanted} is required. {why}")
 
 
 @cache
@@ -114,11 +129,43 @@ def _loaded_shipped(name: str) -> Law:
     return Law(name, path, path.read_text(encoding="utf-8"), digest, home)
 
 
+@dataclass(frozen=True)
+class _Loaded:
+    """A law, when its file was written, and at which count of `read_again` it was loaded."""
+
+    law: Law
+    stamp: tuple[int, int]
+    reading: int
+
+
+_reading = 0
+_loaded: dict[str, _Loaded] = {}  # by reference
+
+
+def _found(reference: str, path: Path, digest: str | None, load: Callable[[], Law]) -> Law:
+    """The law as it was loaded before, where nothing may have changed, or that has the digest."""
+    stat = path.stat()
+    stamp, kept = (stat.st_mtime_ns, stat.st_size), _loaded.get(reference)
+    if (
+        kept is None
+        or kept.stamp != stamp
+        or digest not in (None, kept.law.digest)
+        or (digest is None and kept.reading != _reading)
+    ):
+        kept = _loaded[reference] = _Loaded(load(), stamp, _reading)
+    return kept.law
+
+
+def load_anew(reference: str) -> Law:
+    """The law that a reference means, loaded once more. Raises LawError."""
+    read_again()
+    return find(reference)
+
+
 def _from_file(reference: str, path: Path, name: str | None, digest: str | None) -> Law:
     path = path if path.is_absolute() else Path.cwd() / path
     try:
-        stat = path.stat()
-        return _loaded_file(reference, path, name, digest, (stat.st_mtime_ns, stat.st_size))
+        return _found(reference, path, digest, lambda: _load_file(path, name, digest))
     except OSError as error:
         place = "" if reference == str(path) else f"{path} "
         raise LawError(
@@ -127,19 +174,15 @@ def _from_file(reference: str, path: Path, name: str | None, digest: str | None)
         ) from error
 
 
-@lru_cache(maxsize=64)
-def _loaded_file(
-    reference: str, path: Path, name: str | None, digest: str | None, stamp: tuple[int, int]
-) -> Law:
+def _load_file(path: Path, name: str | None, digest: str | None) -> Law:
     try:
         found = digest_of(path)
     except (SyntaxError, UnicodeDecodeError) as error:
         raise LawError(f"law {path}: is not valid Python: {error}") from error
-    _check_digest(str(path), found, digest)
-    if path.suffix == ".fmu":
-        return unit_law(path, found)
+    _check_text(str(path), found, digest)
     if path.suffix != ".py":
-        return library_law(path, found)
+        check_digest(str(path), found, digest)
+        return unit_law(path, found) if path.suffix == ".fmu" else library_law(path, found)
     source = path.read_text(encoding="utf-8")
     module = ModuleType(f"hertzloop_file_{path.stem}_{found}")
     module.__file__ = str(path)
@@ -150,9 +193,8 @@ def _loaded_file(
             exec(compile(source, str(path), "exec"), module.__dict__)
     finally:
         sys.path.remove(str(path.parent))
-    return _checked(
-        path.name if not name else f"{path.name}:{name}", module, name, path, source, found
-    )
+    label = path.name if not name else f"{path.name}:{name}"
+    return _identified(label, module, name, path, source, found, digest)
 
 
 def _from_module(reference: str, module: str, name: str | None, digest: str | None) -> Law:
@@ -165,16 +207,28 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
             f"controller.law = '{reference}': the Python module {module} was not found. Install it."
         )
     path = Path(spec.origin)
-    with _loading(reference, path):
-        found = digest_of(path)
-        _check_digest(reference, found, digest)
-        home = importlib.import_module(module)
-    return _checked(reference, home, name, path, path.read_text(encoding="utf-8"), found)
+
+    def load() -> Law:
+        with _loading(reference, path):
+            found = digest_of(path)
+            _check_text(reference, found, digest)
+            home = importlib.import_module(module)
+        source = path.read_text(encoding="utf-8")
+        return _identified(reference, home, name, path, source, found, digest)
+
+    return _found(reference, path, digest, load)
 
 
-def _checked(
-    label: str, module: ModuleType, name: str | None, path: Path, source: str, digest: str
-) -> Law:
+def _check_text(law: str, text: str, wanted: str | None) -> None:
+    """Refuse a law with another text, of which nothing has been executed yet. Raises LawError."""
+    if wanted is not None and text[:TEXT_DIGITS] != wanted[:TEXT_DIGITS]:
+        check_digest(law, text, wanted)
+
+
+def _identified(
+    label: str, module: ModuleType, name: str | None, path: Path, source: str, text: str,
+    wanted: str | None,
+) -> Law:  # fmt: skip
     home: Any = module
     if name:
         home = getattr(module, name, None)
@@ -183,14 +237,17 @@ def _checked(
                 f"controller.law: {path} does not define {name}. Define it or change the name."
             )
     check_home(label, home)
-    return Law(label, path, source, digest, home)
+    identity = identify(home)
+    digest = law_digest(text, identity)
+    check_digest(str(path), digest, wanted)
+    return Law(label, path, source, digest, home, identity)
 
 
 @contextmanager
 def _loading(law: str, path: Path) -> Iterator[None]:
-    """Let code of a law run for a while at most. Raises LawError."""
+    """Let code of a law run for a while at most, with what it imports. Raises LawError."""
     try:
-        with given_up_in_time():
+        with given_up_in_time(), _own_modules_anew():
             yield
     except LawError:
         raise
@@ -201,6 +258,40 @@ def _loading(law: str, path: Path) -> Iterator[None]:
         ) from None
     except (Exception, SystemExit) as error:
         raise LawError(f"law {law}: cannot be loaded: {said_of(error, path)}") from error
+
+
+_own_modules: set[str] = set()  # that laws have imported
+
+
+@contextmanager
+def _own_modules_anew() -> Iterator[None]:
+    """Let a law import its own modules anew, from their text. What the process had imported before
+    any law did stays as it is: `importlib.reload` reads that again."""
+    importlib.invalidate_caches()
+    before = {name: sys.modules.pop(name) for name in _own_modules & sys.modules.keys()}
+    known, writes = set(sys.modules), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # bytecode does not tell two edits of a second apart
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = writes
+        imported = sys.modules.keys() - known
+        _own_modules.update(name for name in imported if _is_own(sys.modules[name]))
+        for name, module in before.items():  # laws that were loaded before may still need it
+            sys.modules.setdefault(name, module)
+
+
+_INSTALLED = tuple(
+    sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
+)
+
+
+def _is_own(module: ModuleType) -> bool:
+    """Whether a module is neither installed nor part of hertzloop."""
+    if module.__name__.partition(".")[0] == "hertzloop":
+        return False
+    file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", [])), "")
+    return bool(file) and not file.endswith(".so") and not file.startswith(_INSTALLED)
 
 
 @cache
@@ -225,7 +316,7 @@ def compilation(path: Path) -> str:
 
 def digest_of(path: Path) -> str:
     """Digest of a law's file and, for Python, of all files beside it and shipped laws that it
-    imports.
+    imports. It is known before any of it is executed.
 
     Raises OSError, SyntaxError or UnicodeDecodeError.
     """

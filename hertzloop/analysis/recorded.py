@@ -8,6 +8,7 @@ import numpy as np
 
 from hertzloop.analysis.impacts import Block
 from hertzloop.bus.streams import CONTROLLER
+from hertzloop.controller.loading.identity import same_law
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.recordings.reader import Arrays, Recording
 from hertzloop.scenes.errors import SceneError
@@ -74,8 +75,8 @@ class LawRan:
     @property
     def as_announced(self) -> bool:
         """Whether the controller said that it ran the scene's law, file for file."""
-        announced = self.scene_law, self.scene_law_digest
-        return bool(self.law) and (self.law, self.law_digest) == announced
+        digests = self.law_digest or "", self.scene_law_digest or ""
+        return bool(self.law) and self.law == self.scene_law and same_law(*digests)
 
 
 def law_ran(recording: Recording) -> tuple[str, str]:

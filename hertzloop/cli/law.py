@@ -110,6 +110,8 @@ def replay(
     found = law_replay.law_on(recording, setup)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
+    if note := parts.law_of(setup).identity_note():
+        err.say(note)
     ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
     law_replay.draw(found, (f"recorded: {ran}", parts.law_of(setup).name), target)
     out.say(_difference(found, parts.law_of(setup).name))

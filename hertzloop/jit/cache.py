@@ -284,6 +284,11 @@ class Kernel(CPUDispatcher):
             finally:
                 self._compiling.pop()
 
+    def recompile(self) -> None:
+        """Compile again for all argument types, with the values that globals have now."""
+        self._without_entry.clear()
+        super().recompile()
+
     def add_overload(self, result: Any) -> None:
         """Keep a compiled result; Python does not see one without an entry."""
         if self.nested():

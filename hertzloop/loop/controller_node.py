@@ -19,6 +19,8 @@ from hertzloop.bus.streams import (
 )
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import check_digest
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_streams import set_up_by
@@ -121,13 +123,9 @@ class ControllerNode:
             setup = setup.announced(block.header.stiffness)
             announced = block.header.law_digest
             law = parts.law_of(setup)
-            if announced and announced != law.digest:
-                raise SceneError(
-                    f"law {law.path}: its digest here is {law.digest}, but the plant "
-                    f"announced {announced}. Copy the same file to both sides."
-                )
+            check_digest(str(law.path), law.digest, announced or None)
             self._controller = parts.start_controller(setup)
-        except SceneError as error:
+        except (SceneError, LawError) as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.law_reference  # as the plant calls it, wherever this side has it
         if self._law is not None:

@@ -4,7 +4,11 @@ import math
 import os
 import select
 import tempfile
+import warnings
+from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +18,8 @@ from hertzloop.controller.law import About
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
 from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
 from hertzloop.controller.loading.compiled import compiled_abreast
-from hertzloop.controller.loading.law import LawError
-from hertzloop.controller.loading.registry import shipped
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import load_anew, shipped
 from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
@@ -37,8 +41,8 @@ def try_law(setup: Setup) -> str:
         return ""
     about = parts.about(setup)
     try:
-        with suppress(LawError), given_up_in_time(_PREPARED_S):  # it is told below
-            law.constants(setup.scene.controller.keys, about)
+        with given_up_in_time(_PREPARED_S):
+            _check_prepared(law, setup, about)
     except Overdue:
         raise SceneError(
             f"law {law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an endless "
@@ -52,15 +56,79 @@ def try_law(setup: Setup) -> str:
         said = _in_child(bound, samples, setup, folder)
     if said:
         raise SceneError(said)
+    notes = [law.identity_note()]
     if isinstance(bound, BoundPython) and bound.trouble:
         if bound.trouble.startswith("NameError"):  # Python says so only when it gets there
             raise SceneError(f"law {bound.name}: {bound.trouble}. Correct the name, or define it.")
         cost_us = bound.cost_us(samples[:200])
-        return (
+        notes.append(
             f"the law {bound.name} runs as Python, {cost_us:.1f} us a sample instead of about "
             f"0.01, because Numba says: {bound.trouble}"
         )
-    return ""
+    return "\n".join(filter(None, notes))
+
+
+def _check_prepared(law: Law, setup: Setup, about: About) -> None:
+    """Refuse a law that is not the same, or prepares other constants, a second time. Raises
+    SceneError."""
+    remedy = "Use no random numbers and no clock there."
+    if law.identity is not None:
+        again = load_anew(setup.law_reference)
+        assert again.identity is not None
+        if changed := law.identity.changed(again.identity):
+            raise SceneError(
+                f"law {law.name}: {changed} has another value each time that the law is loaded. "
+                f"{remedy}"
+            )
+    keys = setup.scene.controller.keys
+    with suppress(LawError):  # it is told when the law is bound
+        one, other = (_numbers(law.constants(keys, about)) for _ in range(2))
+        if not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True)):
+            raise SceneError(
+                f"law {law.name}: prepare returns other constants the second time. {remedy}"
+            )
+
+
+def _numbers(constants: Any) -> list[np.ndarray]:
+    """The values of a law's constants, from a NamedTuple or by name."""
+    values = constants.values() if isinstance(constants, Mapping) else constants
+    return [np.asarray(value, float) for value in values]
+
+
+@lru_cache(maxsize=64)
+def check_repeatable(setup: Setup) -> None:
+    """Refuse a law that answers the same samples with other commands the second time, in this
+    process. Raises SceneError."""
+    law = parts.law_of(setup)
+    if law.name in shipped():
+        return
+    about = parts.about(setup)
+    _check_prepared(law, setup, about)
+    samples = impact_samples(setup, about)
+    bound = parts.bound_law(setup, True)
+    first = _forces(bound, samples, setup.step_s, 0.0)
+    if said := _unrepeatable(first, bound, samples, setup.step_s):
+        raise SceneError(said)
+    if note := law.identity_note():
+        warnings.warn(note, stacklevel=4)
+
+
+def _unrepeatable(one: bytes | str, bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
+    """One sentence on the first sample for which a law has another command the second time, each
+    time from its first state; empty if there is none, or the law fails. `one`: its forces of the
+    first time."""
+    other = _forces(bound, samples, step_s, 0.0)
+    if isinstance(one, str) or isinstance(other, str) or one == other:
+        return ""
+    first, second = np.frombuffer(one), np.frombuffer(other)
+    step = int(np.flatnonzero(first != second)[0])  # a command acts from the next step on
+    return (
+        f"law {bound.name}: is not deterministic. With the same samples and a new state, its "
+        f"command for sample {step - 1} is {first[step]:.9g} N the first time and "
+        f"{second[step]:.9g} N the "
+        "second. Make it a function of its keys, its state and its samples: keep what it remembers "
+        "in State, and use no random numbers and no clock."
+    )
 
 
 def impact_samples(setup: Setup, about: About) -> np.ndarray:
@@ -89,13 +157,13 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
     by_zero = _forces(bound, samples, step_s, 0.0)
     if isinstance(by_zero, str):
         return by_zero
+    if said := _unrepeatable(by_zero, bound, samples, step_s):
+        return said
     with suppress(Overdue), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
         said = bound.reads_unknown(samples)
         if said:
             return said
-    if by_zero != _forces(bound, samples, step_s, math.nan) and by_zero == _forces(
-        bound, samples, step_s, 0.0
-    ):
+    if by_zero != _forces(bound, samples, step_s, math.nan):
         return (
             f"law {bound.name}: reads values before samples[0] or after samples[i], since its "
             "commands change with them. Read samples[0] to samples[i] only."

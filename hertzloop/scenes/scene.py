@@ -33,7 +33,13 @@ from pydantic.fields import FieldInfo
 
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import NO_CONTROL, find, resolve, shipped_keys
+from hertzloop.controller.loading.registry import (
+    NO_CONTROL,
+    find,
+    read_again,
+    resolve,
+    shipped_keys,
+)
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
@@ -1358,8 +1364,9 @@ def parse(
 
     The files that it names, its law's too, are looked for in `folder` and in the working folder;
     `law` says where the law is on this machine. A `recorded` scene need not find its law. `name`
-    is what the text goes by.
+    is what the text goes by. The law is read again, whatever was loaded before.
     """
+    read_again()
     try:
         data = from_toml(text)
     except ValueError as error:
@@ -1436,7 +1443,10 @@ def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
     for key, value in values.items():
         _put(data, key, value)
     _take_in(data, Path())
-    return _checked(data)
+    found = _checked(data)
+    if f"controller.{_DIGEST}" not in values:
+        _found_as_in(scene.controller, found.controller)
+    return found
 
 
 def _by_tables(scene: Scene, values: Mapping[str, Any]) -> Scene | None:
@@ -1469,6 +1479,28 @@ def _opened(scene: Scene, changed: set[str]) -> dict[str, Any]:
         changed = set(Scene.model_fields)
     data = {name: value for name, value in scene if name not in changed and value is not None}
     return data | scene.model_dump(include=changed | {"materials"}, exclude_none=True)
+
+
+_DIGEST = "law_digest"
+
+
+def _found_as_in(table: SceneTable, changed: SceneTable) -> None:
+    """Note in a changed table that its law's digest was found, not asked for, if so in `table`."""
+    if _DIGEST not in table.model_fields_set:
+        changed.model_fields_set.discard(_DIGEST)
+
+
+def with_law_as_it_is(scene: Scene) -> Scene:
+    """The scene with its law as that is now, read again. Raises SceneError for a law that changed,
+    if the scene asks for one digest."""
+    if scene.controller.law in shipped_laws():
+        return scene
+    read_again()
+    data = _opened(scene, {"controller"})
+    if _DIGEST not in scene.controller.model_fields_set:
+        del data["controller"][_DIGEST]
+    now = _checked(data)
+    return scene if now.controller.law_digest == scene.controller.law_digest else now
 
 
 # What a scene says by the name of a file: materials and modes, taken into the scene itself.
@@ -1784,9 +1816,11 @@ def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, Sce
 def _changed(table: SceneTable, names: tuple[str, ...], *values: Any) -> SceneTable | None:
     given = vars(table) | (table.__pydantic_extra__ or {})
     try:
-        return type(table).model_validate(given | dict(zip(names, values, strict=True)))
+        changed = type(table).model_validate(given | dict(zip(names, values, strict=True)))
     except ValidationError:
         return None
+    _found_as_in(table, changed)
+    return changed
 
 
 _LONGEST = 80

@@ -195,7 +195,8 @@ def bound_law(setup: Setup, ahead: bool = True) -> BoundLaw:
         setup.with_edges, setup.touch_phase, setup.scheme, setup.scene.run.plate_model,
         setup.accuracy,
     )  # fmt: skip
-    return _bound(setup.scene.controller, about(setup), setup.bodies, free, ahead)
+    table = setup.scene.controller
+    return _bound(_law_of(table), table, about(setup), setup.bodies, free, ahead)
 
 
 def law_constants(setup: Setup) -> Any:
@@ -225,11 +226,12 @@ def law_flight_m(setup: Setup) -> float:
 
 @lru_cache(maxsize=KEPT)
 def _bound(
-    table: ControllerTable, about: About, bodies: Bodies, free: Hashable, ahead: bool = True
+    law: Law, table: ControllerTable, about: About, bodies: Bodies, free: Hashable, ahead: bool
 ) -> BoundLaw:
     """Bind the law to its constants.
 
     Args:
+        law: the law of the table as it was loaded last: it may prepare other constants each time.
         free: what the contact force without control depends on, for which a law may ask `about`.
         ahead: whether anybody asks what the law knows of samples to come.
 
@@ -237,7 +239,7 @@ def _bound(
         SceneError: the law cannot be prepared for the run.
     """
     try:
-        return _law_of(table).bound_to(_constants(table, about, bodies), ahead)
+        return law.bound_to(_constants(table, about, bodies), ahead)
     except LawError as error:
         raise SceneError(str(error)) from error
 

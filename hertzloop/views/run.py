@@ -260,7 +260,7 @@ def why_not_words(found: trust.NotAgain | None) -> str:
 def law_line(data: LawRan) -> str:
     """Which law the forces of a recording come from."""
     ran, announced = law_words(data.law, data.law_digest), data.scene_law
-    if ran and data.law == announced and data.law_digest in (None, data.scene_law_digest):
+    if data.as_announced or (ran and data.law == announced and data.law_digest is None):
         return ran
     said = ran or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)

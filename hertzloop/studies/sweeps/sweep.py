@@ -1,13 +1,15 @@
 """Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
 
+import hashlib
 import json
 import logging
 import math
 import os
+import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -21,11 +23,11 @@ import pyarrow.parquet
 
 from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState, Span
 from hertzloop.controller.loading.law import LawError
-from hertzloop.controller.loading.registry import find, resolve
+from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.writing import to_toml
-from hertzloop.setup import Setup, toml_value
+from hertzloop.setup import Setup, parts, toml_value
 from hertzloop.studies.margin.margin import growth_of
 from hertzloop.studies.sweeps.design import Design, keys_of, toml_text
 from hertzloop.studies.sweeps.evaluate import (
@@ -83,14 +85,35 @@ def code_version() -> str:
 
 
 def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
-    """Name, digest and text of every law of a sweep, by what the scene or the axis calls it."""
+    """What decides the forces of every law of a sweep, by what the scene or the axis calls it:
+    name, digest, text, and a digest of the constants that it prepares for the scene."""
     named = [setup.law_reference]
     named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
     found = {}
     for reference in named:
         law = find(resolve(reference))
-        found[reference] = {"name": law.name, "digest": law.digest, "source": law.source}
+        digest = law.digest
+        if law.identity_note():  # no earlier results are of this very law
+            digest += secrets.token_hex(8)
+        constants = "" if law.name in shipped() else _constants_digest(setup, reference)
+        found[reference] = {
+            "name": law.name, "digest": digest, "source": law.source, "constants": constants,
+        }  # fmt: skip
     return found
+
+
+def _constants_digest(setup: Setup, law: str) -> str:
+    """Digest of the constants that a law prepares, perhaps from files; empty if it refuses the
+    scene, which its cases say."""
+    try:
+        found = parts.law_constants(setup.vary({"controller.law": law}))
+    except SceneError:
+        return ""
+    values = found.values() if isinstance(found, Mapping) else found
+    digest = hashlib.sha256()
+    for value in values:
+        digest.update(np.asarray(value, float).tobytes())
+    return digest.hexdigest()[:16]
 
 
 def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dict[str, Any]:

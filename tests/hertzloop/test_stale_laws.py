@@ -1,0 +1,314 @@
+"""A law's compiled code is never older than what it was made of, and a law repeats its commands."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hertzloop
+from hertzloop.controller.loading import compiled, registry
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find
+from hertzloop.scenes.errors import SceneError
+from tests.hertzloop.processes import hertzloop as command
+from tests.hertzloop.test_cli import call, said
+from tests.tiers import default
+
+SENSES = 'senses = "contact_force"\n'
+COMMAND = "\ndef command(p, s, samples, i):\n    return {} * samples[i]\n"
+SHORT = {"run.duration_s": 0.0012, "run.plate_model": "modal", "controller.law": "mine.py"}
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", "")
+    return tmp_path
+
+
+def peak_n(law: str = "mine.py") -> float:
+    scene = hertzloop.load("aluminium-3mm", SHORT | {"controller.law": law})
+    return hertzloop.simulate(scene).impacts[0].peak_force_n
+
+
+def write(files: dict[str, str], gain: float) -> None:
+    for name, text in files.items():
+        path = Path(name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text.replace("GAIN", str(gain)))
+
+
+def law(before: str, gain: str = "K") -> str:
+    return SENSES + before + COMMAND.format(gain)
+
+
+READS = "from pathlib import Path\nHERE = Path(__file__).parent\n"
+GIVES = "def k():\n    return K\n"
+# The files of a law whose gain is somewhere else each time.
+LAWS = {
+    "text file": {
+        "mine.py": law(f"{READS}K = float((HERE / 'k.txt').read_text())"), "k.txt": "GAIN",
+    },
+    "loadtxt": {
+        "mine.py": law("import numpy as np\nK = float(np.loadtxt('k.txt'))"), "k.txt": "GAIN",
+    },
+    "array": {"mine.py": law("import numpy as np\nK = np.array([1.0, GAIN])", "K[1]")},
+    "array from a file": {
+        "mine.py": law("import numpy as np\nK = np.loadtxt('k.txt')", "K[1]"), "k.txt": "9 GAIN",
+    },
+    "helper beside it": {"mine.py": law("from own_gains import K"), "own_gains.py": "K = GAIN\n"},
+    "subfolder": {"mine.py": law("from own_lib.gains import K"), "own_lib/gains.py": "K = GAIN\n"},
+    "attributes of a module": {
+        "mine.py": law("import own_lib.gains", "own_lib.gains.K"), "own_lib/__init__.py": "",
+        "own_lib/gains.py": "K = GAIN\n",
+    },
+    "helper's helper": {
+        "mine.py": law("from own_first import K"), "own_first.py": "from own_second import K\n",
+        "own_second.py": "K = GAIN\n",
+    },
+    "function of a helper's helper": {
+        "mine.py": law("from own_first import k", "k()"),
+        "own_first.py": "from own_second import k\n",
+        "own_second.py": f"import numba\nfrom own_third import K\n\n@numba.njit\n{GIVES}",
+        "own_third.py": "K = GAIN\n",
+    },
+    "function that Numba keeps": {
+        "mine.py": law("from own_first import k", "k()"),
+        "own_first.py": "import numba\nfrom own_second import K\n\n"
+        f"@numba.njit(cache=True)\n{GIVES}",
+        "own_second.py": "K = GAIN\n",
+    },
+    "closure": {
+        "mine.py": f"{SENSES}def made(gain):\n    def command(p, s, samples, i):\n"
+        "        return gain * samples[i]\n    return command\n\n"
+        "command = made(float(open('k.txt').read()))\n", "k.txt": "GAIN",
+    },
+    "default argument": {
+        "mine.py": f"{SENSES}from hertzloop.law import kernel\nfrom own_gains import K\n\n"
+        "@kernel\ndef scaled(x, k=K):\n    return k * x\n"
+        "\ndef command(p, s, samples, i):\n    return scaled(samples[i])\n",
+        "own_gains.py": "K = GAIN\n",
+    },
+    "NamedTuple": {
+        "mine.py": law("from collections import namedtuple\nfrom own_gains import K\n"
+                       "BOTH = namedtuple('Both', 'a b')(1.0, K)", "BOTH.b"),
+        "own_gains.py": "K = GAIN\n",
+    },
+    "enum": {
+        "mine.py": law("from own_gains import Gain", "Gain.HIGH.value"),
+        "own_gains.py": "from enum import Enum\n\nclass Gain(Enum):\n    HIGH = GAIN\n",
+    },
+    "class of numbers, in Python": {
+        "mine.py": law("from own_gains import Gains", "Gains.k"),
+        "own_gains.py": "class Gains:\n    k = GAIN\n",
+    },
+    "partial, in Python": {
+        "mine.py": law("from functools import partial\nfrom operator import mul\n"
+                       "from own_gains import K\nscaled = partial(mul, K)", "scaled(1.0)"),
+        "own_gains.py": "K = GAIN\n",
+    },
+    "initial state": {
+        "mine.py": f"{SENSES}from own_gains import K\n\nclass State:\n    k: float = K\n"
+        + COMMAND.format("s.k"), "own_gains.py": "K = GAIN\n",
+    },
+    "prepare": {
+        "mine.py": f"{SENSES}from collections import namedtuple\n\ndef prepare(keys, about):\n"
+        "    return namedtuple('P', 'k')(float(open('k.txt').read()))\n" + COMMAND.format("p.k"),
+        "k.txt": "GAIN",
+    },
+}  # fmt: skip
+
+
+def plain(gain: float) -> float:
+    Path("plain.py").write_text(law(f"K = {gain}"))
+    return peak_n("plain.py")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    default(LAWS, quick=("text file", "subfolder", "function that Numba keeps", "prepare")),
+)
+def test_the_gain_is_what_it_is_now(kind: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one process, and with code that another process has left on the disk."""
+    for gain in (0.2, 0.5, 0.2):
+        write(LAWS[kind], gain)
+        assert peak_n() == plain(gain)
+        monkeypatch.setattr(compiled, "_ENTRIES", {})
+
+
+def test_a_scene_follows_its_law(here: Path) -> None:
+    """A scene that is kept while its law is edited is simulated under the law as it is now."""
+    write(LAWS["text file"], 0.2)
+    scene = hertzloop.load("aluminium-3mm", SHORT)
+    digests = [scene.controller.law_digest]
+    for gain in (0.2, 0.5):
+        write(LAWS["text file"], gain)
+        run = hertzloop.simulate(hertzloop.vary(scene, {"controller.latency_us": 0}))
+        assert run.impacts[0].peak_force_n == plain(gain)
+        digests.append(run.scene.controller.law_digest)
+    assert digests[0] == digests[1] != digests[2]
+    asked = hertzloop.load("aluminium-3mm", SHORT | {"controller.law_digest": digests[-1]})
+    write(LAWS["text file"], 0.3)
+    with pytest.raises(SceneError, match="other values were read"):
+        hertzloop.simulate(asked)
+
+
+def test_the_environment(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("mine.py").write_text(law("import os\nK = float(os.environ['OWN_GAIN'])"))
+    for gain in (0.2, 0.5):
+        monkeypatch.setenv("OWN_GAIN", str(gain))
+        assert peak_n() == plain(gain)
+
+
+def test_a_module_that_was_imported_before(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its values count as they are in this process, changed in place or reloaded."""
+    monkeypatch.syspath_prepend(str(here))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    text = "import numba\nimport numpy as np\nG = np.array([{}])\n\n@numba.njit\n"
+    text += "def k():\n    return G[0]\n"
+    for name, gain in (("G", "G[0]"), ("k", "k()")):
+        Path("own_array.py").write_text(text.format(0.2))
+        Path("mine.py").write_text(law(f"from own_array import {name}", gain))
+        own = importlib.import_module("own_array")
+        assert peak_n() == plain(0.2)
+        own.G[0] = 0.5
+        assert peak_n() == plain(0.5)
+        Path("own_array.py").write_text(text.format(0.4))
+        importlib.reload(own)
+        assert peak_n() == plain(0.4)
+        del sys.modules["own_array"]
+
+
+def test_two_laws_with_helpers_of_one_name(here: Path) -> None:
+    for folder, gain in (("a", 0.2), ("b", 0.5)):
+        Path(folder).mkdir()
+        Path(folder, "mine.py").write_text(law("from own_gains import K"))
+        Path(folder, "own_gains.py").write_text(f"K = {gain}\n")
+        assert peak_n(f"{folder}/mine.py") == plain(gain)
+
+
+@pytest.mark.parametrize(
+    ("before", "unknown"),
+    [
+        ("CONFIG = {'k': 0.2}\nK = CONFIG['k']\n", ""),
+        ("CONFIG = {'k': 0.2}", "CONFIG is a dict"),
+        ("CONFIG = [0.2]", "CONFIG is a list"),
+        ("import numpy as np\nCONFIG = np.array([{}])", "CONFIG is a ndarray"),
+        ("import os\nCONFIG = os.environ", "CONFIG is a _Environ"),
+        ("import time\nCONFIG = time.time", "CONFIG is the function time.time"),
+    ],
+)
+def test_a_global_that_cannot_be_told(here: Path, before: str, unknown: str) -> None:
+    """Such a law is another one each time that it is loaded, and says so."""
+    Path("mine.py").write_text(
+        law(before, "(0.2 if CONFIG is not None else 0.0)" if unknown else "K")
+    )
+    one, other = find("mine.py"), registry.load_anew("mine.py")
+    note = one.identity_note()
+    if not unknown:
+        assert not note
+        assert one.digest == other.digest
+        return
+    assert f"law mine.py: {unknown}, so that it is unknown" in note
+    assert one.digest != other.digest
+    assert one.digest[:16] == other.digest[:16]
+    with pytest.warns(UserWarning, match=unknown):
+        assert peak_n() == plain(0.2)
+
+
+def test_prepare_that_changes_a_global(here: Path) -> None:
+    Path("mine.py").write_text(
+        "from collections import namedtuple\nimport numpy as np\nfrom hertzloop.law import Keys\n"
+        "G = np.array([0.2])\n\nclass Parameters(Keys):\n    gain: float = 0.2\n\n"
+        "def prepare(keys, about):\n    G[0] = keys.gain\n    return namedtuple('P', 'k')(1.0)\n"
+        + law("", "G[0]")
+    )
+    assert peak_n() == plain(0.2)
+    scene = hertzloop.load("aluminium-3mm", SHORT | {"controller.gain": 0.5})
+    with pytest.raises((LawError, SceneError), match="prepare changes the global G"):
+        hertzloop.simulate(scene)
+
+
+# Laws that are no functions of their keys, their state and their samples.
+UNREPEATABLE = {
+    "counter": ("N = 0\n", "    global N\n    N += 1\n    return 1e-3 * N", "sample 0"),
+    "list": ("SEEN = []\n", "    SEEN.append(i)\n    return 1e-3 * len(SEEN)", "sample 0"),
+    "random": ("import random\n", "    return random.random()", "sample 0"),
+    "numpy.random": ("import numpy as np\n", "    return np.random.random()", "sample 0"),
+    "in contact": (
+        "import numpy as np\n",
+        "    return np.random.random() if samples[i] > 0.0 else 0.0", "sample",
+    ),
+    "clock": ("import time\n", "    return 1e-3 * (time.perf_counter_ns() % 1000003)", "sample"),
+    "calibration": (
+        "FIRST = None\n",
+        "    global FIRST\n    if FIRST is None and samples[i] > 0.0:\n        FIRST = i\n"
+        "    return 0.0 if FIRST is None else 1e-3 * FIRST", "sample 0",
+    ),
+    "when loaded": (
+        "import numpy as np\nK = np.random.default_rng().random()\n", "    return K * samples[i]",
+        "K has another value each time",
+    ),
+    "when prepared": (
+        "import random\nfrom collections import namedtuple\n\ndef prepare(keys, about):\n"
+        "    return namedtuple('P', 'k')(random.random())\n", "    return p.k * samples[i]",
+        "prepare returns other constants",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "kind", default(UNREPEATABLE, quick=("counter", "numpy.random", "when loaded"))
+)
+def test_a_law_that_does_not_repeat_its_commands(kind: str, here: Path) -> None:
+    before, body, why = UNREPEATABLE[kind]
+    text = f"{SENSES}{before}\ndef command(p, s, samples, i):\n{body}\n"
+    Path("mine.py").write_text(text)
+    done = call(
+        "run", "aluminium-3mm", "--set", "controller.law=mine.py", "--set", "run.duration_s=0.0012"
+    )
+    assert done.exit_code == 2, done.output
+    assert why in said(done)
+    if "sample" in why:
+        assert "is not deterministic" in said(done)
+        assert said(done).count(" N ") >= 2
+    with pytest.raises(SceneError, match=why):
+        peak_n()
+
+
+def test_a_seeded_law_repeats_its_commands(here: Path) -> None:
+    Path("mine.py").write_text(
+        law("import numpy as np\nNOISE = np.random.default_rng(1).random(2000)", "NOISE[i % 2000]")
+    )
+    assert peak_n() > 0.0
+    assert np.isfinite(peak_n())
+
+
+@pytest.mark.full
+def test_commands_in_processes_of_their_own(here: Path) -> None:
+    """A run over zenoh, a replay of its samples, a sweep and its resumption."""
+    settings = ["--set", "controller.law=mine.py", "--set", "run.duration_s=0.0012"]
+    sweep = ["sweep", "aluminium-3mm", *settings, "--over", "controller.latency_us=0,1", "--out"]
+    found = []
+    for gain in (0.2, 0.5):
+        write(LAWS["text file"], gain)
+        hertzloop_run = ["run", "aluminium-3mm", *settings, "--out", f"{gain}.mcap"]
+        assert command(*hertzloop_run).returncode == 0
+        done = command("law", "replay", f"{gain}.mcap", "--law", "mine.py")
+        assert "the same forces" in done.stdout
+        found.append(hertzloop.read(f"{gain}.mcap"))
+    assert found[0].impacts[0].peak_force_n < found[1].impacts[0].peak_force_n
+    assert (
+        "the forces differ first"
+        in command("law", "replay", "0.2.mcap", "--law", "mine.py", "--overwrite").stdout
+    )
+    peaks = []
+    for gain in (0.2, 0.5):
+        write(LAWS["text file"], gain)
+        done = command(*sweep, "s.csv", "--overwrite")
+        assert "2 of 2 cases run" in done.stdout, done
+        peaks.append(Path("s.csv").read_text())
+    assert peaks[0] != peaks[1]
+    assert "0 of 2 cases run" in command(*sweep, "s.csv").stdout
