@@ -169,9 +169,10 @@ def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
     gain = -other.scene.controller.keys.kappa * parts.about(other).impedance_n_s_m
     mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
     found, expected = asdict(margin_of(mine)), asdict(margin_of(other))
-    for name in ("growth_per_s", "e_folds"):  # poles of a product of stages are found another way
-        assert found.pop(name) == pytest.approx(expected.pop(name), rel=1e-12)
-    assert found == expected
+    for name, value in expected.items():  # of a product of stages they are found another way
+        if isinstance(value, float):
+            value = pytest.approx(value, rel=1e-12)
+        assert found[name] == value
 
 
 def test_an_integrator_counts_as_a_slow_decay() -> None:
