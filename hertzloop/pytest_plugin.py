@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 
+from hertzloop.text_files import text_of
+
 if TYPE_CHECKING:
     from hertzloop.analysis.cases import CaseFigures
     from hertzloop.studies.budget.requirements import Row
@@ -29,7 +31,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
     if file_path.name != _FILE:
         return None
     try:
-        ours = _HEADING.search(file_path.read_text(encoding="utf-8"))
+        ours = _HEADING.search(text_of(file_path.read_bytes()))
     except (OSError, ValueError):
         return None  # another tool may use this name
     return RequirementsFile.from_parent(parent, path=file_path) if ours else None

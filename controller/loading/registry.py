@@ -26,6 +26,7 @@ from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
 from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
 from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 from hertzloop.controller.loading.library import library_law, unit_law
+from hertzloop.text_files import python_text
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")
@@ -126,7 +127,7 @@ def _loaded_shipped(name: str) -> Law:
     path = SHIPPED / f"{name}.py"
     home, digest = importlib.import_module(f"hertzloop.controller.laws.{name}"), digest_of(path)
     check_home(name, home)
-    return Law(name, path, path.read_text(encoding="utf-8"), digest, home)
+    return Law(name, path, python_text(path.read_bytes()), digest, home)
 
 
 @dataclass(frozen=True)
@@ -177,13 +178,13 @@ def _from_file(reference: str, path: Path, name: str | None, digest: str | None)
 def _load_file(path: Path, name: str | None, digest: str | None) -> Law:
     try:
         found = digest_of(path)
-    except (SyntaxError, UnicodeDecodeError) as error:
+    except (SyntaxError, ValueError) as error:
         raise LawError(f"law {path}: is not valid Python: {error}") from error
     _check_text(str(path), found, digest)
     if path.suffix != ".py":
         check_digest(str(path), found, digest)
         return unit_law(path, found) if path.suffix == ".fmu" else library_law(path, found)
-    source = path.read_text(encoding="utf-8")
+    source = python_text(path.read_bytes())
     module = ModuleType(f"hertzloop_file_{path.stem}_{found}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module
@@ -213,7 +214,7 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
             found = digest_of(path)
             _check_text(reference, found, digest)
             home = importlib.import_module(module)
-        source = path.read_text(encoding="utf-8")
+        source = python_text(path.read_bytes())
         return _identified(reference, home, name, path, source, found, digest)
 
     return _found(reference, path, digest, load)
@@ -318,7 +319,7 @@ def digest_of(path: Path) -> str:
     """Digest of a law's file and, for Python, of all files beside it and shipped laws that it
     imports. It is known before any of it is executed.
 
-    Raises OSError, SyntaxError or UnicodeDecodeError.
+    Raises OSError, SyntaxError or ValueError.
     """
     total = hashlib.sha256()
     for file in _files(path) if path.suffix == ".py" else [path]:
@@ -332,7 +333,7 @@ def _files(path: Path) -> list[Path]:
     found, open_ = {path}, [path]
     while open_:
         file = open_.pop()
-        for name in _imported(ast.parse(file.read_text(encoding="utf-8"), str(file))):
+        for name in _imported(ast.parse(python_text(file.read_bytes()), str(file))):
             for folder in (path.parent, SHIPPED):
                 used = folder / f"{name}.py"
                 if used not in found and used.is_file():

@@ -14,6 +14,7 @@ from hertzloop.studies.fit.hits import shown
 from hertzloop.studies.fit.loop_model import acts_by_law
 from hertzloop.studies.fit.records import Record, holds_records, read_records
 from hertzloop.studies.fit.verdicts import Model
+from hertzloop.text_files import text_of
 from hertzloop.whole_files import write_whole
 
 
@@ -141,6 +142,6 @@ def fit(
 def _written_by_fit(path: Path) -> bool:
     """Whether a file is a fitted scene of before, which may be replaced without asking."""
     try:
-        return "\n[fit]\n" in path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
+        return "\n[fit]\n" in text_of(path.read_bytes())
+    except (OSError, ValueError):
         return False

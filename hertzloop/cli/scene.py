@@ -67,7 +67,7 @@ def _start_of(file: Path) -> str:
 
 def scene_name(file: Path) -> str:
     """Return a name that a scene may have."""
-    kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
+    kept = "".join(c if (c.isalnum() or c in "._-") else "-" for c in file.stem)
     return kept.lstrip("._-")[:80] or "mine"
 
 

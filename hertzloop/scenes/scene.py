@@ -65,6 +65,7 @@ from hertzloop.scenes.errors import (
 )
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
+from hertzloop.text_files import text_of
 from hertzloop.text_tables import TableError, read_table
 from hertzloop.units import name_and_unit, plain_name, unit_of
 
@@ -1214,7 +1215,7 @@ class Scene(SceneTable):
     `scene.controller.latency_us` reads a key. The page of scene keys lists all of them.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    name: Annotated[str, Field(pattern=r"^[\p{L}\p{N}][\w.-]*$", max_length=80)]
     """of the scene, and of its recording"""
     shows: str = ""
     """what it is for, in a sentence"""
@@ -1334,7 +1335,7 @@ def _text(source: str) -> str:
     path = Path(source)
     try:
         if path.suffix == ".toml" or path.is_file():
-            return path.read_text(encoding="utf-8")
+            return text_of(path.read_bytes())
     except (OSError, ValueError) as error:
         raise SceneError(
             f"cannot read the scene {shortened(source)}: {shortened(str(error))}"
@@ -1642,7 +1643,7 @@ def _echoed(path: Path) -> str:
 
 def _materials(path: Path) -> list[dict[str, object]]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = text_of(path.read_bytes())
     except (OSError, ValueError) as error:
         raise ValueError(
             f"materials = {_echoed(path)}: cannot be read: {shortened(str(error))}"
@@ -1847,7 +1848,7 @@ def relabel(before: dict[str, Any], after: dict[str, Any]) -> None:
     thickness = (_value(scene, "plate", "thickness_m") for scene in (before, after))
     if name == before["name"] and next(thickness) == next(thickness):
         return
-    after["name"] = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-_.")[:_LONGEST]
+    after["name"] = re.sub(r"[^\w.-]+", "-", name).strip("-_.")[:_LONGEST]
     after.pop("shows", None)
 
 

@@ -97,7 +97,7 @@ def write_tuned(path: Path, tuned: Tuned) -> None:
 def read_tuned(path: Path) -> Tuned:
     """Raises ValueError for another kind of file."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))["tuned"]
+        data = json.loads(path.read_bytes())["tuned"]
         front = [_found(one) for one in data.pop("front")]
         return Tuned(front=front, published=_found(data.pop("published")), **data)
     except FileNotFoundError as error:

@@ -21,6 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hertzloop.text_files import text_of
+
 SUFFIXES = (".csv", ".parquet", ".npz")
 RESIDUAL = "residual_flexibility_m_n"
 _COLUMNS = ("frequency_hz", "loss_factor", "modal_mass_kg", "shape_contact")
@@ -71,9 +73,9 @@ def read_modes(name: str, content: bytes) -> ModeTable:
 
 def _from_csv(name: str, content: bytes) -> dict[str, np.ndarray]:
     try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise ModeFileError(f"{name} is not text in UTF-8: {error}") from error
+        lines = text_of(content).splitlines()
+    except ValueError as error:
+        raise ModeFileError(f"{name} cannot be read: {error}") from error
     found: dict[str, np.ndarray] = {}
     rows = []
     for number, line in enumerate(lines, 1):

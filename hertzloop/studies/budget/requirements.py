@@ -38,6 +38,7 @@ from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.design import toml_text
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.uncertain import read_uncertain
+from hertzloop.text_files import text_of
 from hertzloop.whole_files import write_whole
 
 
@@ -151,7 +152,7 @@ class Checked:
 def read_requirements(path: Path) -> list[Row]:
     """Read a file of requirements. Raises SceneError with the row and what is wrong in it."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(text_of(path.read_bytes()))
     except (OSError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read: {error}") from error
     for_all = data.get("hertzloop")

@@ -7,7 +7,6 @@ in lines of a CSV file that begin with `#`. A TOML file can also name the files 
 
 import hashlib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from hertzloop.studies.fit.formats import (
     quantity_of,
     record_tables,
 )
+from hertzloop.text_files import text_of
 from hertzloop.text_tables import TIMES, TableError
 from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
 
@@ -308,10 +308,10 @@ def _of_several_files(path: Path, given: dict[str, Any]) -> list[Record]:
 def _tables(path: Path) -> list[dict[str, Any]]:
     """The `[record]` or `[[record]]` tables of a TOML file. Raises RecordError."""
     try:
-        return record_tables(path.read_text("utf-8"))
+        return record_tables(text_of(path.read_bytes()))
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from None
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise RecordError(f"{path}: is not valid TOML: {error}.") from error
 
 

@@ -19,6 +19,7 @@ from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.setup import FitTable, Setup
 from hertzloop.studies.fit.fit import value_of
 from hertzloop.studies.sweeps.design import Design, on_grain
+from hertzloop.text_files import text_of
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
 _NUMBERS: dict[str, tuple[str, ...]] = {
@@ -122,7 +123,7 @@ def read_uncertain(path: Path, setup: Setup) -> Uncertain:
     """
     name = f"--uncertain {path}"
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(text_of(path.read_bytes()))
     except (OSError, ValueError) as error:
         raise SceneError(f"--uncertain = {path}: cannot be read: {error}") from error
     try:

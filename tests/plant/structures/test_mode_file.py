@@ -90,7 +90,7 @@ def test_wrong_files_end_in_one_sentence(old: str, new: str, words: str) -> None
         ("m.txt", b"", "m.txt is not a file of modes; its name must end in .csv, .parquet, .npz"),
         ("m.csv", b"", "is empty"),
         ("m.csv", GOOD.encode().split(b"120.5")[0], "holds no mode"),
-        ("m.csv", b"\xff\xfe", "is not text in UTF-8"),
+        ("m.csv", b"frequency_hz\xff\xfe", "is not in UTF-8: byte 0xff in line 1"),
         ("m.npz", b"nonsense", "cannot be read as npz"),
         ("m.parquet", b"nonsense", "cannot be read as parquet"),
     ],

@@ -1,0 +1,144 @@
+"""Scenes, laws, requirements, traces and mode files in the encodings that editors write."""
+
+import codecs
+import importlib
+from pathlib import Path
+
+import pytest
+
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find, load_anew
+from hertzloop.plant.structures.mode_file import read_modes
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import load, shipped_text
+from hertzloop.studies.budget.requirements import read_requirements
+from hertzloop.studies.fit.records import read_records
+from hertzloop.text_files import python_text, text_of
+
+READ = {
+    "mark": lambda text: codecs.BOM_UTF8 + text.encode(),
+    "utf-16-le": lambda text: codecs.BOM_UTF16_LE + text.encode("utf-16-le"),
+    "utf-16-be": lambda text: codecs.BOM_UTF16_BE + text.encode("utf-16-be"),
+    "windows": lambda text: codecs.BOM_UTF8 + text.replace("\n", "\r\n").encode(),
+}
+SCENE = "# Stöße\n" + shipped_text("aluminium-3mm")
+LAW = Path(importlib.import_module("hertzloop.controller.laws.force_feedback").__file__ or "")
+UMLAUT = '"""Verstärker."""\n' + LAW.read_text("utf-8")
+MODES = (
+    "frequency_hz,loss_factor,modal_mass_kg,shape_contact\n120.5,0.01,0.4,1.0\n300,0.01,0.4,0.5\n"
+)
+REQUIREMENTS = """# Über die Kraft
+[hertzloop]
+law = "force_feedback"
+
+[[requirement]]
+name = "peak"
+scene = "aluminium-3mm"
+limit = { peak_force_n = 100.0 }
+"""
+
+
+@pytest.mark.parametrize("encoded", READ.values(), ids=READ)
+def test_files_that_are_read(encoded, tmp_path: Path) -> None:
+    """Every kind of text file is read as the same text in UTF-8 without a mark."""
+    scene = tmp_path / "a.toml"
+    scene.write_bytes(encoded(SCENE))
+    assert load(str(scene)) == load("aluminium-3mm")
+
+    trace = tmp_path / "trace.csv"
+    trace.write_bytes(encoded("latency_us\n1\n2\n"))
+    traced = load(str(scene), [f"controller.latency_trace={trace}"])
+    assert list(traced.controller.latency_trace) == [1.0, 2.0]
+
+    assert read_modes("m.csv", encoded(MODES)) is not None
+
+    materials = tmp_path / "materials.toml"
+    materials.write_bytes(
+        encoded("[mine]\nyoung_pa = 70e9\npoisson = 0.3\ndensity_kg_m3 = 2700.0\n")
+    )
+    own = load(str(scene), [f"materials={materials}", "plate.material=mine"])
+    assert [one.name for one in own.materials] == ["mine"]
+
+    record = tmp_path / "record.csv"
+    record.write_bytes(
+        encoded("time_s,force_n\n" + "".join(f"{i}e-6,{i % 5}\n" for i in range(20)))
+    )
+    beside = tmp_path / "record.toml"
+    beside.write_bytes(encoded('[record]\nquantity = "force"\n'))
+    assert read_records(record)[0].quantity
+
+
+@pytest.mark.parametrize("encoded", READ.values(), ids=READ)
+def test_requirements_are_read(encoded, tmp_path: Path) -> None:
+    path = tmp_path / "requirements.toml"
+    path.write_text(REQUIREMENTS, "utf-8")
+    expected = [row.name for row in read_requirements(path)]
+    path.write_bytes(encoded(REQUIREMENTS))
+    assert [row.name for row in read_requirements(path)] == expected
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (SCENE.encode("latin-1"), "is not in UTF-8: byte 0xf6 in line 1"),
+        (codecs.BOM_UTF8 + SCENE.encode("latin-1"), "is not in UTF-8: byte 0xf6 in line 1"),
+        (SCENE.encode("utf-16-le"), "null bytes, as UTF-32 has, and UTF-16 without a mark"),
+        (SCENE.encode("utf-32"), "null bytes"),
+        (SCENE.encode("utf-16")[:-1], "is not in UTF-16"),
+    ],
+)  # fmt: skip
+def test_scenes_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(content)
+    with pytest.raises(SceneError, match="Save the file as UTF-8") as caught:
+        load(str(path))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        ("# -*- coding: latin-1 -*-\n" + UMLAUT).encode("latin-1"),
+        ("#!/usr/bin/env python\n# vim: set fileencoding=cp1252 :\n" + UMLAUT).encode("cp1252"),
+        codecs.BOM_UTF8 + UMLAUT.encode(),
+        codecs.BOM_UTF8 + ("# coding: utf-8\n" + UMLAUT).encode(),
+        UMLAUT.replace("\n", "\r\n").encode(),
+    ],
+    ids=["latin-1", "cp1252", "mark", "mark and line", "windows"],
+)
+def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_bytes(content)
+    law = find(str(path))
+    assert "Verstärker" in law.source
+    assert "\r" not in law.source
+
+
+def test_helpers_of_a_law_have_their_own_encoding(tmp_path: Path) -> None:
+    (tmp_path / "gains.py").write_bytes("# coding: latin-1\nÜ = 0.2\n".encode("latin-1"))
+    path = tmp_path / "mine.py"
+    path.write_text(UMLAUT + "\nimport gains\n", "utf-8")
+    assert "gains" in load_anew(str(path)).source
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (UMLAUT.encode("utf-16"), "its text is in UTF-16, which Python does not read"),
+        (UMLAUT.encode("latin-1"), "is not in UTF-8: byte 0xe4 in line 1"),
+        (("# coding: klingon\n" + UMLAUT).encode(), "unknown encoding"),
+        (("# coding: ascii\n" + UMLAUT).encode(), "is not in ASCII"),
+        (UMLAUT.encode("utf-16-le"), "not"),
+    ],
+)  # fmt: skip
+def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_bytes(content)
+    with pytest.raises(LawError, match=r"mine\.py: is not valid Python") as caught:
+        find(str(path))
+    assert words in str(caught.value)
+
+
+def test_texts() -> None:
+    assert text_of(b"a\r\nb\rc\n") == "a\nb\nc\n"
+    assert text_of(b"") == python_text(b"") == ""
