@@ -226,9 +226,11 @@ def _in_vacuum(spec: PlantSpec) -> Oscillators:
             "Remove the key, or give plate.modes with one loss factor."
         )
     if modes.omega[0] <= RIGID_RAD_S:
+        remedy = "support one of plate.edges"
+        if spec.plate.mode_table is not None:
+            remedy = "give plate.modes of the structure that carries this mass"
         raise ValueError(
-            f"{key} = {given:g} is not supported for a free plate. "
-            "Remove the key, or support one of plate.edges."
+            f"{key} = {given:g} is not supported for a free plate. Remove the key, or {remedy}."
         )
     if sensor_kg > 0.0:
         assert at_sensor is not None

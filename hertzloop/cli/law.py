@@ -1,6 +1,7 @@
 """The commands `hertzloop law ...`: list, new, replay, test."""
 
 import inspect
+import shlex
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -77,9 +78,10 @@ def _resource(name: str) -> str:
 
 
 def _next(file: Path, with_check: bool) -> str:
-    run = f"hertzloop run --set controller.law={_runs(file)}"
+    words = ["run", "--set", f"controller.law={_runs(file)}"]
     if with_check:
-        run = f"hertzloop budget --check {file.with_name('requirements.toml')}"
+        words = ["budget", "--check", str(file.with_name("requirements.toml"))]
+    run = shlex.join(["hertzloop", *words])
     return f"{compilation(file)} && {run}" if file.suffix == ".c" else run
 
 

@@ -255,7 +255,7 @@ def repair(
 
 def report(
     source: Annotated[Path, typer.Argument(metavar="F.mcap|RESULTS")],
-    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")],
+    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")] = Path(),
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write an HTML report on a recording, a sweep or a tuning.
@@ -266,7 +266,7 @@ def report(
 
     Args:
         source: Recording, results of a sweep or of tune, or a folder with them.
-        folder: Write the page into this folder.
+        folder: Write the page into this folder; default: the working folder.
     """
     need("matplotlib", "jinja2")
     if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
@@ -295,7 +295,7 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
     """Where the page goes; ends the command if it cannot."""
     options.make_folder(folder)
     page = folder / f"{source.stem}.html"
-    options.check_output(page, overwrite, read=[source])
+    options.check_output(page, overwrite, "--out-dir", [source])
     return page
 
 

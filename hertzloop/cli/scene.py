@@ -1,5 +1,6 @@
 """The commands `hertzloop scene ...`: list, show, new, keys, check."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scenes import keys as all_keys
 from hertzloop.scenes.errors import shown
-from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
+from hertzloop.scenes.scene import DEFAULT, possible_name, shipped, shipped_text
 from hertzloop.setup import load
 from hertzloop.views.format import Table, print_all, unwrapped
 
@@ -47,9 +48,8 @@ def new(
     Args:
         file: Write this new file.
     """
-    options.write_new(
-        file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}"
-    )
+    then = shlex.join(["hertzloop", "run", str(file)])
+    options.write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, then)
 
 
 _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
@@ -62,13 +62,12 @@ _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
 
 def _start_of(file: Path) -> str:
     text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{scene_name(file)}"')
-    return _HEAD.format(name=file.name) + text
+    return _HEAD.format(name=shlex.quote(file.name)) + text
 
 
 def scene_name(file: Path) -> str:
     """Return a name that a scene may have."""
-    kept = "".join(c if (c.isalnum() or c in "._-") else "-" for c in file.stem)
-    return kept.lstrip("._-")[:80] or "mine"
+    return possible_name(file.stem)
 
 
 def keys(

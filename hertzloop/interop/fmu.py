@@ -1,6 +1,7 @@
 """The exported plant as a Functional Mock-up Unit (FMI 2.0 or 3.0) and as a C library."""
 
 import hashlib
+import re
 import shutil
 import subprocess
 import zipfile
@@ -94,7 +95,7 @@ def header(image: Image, token: str) -> str:
 
 def identifier(image: Image) -> str:
     """Name of the unit's library, a word in C."""
-    return "hertzloop_" + "".join(c if c.isalnum() else "_" for c in image.setup.name)
+    return "hertzloop_" + re.sub("[^A-Za-z0-9]", "_", image.setup.name)
 
 
 def description(image: Image, version: Version, token: str, cpu: str) -> bytes:

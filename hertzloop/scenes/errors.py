@@ -54,7 +54,8 @@ def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: A
     """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
     wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
     bounds = bounds_of(field)
-    remedy = f". Give a value from {bounds}." if bounds else "."
+    between = bounds if bounds.startswith(_OPEN) else f"from {bounds}"
+    remedy = f". Give a value {between}." if bounds else "."
     return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
 
 
@@ -126,10 +127,20 @@ def _field_path(path: tuple[str, ...], model: type[BaseModel]) -> tuple[str, ...
 
 
 def bounds_of(field: Any) -> str:
-    """Least and largest value of a field, in words; "" if it has not both."""
+    """Range of a field in words, which say whether its ends belong to it; "" if it has not both
+    ends."""
     limits = dict(_limits(field))
     low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
-    return "" if low is None or high is None else f"{low:g} to {high:g}"
+    if low is None or high is None:
+        return ""
+    if "ge" in limits and "le" in limits:
+        return f"{low:g} to {high:g}"
+    least = _OPEN[0] if "ge" in limits else _OPEN[1]
+    most = "at most" if "le" in limits else "less than"
+    return f"{least} {low:g} and {most} {high:g}"
+
+
+_OPEN = ("at least", "more than")  # how a range begins one of whose ends does not belong to it
 
 
 def _limits(kind: Any) -> Iterator[tuple[str, float]]:

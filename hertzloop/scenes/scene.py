@@ -7,7 +7,9 @@ import difflib
 import hashlib
 import math
 import re
+import shlex
 import tomllib
+import unicodedata
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -1209,14 +1211,25 @@ def toml_text(value: Any) -> str:
     return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
 
 
+_LONGEST = 80  # letters of a name
+_NAME = re.compile(r"[^\W_][\w.-]*")
+
+
+def possible_name(text: str) -> str:
+    """Return a name that a scene may have, like the text."""
+    plain = re.sub(r"[^\w.-]+", "-", unicodedata.normalize("NFC", text))
+    return plain.strip("-_.")[:_LONGEST] or "mine"
+
+
 class Scene(SceneTable):
     """A scene: one table per part, as in the TOML file. `load` and `vary` make it.
 
     `scene.controller.latency_us` reads a key. The page of scene keys lists all of them.
     """
 
-    name: Annotated[str, Field(pattern=r"^[\p{L}\p{N}][\w.-]*$", max_length=80)]
-    """of the scene, and of its recording"""
+    name: Annotated[str, Field(max_length=_LONGEST)]
+    """of the scene, and of its recording: letters, digits, ".", "_" and "-"; first a letter or a
+    digit"""
     shows: str = ""
     """what it is for, in a sentence"""
     materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
@@ -1231,6 +1244,17 @@ class Scene(SceneTable):
     run: RunTable
     fit: FitTable | None = None
     """where fitted values come from"""
+
+    @field_validator("name")
+    @classmethod
+    def _file_name(cls, value: str) -> str:
+        name = unicodedata.normalize("NFC", value)
+        if not _NAME.fullmatch(name):
+            raise ValueError(
+                f"name = {shown(value)}: must begin with a letter or a digit, and have letters, "
+                f"digits, '.', '_' and '-' only. Use '{possible_name(value)}'."
+            )
+        return name
 
     @property
     def striker(self) -> Striker:
@@ -1319,12 +1343,13 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
     if path.suffix in _OF_LAWS:
         raise SceneError(
             f"{shortened(source)}: is a law, not a scene. Use --set "
-            f"controller.law={shortened(source)}."
+            f"{shortened(shlex.quote(f'controller.law={source}'))}."
         )
     if path.suffix == ".mcap":
+        file = shortened(shlex.quote(source))
         raise SceneError(
             f"{shortened(source)}: is a recording, not a scene. To show it, run `hertzloop inspect "
-            f"{shortened(source)}`. To repeat it, run `hertzloop run --repeat {shortened(source)}`."
+            f"{file}`. To repeat it, run `hertzloop run --repeat {file}`."
         )
     text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None
@@ -1824,9 +1849,6 @@ def _changed(table: SceneTable, names: tuple[str, ...], *values: Any) -> SceneTa
     return changed
 
 
-_LONGEST = 80
-
-
 def relabel(before: dict[str, Any], after: dict[str, Any]) -> None:
     """Give the scene `after` its settings a name that fits, unless they name it themselves.
 
@@ -1848,7 +1870,7 @@ def relabel(before: dict[str, Any], after: dict[str, Any]) -> None:
     thickness = (_value(scene, "plate", "thickness_m") for scene in (before, after))
     if name == before["name"] and next(thickness) == next(thickness):
         return
-    after["name"] = re.sub(r"[^\w.-]+", "-", name).strip("-_.")[:_LONGEST]
+    after["name"] = possible_name(name)
     after.pop("shows", None)
 
 

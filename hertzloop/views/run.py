@@ -3,6 +3,7 @@
 import ctypes
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, is_dataclass
@@ -1147,7 +1148,7 @@ def next_lines(path: str) -> list[Text]:
     """Where the recording is, and the next command."""
     return [
         unwrapped("Recording: ", (path, "bold"), ". --details prints all figures."),
-        unwrapped("Next: ", (f"hertzloop replay {path}", "bold")),
+        unwrapped("Next: ", (shlex.join(["hertzloop", "replay", path]), "bold")),
     ]
 
 

@@ -311,7 +311,7 @@ def test_unknown_scene_and_file(tmp_path: Path) -> None:
         load("aluminum-3mm")
     with pytest.raises(SceneError, match="cannot read the scene"):
         load(str(tmp_path / "none.toml"))
-    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
+    (tmp_path / "latin.toml").write_bytes(b"name = \xff\xfe")
     with pytest.raises(SceneError, match="cannot read the scene"):
         load(str(tmp_path / "latin.toml"))
 

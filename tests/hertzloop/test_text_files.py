@@ -1,7 +1,10 @@
 """Scenes, laws, requirements, traces and mode files in the encodings that editors write."""
 
 import codecs
+import html
 import importlib
+import shlex
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -10,10 +13,15 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, load_anew
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import load, shipped_text
+from hertzloop.scenes.scene import load, parse, shipped_text
+from hertzloop.setup import load as setup_load
+from hertzloop.setup import parts
 from hertzloop.studies.budget.requirements import read_requirements
 from hertzloop.studies.fit.records import read_records
 from hertzloop.text_files import python_text, text_of
+from hertzloop.views.run import next_lines
+from tests.commands import invoke
+from tests.recordings import rewriting
 
 READ = {
     "mark": lambda text: codecs.BOM_UTF8 + text.encode(),
@@ -142,3 +150,97 @@ def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> No
 def test_texts() -> None:
     assert text_of(b"a\r\nb\rc\n") == "a\nb\nc\n"
     assert text_of(b"") == python_text(b"") == ""
+
+
+@pytest.mark.parametrize("name", ["stöße", "sto\u0308ße", "梁", "Ωmega-3_b.2"])
+def test_letters_of_any_language_in_a_name(name: str) -> None:
+    """A letter and its accent as two characters, as macOS writes them, count as one."""
+    named = parse(shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"'))
+    assert named.name == unicodedata.normalize("NFC", name)
+
+
+@pytest.mark.parametrize(
+    ("name", "use"), [("a b", "a-b"), ("it's", "it-s"), ("../a", "a"), ("_a", "a"), ("$", "mine")]
+)
+def test_names_that_are_refused(name: str, use: str) -> None:
+    text = shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"')
+    with pytest.raises(SceneError, match=rf"and '-' only\. Use '{use}'\."):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("run.duration_s", 0, "must be more than 0. Give a value more than 0 and at most 1e+09."),
+        ("sensors.resonance_damping", 1, "Give a value more than 0 and less than 1."),
+        ("controller.drop_out_probability", 1, "Give a value at least 0 and less than 1."),
+        ("controller.latency_us", -1, "must be at least 0. Give a value from 0 to "),
+    ],
+)
+def test_the_ends_of_a_range(key: str, value: float, words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load("aluminium-3mm", [f"{key}={value}"])
+    assert words in str(caught.value)
+
+
+def test_a_mass_on_the_modes_of_a_free_structure(tmp_path: Path) -> None:
+    """The remedy is one that a file of modes has."""
+    rows = [f"{4000 * i},0.01,0.01,1.0" for i in range(12)]
+    header = "# residual_flexibility_m_n = 1e-9\nfrequency_hz,loss_factor,modal_mass_kg,"
+    (tmp_path / "m.csv").write_text("\n".join([f"{header}shape_contact", *rows]))
+    for key in ("actuator.mass_kg", "sensors.mass_kg"):
+        scene = setup_load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", f"{key}=0.001"])
+        with pytest.raises(SceneError, match=r"give plate\.modes of the structure that carries"):
+            parts.start_plant(scene)
+
+
+ODD = "it's $x y"
+
+
+def test_printed_commands_can_be_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names with spaces, quotes and dollar signs come back whole from a shell's words."""
+    monkeypatch.chdir(tmp_path)
+    for words, expected in (
+        (["scene", "new", f"{ODD}.toml"], ["hertzloop", "run", f"{ODD}.toml"]),
+        (
+            ["law", "new", f"{ODD}.py"],
+            ["hertzloop", "run", "--set", f"controller.law={ODD}.py"],
+        ),
+    ):
+        done = invoke(words, env={"COLUMNS": "300"})
+        assert done.exit_code == 0, done.output
+        assert shlex.split(done.output.partition("Next: ")[2]) == expected
+    head = (tmp_path / f"{ODD}.toml").read_text("utf-8").splitlines()[0]
+    assert shlex.split(head.partition("with   ")[2]) == ["hertzloop", "run", f"{ODD}.toml"]
+
+    [_, then] = next_lines(f"{ODD}.mcap")
+    assert shlex.split(then.plain)[1:] == ["hertzloop", "replay", f"{ODD}.mcap"]
+
+    Path(f"{ODD}-requirements.toml").write_text(
+        REQUIREMENTS.replace('scene = "aluminium-3mm"', f'scene = "{ODD}.toml"'), "utf-8"
+    )
+    [row] = read_requirements(Path(f"{ODD}-requirements.toml"))
+    words = shlex.split(row.command({"plate.material": "it's"}))
+    assert words[:3] == ["hertzloop", "run", f"{ODD}.toml"]
+    assert 'plate.material="it\'s"' in words
+    for name in (f"{ODD}.mcap", f"{ODD}.py"):
+        with pytest.raises(SceneError) as caught:
+            load(name)
+        assert shlex.quote(name) in str(caught.value) or shlex.quote(
+            f"controller.law={name}"
+        ) in str(caught.value)
+
+
+@pytest.mark.full
+def test_a_report_has_a_default_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rewriting.record(tmp_path / f"{ODD}.mcap", compiled=True)
+    done = invoke(["report", f"{ODD}.mcap"], env={"COLUMNS": "300"})
+    assert done.exit_code == 0, done.output
+    page = html.unescape((tmp_path / f"{ODD}.html").read_text("utf-8"))
+    assert (
+        f"hertzloop compare {shlex.quote(f'{ODD}-again.mcap')} {shlex.quote(f'{ODD}.mcap')}" in page
+    )
+    again = invoke(["report", f"{ODD}.mcap"], env={"COLUMNS": "300"})
+    assert again.exit_code == 2
+    assert "Choose another name with --out-dir" in again.output

@@ -17,6 +17,7 @@ that must be tolerated), or `probability` with `uncertain`.
 """
 
 import math
+import shlex
 import time
 import tomllib
 import xml.etree.ElementTree as ET
@@ -120,8 +121,8 @@ class Row:
     def command(self, case: dict[str, Any]) -> str:
         """Return the command that runs one case of the row again."""
         given = self.settings() | case
-        words = " ".join(f"--set '{key}={toml_text(value)}'" for key, value in given.items())
-        return f"hertzloop run {self.source} {words} --transport compiled".replace("  ", " ")
+        words = [w for key, value in given.items() for w in ("--set", f"{key}={toml_text(value)}")]
+        return shlex.join(["hertzloop", "run", self.source, *words, "--transport", "compiled"])
 
 
 def _beside(folder: Path, name: str) -> str:

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -291,9 +292,9 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
 
 def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """How to come to the same samples, in words and as commands."""
-    file, ran = recording.path.name, law_of(recording)
+    file, ran = shlex.quote(recording.path.name), law_of(recording)
     (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
-    again = f"{recording.path.stem}-again.mcap"
+    again = shlex.quote(f"{recording.path.stem}-again.mcap")
     if not ran.as_announced:
         own = ran.law or "not named by the controller"
         return (
@@ -315,8 +316,8 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
     run, first = f"hertzloop run {setup.name}.toml", []
     if ran.law not in shipped_laws() and has_text:
         law = str(ran.law).partition(":")
-        first = [f"hertzloop inspect {file} --law {law[0]}"]
-        run += f" --set controller.law={''.join(law)}"
+        first = [f"hertzloop inspect {file} --law {shlex.quote(law[0])}"]
+        run += f" --set {shlex.quote('controller.law=' + ''.join(law))}"
     return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]
 
 
