@@ -5,9 +5,12 @@ velocity (m/s), acceleration (m/s^2) and effort (N), each only where there is on
 body or a signal; log time = publish time = simulated time.
 """
 
+import csv
 import json
 import zipfile
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -62,6 +65,26 @@ class Samples:
         found = getattr(self.recording, name)
         assert isinstance(found, JoinedStream)
         return found
+
+    def recorded_ns(self) -> tuple[int, int] | None:
+        """Simulated times of the first and the last sample of the recording, ns; None without
+        samples."""
+        streams = [stream for name in STREAMS if (stream := self.stream(name)).samples]
+        if not streams:
+            return None
+        first = min(int(s.step_at(0)) * s.step_ns for s in streams)
+        return first, max(int(s.step_at(s.samples - 1)) * s.step_ns for s in streams)
+
+    def holds_any(self) -> bool:
+        """Whether a stream has a sample within the span."""
+        low, high = self.span_ns
+        for stream in map(self.stream, STREAMS):
+            at = bisect_left(
+                range(stream.samples), low, key=lambda i, s=stream: int(s.step_at(i)) * s.step_ns
+            )
+            if at < stream.samples and int(stream.step_at(at)) * stream.step_ns <= high:
+                return True
+        return False
 
     def _empty(self, name: str) -> Arrays:
         stream = self.stream(name)
@@ -292,16 +315,27 @@ def write_parquet(samples: Samples, path: Path) -> None:
 
 
 def write_csv(samples: Samples, path: Path) -> None:
-    """Lines that begin with # say what each column is; numbers have as many digits as it takes to
-    read the same bits. Where a stream has no sample at a step, its cells are empty."""
+    """Numbers have as many digits as it takes to read the same bits. Where a stream has no sample
+    at a step, its cells are empty."""
     schema = _schema(samples)
-    with path.open("wb") as file:
-        for column in schema:
-            unit, meaning = (column.metadata[key].decode() for key in (b"unit", b"meaning"))
-            file.write(f"# {column.name} ({unit or 'no unit'}): {meaning}\n".encode())
-        with arrow_csv.CSVWriter(file, schema) as writer:
-            for window in samples.windows():
-                writer.write_table(_table(samples, schema, window))
+    with arrow_csv.CSVWriter(path, schema) as writer:
+        for window in samples.windows():
+            writer.write_table(_table(samples, schema, window))
+
+
+def columns_file(path: Path) -> Path:
+    """The file beside a CSV export that holds the unit and the meaning of each column: remarks in
+    the table itself would need an option of most programs that read it."""
+    return path.with_name(f"{path.stem}-columns.csv")
+
+
+def _write_columns(samples: Samples, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["column", "unit", "meaning"])
+        for column in _schema(samples):
+            about = (column.metadata[key].decode() for key in (b"unit", b"meaning"))
+            writer.writerow([column.name, *about])
 
 
 def _schema(samples: Samples) -> Any:
@@ -468,13 +502,21 @@ FORMATS: dict[str, Callable[[Samples, Path], None]] = {
 }  # fmt: skip
 
 
+def outputs(path: Path) -> list[Path]:
+    """The files that an export to `path` writes."""
+    return [path, columns_file(path)] if path.suffix == ".csv" else [path]
+
+
 def export(samples: Samples, path: Path) -> None:
     """Write the samples to a file, all or nothing: what exists is replaced by a whole one only.
 
     Raises RecordingError if the recording cannot be read on or the file not be written.
     """
     try:
-        with whole_file(path) as unfinished:
+        with ExitStack() as files:
+            unfinished, *beside = (files.enter_context(whole_file(one)) for one in outputs(path))
             FORMATS[path.suffix](samples, unfinished)
+            for one in beside:
+                _write_columns(samples, one)
     except NotWritten as error:
         raise RecordingError(str(error)) from error

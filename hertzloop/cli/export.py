@@ -1,5 +1,6 @@
 """Commands that export a recording or the plant for other tools."""
 
+import math
 import os
 import platform
 import sys
@@ -27,7 +28,8 @@ def export(
 ) -> None:
     """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
 
-    An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot.
+    An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot. Beside F.csv,
+    F-columns.csv has the unit and the meaning of each column.
 
     Args:
         out_file: Write this .mcap, .parquet, .csv, .npz or .h5 file.
@@ -35,16 +37,21 @@ def export(
         to_ms: Stop at this simulated time, ms.
     """
     # Arrow takes 0.05 s, which the other command saves.
-    from hertzloop.recordings.export import FORMATS, Samples
+    from hertzloop.recordings.export import FORMATS, Samples, outputs
     from hertzloop.recordings.export import export as write
 
     if out_file.suffix not in FORMATS:
         fail(f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.")
     if out_file.suffix == ".h5":
         need("h5py")
+    for option, value in (("--from", from_ms), ("--to", to_ms)):
+        if value is not None and not math.isfinite(value):
+            fail(f"{option} = {value:g}: must be a finite number. Give a time in ms.")
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.")
-    options.check_output(out_file, overwrite, read=[file])
+    written = outputs(out_file)
+    for path in written:
+        options.check_output(path, overwrite, read=[file])
     recording = read(file)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
@@ -52,8 +59,15 @@ def export(
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
         samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))
+    recorded = samples.recorded_ns()
+    if recorded is None:
+        fail(f"{file}: has no samples that can be read. Give another recording.")
+    if not samples.holds_any():
+        first, last = (f"{ns / 1e6:.10g}" for ns in recorded)
+        given = f"--from = {from_ms:g}" + ("" if to_ms is None else f", --to = {to_ms:g}")
+        fail(f"{given}: has no samples. Give a span within {first} to {last} ms.")
     write(samples, out_file)
-    out.say(f"written: {out_file}")
+    out.say(f"written: {' and '.join(map(str, written))}")
 
 
 CpuOption = Annotated[

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow.csv as arrow_csv
 import pyarrow.parquet as parquet
 import pytest
 from mcap.reader import make_reader
@@ -14,7 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import Result
 
 from hertzloop.recordings import export as samples_module
-from hertzloop.recordings.export import TOPICS
+from hertzloop.recordings.export import TOPICS, columns_file
 from hertzloop.recordings.reader import Recording, read
 from tests.commands import invoke
 from tests.recordings import rewriting
@@ -71,9 +72,14 @@ def from_parquet(path: Path) -> Columns:
 
 
 def from_csv(path: Path) -> Columns:
-    lines = path.read_text().splitlines()
-    assert "# v_p_m_s (m/s): plate velocity at the contact point at the start of the step" in lines
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    with columns_file(path).open(newline="", encoding="utf-8") as file:
+        about = {row["column"]: row for row in csv.DictReader(file)}
+    velocity = about["v_p_m_s"]
+    assert velocity["unit"] == "m/s"
+    assert velocity["meaning"] == "plate velocity at the contact point at the start of the step"
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == list(about)
     names = [name for name in rows[0] if name not in ("step", "time_ns")]
     kinds: dict[str, type] = {"daq_code": np.int32, "daq_saturated": np.uint8}
     columns = {
@@ -158,6 +164,79 @@ def test_a_span_of_time_is_what_it_says(file: Path, tmp_path: Path) -> None:
     assert found["truth/time_ns"].tolist() == list(range(1_000_000, 1_500_001, 1000))
     inside = read(file).truth.arrays["v_p_m_s"][1000:1501]
     assert found["truth/v_p_m_s"].tobytes() == inside.tobytes()
+
+
+def test_a_csv_needs_no_option_of_the_program_that_reads_it(file: Path, tmp_path: Path) -> None:
+    result = call("export", file, "-o", tmp_path / "x.csv", "--to", 0.1)
+    assert result.exit_code == 0, result.output
+    assert f"written: {tmp_path / 'x.csv'} and {tmp_path / 'x-columns.csv'}" in result.output
+    table, columns = (arrow_csv.read_csv(tmp_path / f"x{end}.csv") for end in ("", "-columns"))
+    assert table.column_names == columns["column"].to_pylist()
+    assert table["time_ns"].to_pylist() == list(range(0, 100_001, 1000))
+    assert columns["unit"].to_pylist()[1:3] == ["ns", "m"]
+
+    again = call("export", file, "-o", tmp_path / "x.csv")
+    assert again.exit_code == 2
+    (tmp_path / "x.csv").unlink()
+    again = call("export", file, "-o", tmp_path / "x.csv")  # the other file is still there
+    assert again.exit_code == 2
+    assert "x-columns.csv exists" in again.output
+
+
+def shifted(steps: int) -> Callable[[rewriting.Sent], None]:
+    def later(sent: rewriting.Sent) -> None:
+        if hasattr(sent.header, "first_step"):
+            sent.header.first_step += steps
+            sent.time_ns += 1000 * steps
+
+    return later
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_a_recording_that_does_not_begin_at_zero(file: Path, tmp_path: Path, ending: str) -> None:
+    late = rewriting.rewrite(file, tmp_path / "late.mcap", shifted(7_000_000))
+    out = tmp_path / f"x.{ending}"
+    assert call("export", late, "-o", out).exit_code == 0
+    there = expected(read(late))
+    back = READERS[ending](out)
+    assert back["truth/time_ns"][0] == 7_000_000_000
+    assert back["truth/xi_m"].tobytes() == there["truth/xi_m"].tobytes()
+    span = ("--from", 7001, "--to", 7001.5, "--overwrite")
+    assert call("export", late, "-o", out, *span).exit_code == 0
+    times = READERS[ending](out)["truth/time_ns"]
+    assert times.tolist() == list(range(7_001_000_000, 7_001_500_001, 1000))
+
+
+@pytest.mark.parametrize(
+    ("span", "words"),
+    [
+        (("--from", 5), "--from = 5: has no samples. Give a span within 0 to 2.499 ms"),
+        (("--from", 0.0001, "--to", 0.0002), "--from = 0.0001, --to = 0.0002: has no samples"),
+        (("--from", "inf"), "--from = inf: must be a finite number"),
+        (("--to", "inf"), "--to = inf: must be a finite number"),
+    ],
+)
+def test_a_span_without_samples_is_refused(
+    file: Path, tmp_path: Path, span: tuple[object, ...], words: str
+) -> None:
+    result = call("export", file, "-o", tmp_path / "x.csv", *span)
+    assert result.exit_code == 2, result.output
+    assert words in result.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_samples_whose_times_contradict_their_steps_are_refused(file: Path, tmp_path: Path) -> None:
+    """As after a tool that set the times of all messages to those of a wall clock."""
+
+    def at_noon(sent: rewriting.Sent) -> None:
+        sent.time_ns += 1_700_000_000_000_000_000
+
+    moved = rewriting.rewrite(file, tmp_path / "moved.mcap", at_noon)
+    for ending in READERS:
+        result = call("export", moved, "-o", tmp_path / f"x.{ending}")
+        assert result.exit_code == 2, result.output
+        assert "has no samples that can be read" in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["moved.mcap"]
 
 
 def test_what_is_missing_in_a_recording_is_missing_in_the_table(file: Path, tmp_path: Path) -> None:
