@@ -1,5 +1,6 @@
 """The command `scene modes`: modes of a scene's plate, or measured ones, as a file of modes."""
 
+import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -141,10 +142,10 @@ def modes(
         f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz. "
         f"Expected error of the first impact in this scene: {100 * expected:.2g} %."
     )
+    base, then = _named(scene, settings or []), shlex.join(["hertzloop", "run", str(beside)])
     out.say(
         f"written: {target} and {beside}, which has striker, material of the plate "
-        f"({setup.plate_material or 'own numbers'}) and law of {scene}. Next: hertzloop "
-        f"run {beside}"
+        f"({setup.plate_material or 'own numbers'}) and law of {base}. Next: {then}"
     )
     if picture is not None:
         from hertzloop.studies.modal.picture import draw  # of an extra
@@ -190,7 +191,7 @@ def _of_responses(
     responses = responses_of_sets(sets, path, points, in_units, kind, reference)
     other = None
     for one in held:
-        others = uff.read_sets(one)
+        others = uff.read_sets(one, "--hold-out")
         other = responses_of_sets(
             others, one, points, uff.units_of(others, one, units), kind, reference
         )
@@ -204,7 +205,7 @@ def _of_responses(
 
 
 def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> MeasuredModes:
-    hits, predicted = read_hits(paths), read_hits(held) if held else []
+    hits, predicted = read_hits(paths), read_hits(held, "--hold-out") if held else []
     with _progress() as tell:
         return modes_of_hits(hits, predicted, at_contact, tell)
 
@@ -252,13 +253,20 @@ def _scene_and_files(names: list[str], source: str | None) -> tuple[str, list[st
     return scenes[0] if scenes else DEFAULT, [source, *files] if source is not None else []
 
 
+def _named(scene: str, settings: list[str]) -> str:
+    """A scene with what --set changed, on one line."""
+    changed = ", ".join(" ".join(one.split()) for one in settings)
+    return f"{scene} with {changed}" if changed else scene
+
+
 def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> Setup:
     """Write a file of modes, and a scene with them beside it, if that can be simulated. Returns
     the scene."""
     content = write_modes(target.suffix, table)
     data = on_modes(scene, settings, target.name, scene_name(target))
-    data["shows"] = f"Modes measured, in {target.name}; striker and law of {scene}"
-    text = f"# Modes by hertzloop scene modes; all else from {scene}.\n{tomli_w.dumps(data)}"
+    base = _named(scene, settings)
+    data["shows"] = f"Modes measured, in {target.name}; striker and law of {base}"
+    text = f"# Modes by hertzloop scene modes; all else from {base}.\n{tomli_w.dumps(data)}"
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / target.name).write_bytes(content)
         trial = Path(folder) / target.with_suffix(".toml").name

@@ -58,13 +58,14 @@ class Hit:
         return slice(self.first, self.first + math.ceil(JUDGED_S / self.interval_s))
 
 
-def read_hits(paths: Sequence[Path]) -> list[Hit]:
-    """Return the hits of files that hold a force, a response, or both side by side.
+def read_hits(paths: Sequence[Path], option: str = "--from") -> list[Hit]:
+    """Return the hits of files that hold a force, a response, or both side by side. `option`: the
+    one that gives the files.
 
     Raises:
         ModalDataError, RecordError: a file is no record, or the records do not belong together.
     """
-    return hits_of_records([one for path in paths for one in _records_of(path)])
+    return hits_of_records([one for path in paths for one in _records_of(path)], option)
 
 
 def _records_of(path: Path) -> Iterator[Record]:
@@ -86,7 +87,7 @@ def _column(record: Record) -> str:
     return record.source.partition(f"; {record.quantity}: ")[2].partition(" in ")[0]
 
 
-def hits_of_records(records: Sequence[Record]) -> list[Hit]:
+def hits_of_records(records: Sequence[Record], option: str = "--from") -> list[Hit]:
     """Return the hits of records: the first record of a force belongs to the first one of a
     response, and so on. A record may hold several hits, at least 0.1 s apart; those that cannot be
     used are left out then.
@@ -105,7 +106,7 @@ def hits_of_records(records: Sequence[Record]) -> list[Hit]:
             )
     if not forces or len(forces) != len(responses):
         raise ModalDataError(
-            f"--from: {len(forces)} records of a force and {len(responses)} of a response. Give "
+            f"{option}: {len(forces)} records of a force and {len(responses)} of a response. Give "
             "one of each for every hit, in the same order."
         )
     hits: list[Hit] = []

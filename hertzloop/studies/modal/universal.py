@@ -77,22 +77,22 @@ class Points:
         return {option: node for option, node in nodes.items() if node is not None}
 
 
-def read_sets(path: Path) -> list[dict[str, Any]]:
-    """Return all data sets of a universal file. Raises ModalDataError."""
+def read_sets(path: Path, option: str = "--from") -> list[dict[str, Any]]:
+    """Return all data sets of a universal file, which `option` gives. Raises ModalDataError."""
     import pyuff  # of an extra
 
     if not path.is_file():
-        raise ModalDataError(f"--from = {path}: there is no such file. Give the path of a file.")
+        raise ModalDataError(f"{option} = {path}: there is no such file. Give the path of a file.")
     try:
         found = pyuff.UFF(str(path)).read_sets()
     except Exception as error:  # pyuff raises plain exceptions for whatever is damaged
         raise ModalDataError(
-            f"--from = {path}: cannot be read as a universal file: {error}. Write it again."
+            f"{option} = {path}: cannot be read as a universal file: {error}. Write it again."
         ) from error
     found = found if isinstance(found, list) else [found]
     if not found:
         raise ModalDataError(
-            f"--from = {path}: holds no data set. Give a universal file (UFF, UNV)."
+            f"{option} = {path}: holds no data set. Give a universal file (UFF, UNV)."
         )
     return found
 

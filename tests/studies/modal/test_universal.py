@@ -196,6 +196,9 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "312 modes from 277.01 to 52600 Hz" in done.output
+    base = "offcentre-6mm with run.duration_s=0.004, run.accuracy=0.01, plate.residual"
+    assert f"law of {base}" in done.output
+    assert f"all else from {base}" in (tmp_path / "of-file.toml").read_text("utf-8")
     assert "Direction z, units of the file: 1/1000 m and 1/1 N" in done.output
     of_file = load(str(tmp_path / "of-file.toml"))
     direct = load(str(tmp_path / "of-file.toml"), [f"plate.modes={tmp_path / 'direct.npz'}"])
@@ -226,3 +229,14 @@ def test_the_command_refuses_what_it_cannot_mean() -> None:
         done = invoke(["scene", "modes", *words])
         assert done.exit_code == 2, done.output
         assert sentence in done.output
+
+
+def test_a_response_to_predict_without_its_force() -> None:
+    """The sentence names the option that gave the file."""
+    hits = Path(__file__).parents[3] / "docs" / "examples" / "hammer"
+    done = invoke(
+        ["scene", "modes", "--from", str(hits / "f1.csv"), str(hits / "a1.csv"), "--contact", "A",
+         "--hold-out", str(hits / "a3.csv")]
+    )  # fmt: skip
+    assert done.exit_code == 2, done.output
+    assert "--hold-out: 0 records of a force and 1 of a response" in done.output
