@@ -2,8 +2,10 @@
 
 import codecs
 import importlib.util
+import re
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # the marks
+_CODING = re.compile(r"^([ \t\f]*#.*?coding[:=][ \t]*)[-\w.]+")
 
 
 def text_of(content: bytes) -> str:
@@ -31,7 +33,8 @@ def text_of(content: bytes) -> str:
 
 
 def python_text(content: bytes) -> str:
-    """Return the text of a Python file in the encoding that its mark or its coding line names.
+    """Return the text of a Python file in the encoding that its mark or its coding line names. The
+    coding line of the text names UTF-8, in which it is sent and recorded.
 
     Raises:
         ValueError: the text is not in this encoding, or Python does not know it.
@@ -41,12 +44,14 @@ def python_text(content: bytes) -> str:
             "its text is in UTF-16, which Python does not read. Save the file as UTF-8"
         )
     try:
-        return importlib.util.decode_source(content)
+        text = importlib.util.decode_source(content)
     except SyntaxError as error:  # of the first two lines
         text_of(content)
         raise ValueError(f"{error}. Name the encoding of the file in its coding line") from error
     except UnicodeDecodeError as error:
         raise ValueError(_not_in(error.encoding, content, error)) from error
+    lines = text.split("\n", 2)
+    return "\n".join([_CODING.sub(r"\1utf-8", line) for line in lines[:2]] + lines[2:])
 
 
 def _not_in(encoding: str, content: bytes, error: UnicodeDecodeError) -> str:

@@ -72,17 +72,15 @@ class Samples:
         streams = [stream for name in STREAMS if (stream := self.stream(name)).samples]
         if not streams:
             return None
-        first = min(int(s.step_at(0)) * s.step_ns for s in streams)
-        return first, max(int(s.step_at(s.samples - 1)) * s.step_ns for s in streams)
+        first = min(stream.time_ns_at(0) for stream in streams)
+        return first, max(stream.time_ns_at(stream.samples - 1) for stream in streams)
 
     def holds_any(self) -> bool:
         """Whether a stream has a sample within the span."""
         low, high = self.span_ns
         for stream in map(self.stream, STREAMS):
-            at = bisect_left(
-                range(stream.samples), low, key=lambda i, s=stream: int(s.step_at(i)) * s.step_ns
-            )
-            if at < stream.samples and int(stream.step_at(at)) * stream.step_ns <= high:
+            at = bisect_left(range(stream.samples), low, key=stream.time_ns_at)
+            if at < stream.samples and stream.time_ns_at(at) <= high:
                 return True
         return False
 

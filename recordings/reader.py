@@ -446,6 +446,10 @@ class JoinedStream:
             steps = np.where(np.asarray(positions) >= position, later, steps)
         return np.asarray(steps)
 
+    def time_ns_at(self, position: int) -> int:
+        """Simulated time of the sample at a position, ns."""
+        return int(self.step_at(position)) * self.step_ns
+
     @property
     def time_ns(self) -> np.ndarray:
         """Simulated time of every sample, shape (samples,), ns."""

@@ -63,9 +63,9 @@ def export(
     if recorded is None:
         fail(f"{file}: has no samples that can be read. Give another recording.")
     if not samples.holds_any():
-        first, last = (f"{ns / 1e6:.10g}" for ns in recorded)
+        begin, end = (f"{ns / 1e6:.10g}" for ns in recorded)
         given = f"--from = {from_ms:g}" + ("" if to_ms is None else f", --to = {to_ms:g}")
-        fail(f"{given}: has no samples. Give a span within {first} to {last} ms.")
+        fail(f"{given}: has no samples. Give a span within {begin} to {end} ms.")
     write(samples, out_file)
     out.say(f"written: {' and '.join(map(str, written))}")
 
