@@ -188,12 +188,15 @@ def _load_file(path: Path, name: str | None, digest: str | None) -> Law:
     module = ModuleType(f"hertzloop_file_{path.stem}_{found}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module
-    sys.path.append(str(path.parent))
+    folder = str(path.parent)
+    added = [] if folder in sys.path else [folder]
+    sys.path += added
     try:
         with _loading(str(path), path):
             exec(compile(source, str(path), "exec"), module.__dict__)
     finally:
-        sys.path.remove(str(path.parent))
+        for entry in added:
+            sys.path.remove(entry)
     label = path.name if not name else f"{path.name}:{name}"
     return _identified(label, module, name, path, source, found, digest)
 
