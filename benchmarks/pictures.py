@@ -121,7 +121,7 @@ _TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controll
 _LATENCY = "python -m benchmarks.latency -o DIR"
 _TUNE = (
     "hertzloop tune aluminium-20mm --law slope_threshold --law shifted_threshold --law predicted "
-    "--law force_feedback --span run --set run.duration_s=0.014 --out DIR"
+    "--law force_feedback --span run --set run.duration_s=0.014 -o DIR"
 )
 
 _MARGIN = "hertzloop margin oak-20mm --law velocity_feedback --set controller.kappa=0.4 -o DIR"

@@ -146,7 +146,7 @@ class SensorSpec(Filters):
             raise ValueError(problem)
         step = 0.0
         if self.bits is not None and self.full_scale is not None:
-            step = (self.full_scale[1] - self.full_scale[0]) / (2**self.bits - 1)
+            step = converter_step(self.bits, self.full_scale)
         poles = self.low_pass_poles()
         delay_s = sum((-1.0 / p).real * (2.0 if p.imag else 1.0) for p in poles)
         vars(self).update(converter_step=step, low_pass_delay_s=delay_s)
@@ -169,17 +169,27 @@ def _problems(spec: SensorSpec) -> Iterator[str]:
             yield "a converter with bits needs a full_scale range"
 
 
-def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, float, int, int]:
-    """Scale, offset, first and last code of a mid-tread converter over `full_scale`.
+def converter_step(bits: int, full_scale: tuple[float, float]) -> float:
+    """Distance of two levels of a converter over `full_scale`."""
+    low, high = full_scale
+    return (high - low) / 2**bits
 
-    2^bits levels, both ends of the range included, so no value in range is further than
-    half a step from its level. Value = offset + scale * code; codes are centred on zero.
+
+def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, float, int, int]:
+    """Scale, offset, first and last code of a converter over `full_scale`, in two's complement.
+
+    Value = offset + scale * code. As in a real converter, the range has 2^bits steps and the
+    highest level lies one step below its upper end: -10 to 10 V with 12 bits is -10 to 9.99512 V.
+    If zero is in the range, it is a level, and the lowest level lies up to a step above the lower
+    end.
     """
     low, high = full_scale
-    levels = 2**bits
-    scale = (high - low) / (levels - 1)
+    levels, scale = 2**bits, converter_step(bits, full_scale)
     first = -(levels // 2)
-    return scale, low - scale * first, first, first + levels - 1
+    offset = low - scale * first
+    if low <= 0.0 <= high:
+        offset = scale * (max(math.ceil(low / scale), 1 - levels) - first)
+    return scale, offset, first, first + levels - 1
 
 
 class Sensor:

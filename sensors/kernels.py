@@ -37,7 +37,7 @@ class SensorModel(NamedTuple):
 
 @kernel(inline=True, borrowed=True)
 def quantise(value, scale, offset, first_code, last_code):
-    """Nearest code of a mid-tread converter, ties upwards, clipped to its codes."""
+    """Nearest code of a converter, ties upwards, clipped to its codes."""
     code = math.floor((value - offset) / scale + 0.5)
     return min(max(code, first_code), last_code)
 

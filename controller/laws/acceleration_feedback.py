@@ -7,7 +7,7 @@ from pydantic import Field
 
 from hertzloop.controller.law import ACTING, IDLE, About, Response
 from hertzloop.controller.laws import force_feedback
-from hertzloop.controller.laws.force_feedback import dead_zone, reach  # noqa: F401
+from hertzloop.controller.laws.force_feedback import reach  # noqa: F401
 
 senses = "acceleration"
 
@@ -30,7 +30,6 @@ class Constants(NamedTuple):
     """What the compiled function knows; `keep`: share of the integral left by the next sample."""
 
     gain: float
-    dead_zone: float
     keep: float
     sample_s: float
 
@@ -39,7 +38,7 @@ def prepare(keys, about: About) -> Constants:
     """Constants of the function."""
     keep = math.exp(-2.0 * math.pi * keys.leak_hz * about.sample_s)
     gain = -keys.kappa * about.impedance_n_s_m
-    return Constants(gain, dead_zone(about), keep, about.sample_s)
+    return Constants(gain, keep, about.sample_s)
 
 
 def transfer_function(keys, p) -> Response:
@@ -55,10 +54,7 @@ def tune(about: About) -> dict[str, tuple[float, float]]:
 
 def command(p, s, samples, i):
     """Force of sample `i`, N."""
-    value = samples[i]
-    if abs(value) <= p.dead_zone:
-        value = 0.0
-    s.integral = p.keep * (s.integral + p.sample_s * value)
+    s.integral = p.keep * (s.integral + p.sample_s * samples[i])
     if s.integral != 0.0:
         s.mode = ACTING
     return p.gain * s.integral

@@ -26,17 +26,11 @@ class Constants(NamedTuple):
     """What the compiled function knows; `gain` in N per unit of the samples."""
 
     gain: float
-    dead_zone: float  # samples up to here count as zero
-
-
-def dead_zone(about: About) -> float:
-    """Zero need not be a level of the converter; the nearest one is half a step off at most."""
-    return 0.5000001 * about.converter_step
 
 
 def prepare(keys, about: About) -> Constants:
     """Constants of the function."""
-    return Constants(keys.kappa, dead_zone(about))
+    return Constants(keys.kappa)
 
 
 def transfer_function(keys, p) -> Response:
@@ -57,8 +51,6 @@ def tune(about: About) -> dict[str, tuple[float, float]]:
 def command(p, s, samples, i):
     """Force of sample `i`, N."""
     value = samples[i]
-    if abs(value) <= p.dead_zone:
-        value = 0.0
     if value != 0.0:
         s.mode = ACTING
     return p.gain * value

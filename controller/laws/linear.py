@@ -90,7 +90,6 @@ class Constants(NamedTuple):
     order: int
     b: np.ndarray
     a: np.ndarray
-    dead_zone: float  # samples up to here count as zero
 
 
 def stages(keys: Any) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -150,9 +149,7 @@ def prepare(keys, about: About) -> Constants:
     parts = stages(keys)
     b, a = np.array([b for b, _ in parts]), np.array([a for _, a in parts])
     b[-1] *= keys.gain
-    return Constants(
-        len(parts), b.shape[1] - 1, b.ravel(), a.ravel(), 0.5000001 * about.converter_step
-    )
+    return Constants(len(parts), b.shape[1] - 1, b.ravel(), a.ravel())
 
 
 def transfer_function(keys, p) -> Response:
@@ -168,8 +165,6 @@ def tune(about: About) -> dict[str, tuple[float, float]]:
 def command(p, s, samples, i):
     """Force of sample `i`, N."""
     value = samples[i]
-    if abs(value) <= p.dead_zone:
-        value = 0.0
     for stage in range(p.stages):
         c, m = stage * (p.order + 1), stage * p.order
         out = p.b[c] * value

@@ -6,7 +6,6 @@ from hertzloop.controller.laws.force_feedback import (  # noqa: F401
     Parameters,
     State,
     command,
-    dead_zone,
     reach,
     transfer_function,
     tune,
@@ -17,4 +16,4 @@ senses = "v_p"
 
 def prepare(keys, about: About) -> Constants:
     """Constants of the function."""
-    return Constants(-keys.kappa * about.impedance_n_s_m, dead_zone(about))
+    return Constants(-keys.kappa * about.impedance_n_s_m)

@@ -95,7 +95,7 @@ def fingerprint() -> str:
         replace(SLOPE, law="predicted", lead_samples=4, watch_level=0.5, mass_kg=200.0),
         LawSpec("off", 1.0),
         LawSpec("profile", 1.0, profile_n=(0.3, -2.0, 5.0)),
-        LawSpec("force_feedback", 1.0, gain=-2.0, dead_zone=0.1),
+        LawSpec("force_feedback", 1.0, gain=-2.0),
         LawSpec("acceleration_feedback", 1.0, gain=-2.0, leak_hz=0.01),
     ]
     for law in laws:

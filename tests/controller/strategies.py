@@ -59,7 +59,6 @@ LAWS = st.one_of(
         st.just(1.0),
         gain=st.sampled_from([2.0, -0.5]),
         leak_hz=st.sampled_from([0.0, 0.1]),
-        dead_zone=st.sampled_from([0.0, 0.5]),
     ),
     st.just(LawSpec("off", 1.0)),
 )

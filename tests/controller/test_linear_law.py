@@ -10,6 +10,7 @@ import scipy.signal as sg
 
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop import compiled
+from hertzloop.plant.time_series import F_A
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load, parts
@@ -76,6 +77,18 @@ def test_sections_give_the_samples_of_sosfilt(name: str) -> None:
     expected = -3.0 * sg.sosfilt(SECTIONS[name], samples)
     found = forces(setup_of("gain=-3", f"sections={SECTIONS[name].tolist()}"), samples)
     assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
+
+
+def test_a_coarse_converter_leaves_no_dead_zone() -> None:
+    rows = SECTIONS["butter"].tolist()
+    keys = ["sensors.bits=5", "controller.law=linear", f"controller.sections={rows}"]
+    run = compiled.simulate(load("aluminium-3mm", ["run.duration_s=0.0015", *keys]))
+    step = load("aluminium-3mm", keys).sensor.converter_step
+    levels = run.values / step
+    assert np.abs(levels - np.round(levels)).max() < 1e-12  # zero is a level
+    assert {-1.0, 0.0, 1.0} <= set(np.round(levels))
+    expected = sg.sosfilt(SECTIONS["butter"], run.values)
+    assert np.abs(run.rows[F_A, 1:] - expected[:-1]).max() <= 3e-12 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(

@@ -140,9 +140,9 @@ def test_a_threshold_that_cannot_be_earlier_is_crossed_by_the_first_sample() -> 
     assert shifted_threshold_m_s(STIFFNESS, MASS_KG, IMPEDANCE, SPEED, 50.0, 1e-6) == 50.0
 
 
-def test_feedback_multiplies_and_its_dead_zone_is_silent() -> None:
-    law = LawSpec("force_feedback", 1.0, gain=-2.0, dead_zone=0.5)
-    assert commands(law, [0.0, 0.5, -0.5, 1.0, -3.0]).tolist()[:5] == [0, 0, 0, -2, 6]
+def test_feedback_multiplies_the_smallest_samples_too() -> None:
+    law = LawSpec("force_feedback", 1.0, gain=-2.0)
+    assert commands(law, [0.0, 1e-9, -0.5, 1.0, -3.0]).tolist()[:5] == [0, -2e-9, 1, -2, 6]
 
 
 def test_integral_feedback_integrates_and_leaks() -> None:

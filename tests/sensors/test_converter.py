@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hertzloop.sensors import kernels as k
-from hertzloop.sensors.acquisition import Sensor, SensorSpec, converter_codes
+from hertzloop.sensors.acquisition import Sensor, SensorSpec, converter_codes, converter_step
 
 bits = st.integers(1, 24)
 # Ranges no narrower than 1e-3 of where they lie: else a step of 24 bits nears a rounding there.
@@ -33,15 +33,59 @@ def inside(full_scale: tuple[float, float], place: float) -> float:
     return min(max(low + place * (high - low), low), high)
 
 
+def ends(n: int, full_scale: tuple[float, float]) -> tuple[float, float]:
+    """Lowest and highest level."""
+    scale, offset, first, last = converter_codes(n, full_scale)
+    return offset + scale * first, offset + scale * last
+
+
 @given(bits, ranges, places)
 def test_error_is_at_most_half_a_step_and_nothing_is_flagged(
     n: int, full_scale: tuple[float, float], place: float
 ) -> None:
     value = inside(full_scale, place)
     _, got, clipped = read(n, full_scale, value)
-    step = (full_scale[1] - full_scale[0]) / (2**n - 1)
-    assert abs(got - value) <= (0.5 + ROUNDING) * step
+    step = converter_step(n, full_scale)
+    lowest, highest = ends(n, full_scale)
+    if lowest <= value <= highest:
+        assert abs(got - value) <= (0.5 + ROUNDING) * step
+    else:  # the range is up to a step wider than the levels
+        assert abs(got - value) <= (1.0 + ROUNDING) * step
+        assert got in (lowest, highest)
     assert clipped == 0
+
+
+@given(bits, ranges)
+def test_zero_is_a_level_where_the_range_has_it(n: int, full_scale: tuple[float, float]) -> None:
+    low, high = full_scale
+    scale, (lowest, _) = converter_step(n, full_scale), ends(n, full_scale)
+    if low <= 0.0 <= high:
+        for value in (0.0, 0.49 * min(high, scale), 0.49 * max(low, -scale)):
+            assert read(n, full_scale, value)[1] == 0.0
+    else:
+        assert lowest == pytest.approx(low, abs=ROUNDING * scale)
+
+
+@pytest.mark.parametrize("n", [2, 8, 12, 16, 24])
+def test_a_symmetric_range_is_that_of_two_s_complement(n: int) -> None:
+    """As the data sheets of bipolar converters have it: code k stands for k * range / 2^n."""
+    scale, offset, first, last = converter_codes(n, (-10.0, 10.0))
+    assert (scale, offset) == (20.0 / 2**n, 0.0)
+    assert (scale * first, scale * last) == (-10.0, 10.0 - scale)
+
+
+@pytest.mark.parametrize(
+    ("full_scale", "levels"),
+    [
+        ((0.0, 8.0), [0.0, 2.0, 4.0, 6.0]),
+        ((-8.0, 0.0), [-6.0, -4.0, -2.0, 0.0]),
+        ((-3.0, 5.0), [-2.0, 0.0, 2.0, 4.0]),
+        ((1.0, 9.0), [1.0, 3.0, 5.0, 7.0]),
+    ],
+)
+def test_levels_of_two_bits(full_scale: tuple[float, float], levels: list[float]) -> None:
+    scale, offset, first, last = converter_codes(2, full_scale)
+    assert [offset + scale * code for code in range(first, last + 1)] == levels
 
 
 @given(bits, ranges, places)
@@ -63,7 +107,9 @@ def test_codes_never_fall_when_the_value_rises(
 
 
 @given(bits, ranges)
-def test_both_ends_are_levels_and_codes_fit(n: int, full_scale: tuple[float, float]) -> None:
+def test_the_ends_give_the_outermost_codes_which_fit(
+    n: int, full_scale: tuple[float, float]
+) -> None:
     low, high = full_scale
     _, _, first, last = converter_codes(n, full_scale)
     assert (first, last) == (-(2 ** (n - 1)), 2 ** (n - 1) - 1)  # two's complement of n bits
@@ -72,7 +118,7 @@ def test_both_ends_are_levels_and_codes_fit(n: int, full_scale: tuple[float, flo
         found, got, clipped = read(n, full_scale, value)
         assert found == code
         assert clipped == 0
-        assert got == pytest.approx(value, abs=ROUNDING * (high - low) / (2**n - 1))
+        assert abs(got - value) <= (1.0 + ROUNDING) * converter_step(n, full_scale)
 
 
 @given(bits, ranges, st.floats(1e-9, 1e6))
@@ -89,10 +135,10 @@ def test_values_out_of_range_are_limited_and_flagged(
 
 
 def test_the_coarsest_converter_by_hand() -> None:
-    # 2 bits over -1.5 .. 1.5: levels -1.5, -0.5, 0.5, 1.5; ties go up.
-    values = [-1.5, -1.0001, -1.0, -0.3, 0.0, 0.99, 1.0, 1.5]
-    assert [read(2, (-1.5, 1.5), v)[0] for v in values] == [-2, -2, -1, -1, 0, 0, 1, 1]
-    assert [read(1, (0.0, 5.0), v)[:2] for v in (0.0, 2.4, 2.6)] == [(-1, 0.0), (-1, 0.0), (0, 5.0)]
+    # 2 bits over -2 .. 2: levels -2, -1, 0, 1; ties go up.
+    values = [-2.0, -1.5001, -1.5, -0.3, 0.0, 0.49, 0.5, 2.0]
+    assert [read(2, (-2.0, 2.0), v)[0] for v in values] == [-2, -2, -1, 0, 0, 0, 1, 1]
+    assert [read(1, (0.0, 5.0), v)[:2] for v in (0.0, 1.2, 1.3)] == [(-1, 0.0), (-1, 0.0), (0, 2.5)]
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1))

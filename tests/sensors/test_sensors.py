@@ -141,8 +141,8 @@ def test_saturation_is_flagged_where_the_signal_left_the_range() -> None:
     out = (truth[0] < -5e-6) | (truth[0] > 1e-4)
     assert 0 < out.sum() < len(out)
     assert np.array_equal(flags, out)
-    step = 1.05e-4 / 4095
-    limited = np.clip(truth[0], -5e-6, 1e-4)
+    step = 1.05e-4 / 4096
+    limited = np.clip(truth[0], -5e-6, 1e-4 - step)  # the highest level
     np.testing.assert_allclose(values, limited, rtol=0.0, atol=0.5 * step * (1.0 + 1e-9))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
 from hertzloop.sensors.acquisition import LOW_PASSES as CAUSAL
+from hertzloop.sensors.acquisition import converter_step as adc_step
 from hertzloop.studies.fit.formats import (
     ENDINGS,
     NAMES,
@@ -219,10 +220,8 @@ def clipped(record: Record) -> np.ndarray:
 def converter_step(record: Record) -> float:
     """Distance of two levels of the converter, in SI units; zero if none is visible."""
     if record.measured.bits and record.measured.range:
-        low, high = record.measured.range
-        return (
-            _factor(record.quantity, record.measured) * (high - low) / (2**record.measured.bits - 1)
-        )
+        step = adc_step(record.measured.bits, record.measured.range)
+        return _factor(record.quantity, record.measured) * step
     known = record.value[np.isfinite(record.value)]
     levels = np.unique(known)
     if not 2 <= len(levels) <= min(_LEVELS, len(known) // 2):
