@@ -34,7 +34,7 @@ def test_markup_in_a_run(here: Path) -> None:
     (here / "[/y].toml").write_text("\n".join(lines))
     done = call("run", "[/y].toml", *SHORT, "--out", "[/z].mcap")
     assert done.exit_code == 0, done.output
-    assert "hertzloop replay [/z].mcap" in done.output
+    assert "hertzloop replay '[/z].mcap'" in done.output
 
 
 @pytest.mark.parametrize("value", ["[/y]", "[red]x", "[link=https://a]b[/link]"])
