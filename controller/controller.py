@@ -71,18 +71,7 @@ class Controller:
         self.law_state = laws.LawState(
             np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.state.data.copy()
         )
-        jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
-        if line.jitter_steps > 0:
-            jitter = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
-        if line.trace or line.dead_steps:
-            added = _traced(line, samples, seed) + line.dead_steps
-            jitter = added if jitter.size == 0 else jitter + added
-        if line.drop_out_probability > 0.0:
-            dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
-        if line.stuck_step is not None:
-            acts = np.arange(samples) * every_steps + 1 + line.latency_steps
-            late = (acts if jitter.size == 0 else acts + jitter) >= line.stuck_step
-            dropped = late if dropped.size == 0 else dropped | late
+        jitter, dropped = _delays(line, samples, every_steps, seed)
         full_scale = line.full_scale_n or 0.0
         if line.bits is not None and line.full_scale_n is None:
             raise ValueError("a converter with bits needs a full-scale force")
@@ -148,6 +137,57 @@ class Controller:
         if self.failed_at >= 0:
             seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
             raise LawFault(self.bound.explain(seen, self.failed_at))
+
+
+def mean_latency_steps(line: LineSpec, steps: int, every_steps: int, seed: int) -> float:
+    """Mean latency of the force that acts, in steps.
+
+    Commands keep their order, so that under jitter and traces this is more than the mean of the
+    latencies: a command that would overtake an earlier one waits for it.
+
+    Args:
+        line: Latency line between law and actuator.
+        steps: Steps of the run.
+        every_steps: Steps between two samples.
+        seed: Seed of the run.
+
+    Returns:
+        Mean over all steps from the first command on. It counts as `controller.latency_us` does:
+        without jitter, traces and drop-outs it is `line.latency_steps`. NaN if no command acts.
+    """
+    samples = -(-steps // every_steps)
+    jitter, dropped = _delays(line, samples, every_steps, seed)
+    taken = np.arange(samples) * every_steps
+    acts = taken + 1 + line.latency_steps + (jitter if jitter.size else 0)
+    if dropped.size:
+        taken, acts = taken[~dropped], acts[~dropped]
+    acts = np.maximum.accumulate(acts)
+    if not len(acts) or acts[0] >= steps:
+        return math.nan
+    step = np.arange(acts[0], steps)
+    acting = taken[np.searchsorted(acts, step, side="right") - 1]
+    held = 0.5 * (every_steps - 1)  # a command that is never late acts this long on average
+    return float(np.mean(step - acting - 1) - held)
+
+
+def _delays(
+    line: LineSpec, samples: int, every_steps: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Latency of each command beyond `latency_steps`, in steps, and whether it is lost; empty
+    arrays where none has any."""
+    jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
+    if line.jitter_steps > 0:
+        jitter = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
+    if line.trace or line.dead_steps:
+        added = _traced(line, samples, seed) + line.dead_steps
+        jitter = added if jitter.size == 0 else jitter + added
+    if line.drop_out_probability > 0.0:
+        dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
+    if line.stuck_step is not None:
+        acts = np.arange(samples) * every_steps + 1 + line.latency_steps
+        late = (acts if jitter.size == 0 else acts + jitter) >= line.stuck_step
+        dropped = late if dropped.size == 0 else dropped | late
+    return jitter, dropped
 
 
 def _traced(line: LineSpec, samples: int, seed: int) -> np.ndarray:

@@ -44,7 +44,7 @@ class Sensed(NamedTuple):
     of_state: int  # index into the plant's state
     range: Callable[[Expected], tuple[float, float]]  # of a converter: lowest, highest value
     trial: Callable[[Trial], np.ndarray]  # samples of the made-up impact
-    over_step: bool = False  # a mean over the last step, not the value at its end
+    over_step: bool = False  # a mean over the step before the sample, not a value at its time
     elsewhere: int | None = None  # index of the same where a sensor elsewhere is; None: no such
 
 
@@ -55,21 +55,21 @@ def _either_way(most: float) -> tuple[float, float]:
 # By the name that scenes and laws use.
 SENSED = {
     "xi": Sensed(
-        "m", "sampled gap at the end of the step", pk.XI,
+        "m", "sampled gap, at the time of the sample", pk.XI,
         lambda e: (_GAP_LOW * e.deepest_m, max(_GAP_HIGH * e.rigid_m, e.flight_m)),
         lambda t: t.gap_m,
     ),
     "v_p": Sensed(
-        "m/s", "sampled plate velocity at the end of the step", pk.V_P,
+        "m/s", "sampled plate velocity, at the time of the sample", pk.V_P,
         lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s, elsewhere=pk.V_S,
     ),
     "acceleration": Sensed(
-        "m/s^2", "sampled plate acceleration, mean of the step", pk.A_P,
+        "m/s^2", "sampled plate acceleration, mean of the step before", pk.A_P,
         lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
         lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True, elsewhere=pk.A_S,
     ),
     "contact_force": Sensed(
-        "N", "sampled contact force, mean of the step", pk.F_C,
+        "N", "sampled contact force, mean of the step before", pk.F_C,
         lambda e: (0.0, _ABOVE * e.force_n), lambda t: t.force_n, over_step=True,
     ),
 }  # fmt: skip

@@ -310,9 +310,10 @@ class ContactTable(SceneTable):
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     """damping model of the contact"""
     viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """viscous damping constant"""
+    """viscous damping constant; the damper also pulls while the bodies separate"""
     restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
-    """coefficient of restitution of Hunt-Crossley damping on a massive body"""
+    """coefficient of restitution of Hunt-Crossley damping on a massive body, at the speed of the
+    first impact; later, slower impacts are damped less"""
     relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
     """stiffness s_tau of relaxation damping, N/m^1.5"""
     relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
@@ -498,11 +499,13 @@ class ControllerTable(SceneTable):
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
     """latencies by sample, us, in place of latency_us: a CSV file, a recording of a paced run, a
-    list, or a table with median_us, sigma, autocorrelation; repeated, and rounded to whole steps"""
+    list, or a table with median_us, sigma, autocorrelation; repeated, and rounded to whole steps.
+    Commands keep their order: the force that acts is older than the mean of the trace"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """largest random addition to the latency"""
+    """largest random addition to the latency; commands keep their order, so that 20 us of jitter
+    make the force 15.6 us older on average"""
     drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """probability that a command drops out; the last command is then held"""
     bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"

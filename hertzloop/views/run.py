@@ -21,6 +21,7 @@ from hertzloop.analysis.figures import Figures, Ran, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.bus.messages_pb2 import Books
+from hertzloop.controller.controller import mean_latency_steps
 from hertzloop.controller.loading.registry import NO_CONTROL, shipped
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.impacts import Impact
@@ -836,6 +837,7 @@ def run_table(report: RunReport) -> Table:
         ("limiting pressure", limit and pressure_words(limit)),
         ("yield", judged.yielded and yield_words(judged.yielded)),
         ("radiation", parts.radiation and radiation_words(parts.radiation)),
+        ("mean latency", mean_latency_words(setup)),
         ("exchanges", _exchanges(report)),
         ("real-time profile", report.realtime),
         ("structure", "" if report.struck["closed_form"] else _struck(report.struck)),
@@ -853,6 +855,20 @@ def run_table(report: RunReport) -> Table:
         if words:
             table.add_row(heading, words)
     return table
+
+
+def mean_latency_words(setup: Setup) -> str:
+    """State the mean latency of the force that acts; empty if every command has the same."""
+    line = setup.line
+    if not (line.jitter_steps or line.trace or line.drop_out_probability):
+        return ""
+    mean = mean_latency_steps(line, setup.steps, setup.every_steps, setup.seed)
+    if math.isnan(mean):
+        return "no command acts within the run"
+    return (
+        f"{mean * setup.step_s * 1e6:.1f} us of the force that acts: commands keep their order, so "
+        "that a late one delays those behind it"
+    )
 
 
 _LANES = {
