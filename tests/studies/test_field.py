@@ -33,7 +33,7 @@ def test_a_file_gives_the_right_answer(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.full
 def test_every_file_has_an_answer() -> None:
-    beside = {"README.md", "fmu.c", "fmu_make.py", "gym_seed_and_close.py", "own-times_a.csv",
-              "requirements.toml.other-tool"}  # fmt: skip
+    beside = {"README.md", "fmu.c", "fmu_make.py", "gym_seed_and_close.py", "laws",
+              "own-times_a.csv", "requirements.toml.other-tool"}  # fmt: skip
     found = {path.name for path in FOLDER.iterdir() if path.suffix != ".toml"}
     assert found - beside == set(ANSWERS)
