@@ -344,7 +344,7 @@ def run(
             for key, some in rows.items():
                 name = f"latency-{named.stem}-{key.split('.')[1]}.csv"
                 write_rows(folder / name, list(some[0]), (list(row.values()) for row in some))
-            draw_maps(folder / f"latency-{named.stem}.png", named.name, rows, FIGURES)
+            draw_maps(folder / f"latency-{named.stem}.png", named.name, rows, _CHANGES)
             done += 1
             on_progress(done, steps)
         early = scenes[min(1, len(scenes) - 1)]
@@ -367,6 +367,7 @@ def run(
     return found
 
 
+_CHANGES = {name: words for name, words in FIGURES.items() if CASE_ROWS[name].unit in ("dB", "%")}
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
 _LEAST_DB = 0.05
 _COLOURS = "RdBu_r"
