@@ -72,6 +72,8 @@ class RequirementItem(pytest.Item):
         with local_pool(1) as pool:
             found = check(pool, self.row)
         self.add_report_section("call", "holds", "\n".join(found.holds))
+        for warning in found.warnings:
+            self.warn(pytest.PytestWarning(f"{self.name}: {warning.removeprefix('Warning: ')}"))
         if not found.passed:
             raise RequirementFailed("; ".join(found.fails) + f"\nReproduce: {found.command}")
 
