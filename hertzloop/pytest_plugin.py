@@ -5,6 +5,7 @@ imports the rest of hertzloop only for a file of requirements or a fixture.
 """
 
 import re
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -73,7 +74,7 @@ class RequirementItem(pytest.Item):
             found = check(pool, self.row)
         self.add_report_section("call", "holds", "\n".join(found.holds))
         for warning in found.warnings:
-            self.warn(pytest.PytestWarning(f"{self.name}: {warning.removeprefix('Warning: ')}"))
+            warnings.warn(pytest.PytestWarning(f"{self.name}: {warning}"), stacklevel=1)
         if not found.passed:
             raise RequirementFailed("; ".join(found.fails) + f"\nReproduce: {found.command}")
 

@@ -220,8 +220,10 @@ def check_requirements(
     for one in found:
         head = ("holds", "green") if one.passed else ("FAILS", "bold red")
         out.say(unwrapped(head, f"  {one.row.name}"))
-        for sentence in (*one.fails, *one.holds, *one.warnings):
+        for sentence in (*one.fails, *one.holds):
             out.say(f"    {sentence}")
+        for sentence in one.warnings:
+            out.say(f"    Warning: {sentence}")
         if not one.passed:
             out.say(f"    Reproduce: {one.command}")
     failed = [one for one in found if not one.passed]

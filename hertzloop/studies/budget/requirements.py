@@ -282,10 +282,12 @@ def check(pool: Pool, row: Row) -> Checked:
         else:
             fails.append(said)
             command = command or row.command(found.worst)
-    warnings = [f"Warning: {grows}"] if grows and not any(grows in said for said in fails) else []
+    # A row that fails by the instability says so already.
+    said_already = unstable or any(grows in sentence for sentence in fails)
+    warnings = () if not grows or said_already else (grows,)
     return Checked(
         row, tuple(holds), tuple(fails), command, unstable or bool(grows),
-        time.perf_counter() - began_s, measured, tuple(warnings),
+        time.perf_counter() - began_s, measured, warnings,
     )  # fmt: skip
 
 
