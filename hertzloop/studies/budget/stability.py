@@ -27,10 +27,10 @@ _CHANGE_THE_LOOP = ("sampling_us", "bandwidth_hz", "mass_kg")
 
 
 def linear_margin(setup: Setup) -> Margin | None:
-    """Return the linear margin; None for a law that has none."""
+    """Return the linear margin; None for a law that has none, or where the numbers fail."""
     try:
         found = margin_of(setup)
-    except SceneError:
+    except (SceneError, ArithmeticError, np.linalg.LinAlgError):
         return None
     return found if found.applicable else None
 
