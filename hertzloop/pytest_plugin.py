@@ -5,6 +5,7 @@ imports the rest of hertzloop only for a file of requirements or a fixture.
 """
 
 import re
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -72,6 +73,8 @@ class RequirementItem(pytest.Item):
         with local_pool(1) as pool:
             found = check(pool, self.row)
         self.add_report_section("call", "holds", "\n".join(found.holds))
+        for warning in found.warnings:
+            warnings.warn(pytest.PytestWarning(f"{self.name}: {warning}"), stacklevel=1)
         if not found.passed:
             raise RequirementFailed("; ".join(found.fails) + f"\nReproduce: {found.command}")
 

@@ -18,7 +18,7 @@ from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
-from hertzloop.studies.budget.limits import LEAST, NAMES, BudgetLimit
+from hertzloop.studies.budget.limits import NAMES, Boundary, limit_words
 from hertzloop.studies.budget.probability import (
     Probability,
     Sensitivity,
@@ -26,6 +26,7 @@ from hertzloop.studies.budget.probability import (
     sensitivities,
 )
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.budget.stability import instability
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Design
@@ -221,6 +222,8 @@ def check_requirements(
         out.say(unwrapped(head, f"  {one.row.name}"))
         for sentence in (*one.fails, *one.holds):
             out.say(f"    {sentence}")
+        for sentence in one.warnings:
+            out.say(f"    Warning: {sentence}")
         if not one.passed:
             out.say(f"    Reproduce: {one.command}")
     failed = [one for one in found if not one.passed]
@@ -229,7 +232,8 @@ def check_requirements(
         junit(junit_file, found)
     rows_of = [
         {"name": one.row.name, "scene": one.row.scene, "passed": one.passed,
-         "holds": list(one.holds), "fails": list(one.fails), "unstable": one.unstable,
+         "holds": list(one.holds), "fails": list(one.fails),
+         "warnings": list(one.warnings), "unstable": one.unstable,
          "measured": one.measured, "command": one.command, "seconds": one.seconds}
         for one in found
     ]  # fmt: skip
@@ -266,6 +270,8 @@ def effect_lines(found: "Budget") -> list[str]:
         words = "meets the goal" if plant.nominal.met else "misses the goal"
         if plant.nominal.unstable:
             words += "; the loop is unstable"
+        elif plant.unstable:
+            words += f"{', but' if plant.nominal.met else ';'} {instability(plant.margin)}"
         lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
         if plant is found.ideal:
             own = plant.nominal.figures["plate_energy_db"]
@@ -285,10 +291,14 @@ def print_budget(found: "Budget") -> None:
     out.print(_limits_table(plants))
     for name, plant in plants:
         first = plant.binds_first
-        if first is None:
-            out.print(f"In {name} no quantity has a limit.")
-        else:
+        none = [one.quantity for one in plant.limits if one.boundary is Boundary.UNSTABLE]
+        if none:
+            out.say(f"In {name} no value of {', '.join(none)} is tolerated, because the linear "
+                      "loop is unstable.")  # fmt: skip
+        if first is not None:
             out.print(f"In {name} {first} binds first.")
+        elif not none:
+            out.print(f"In {name} no quantity has a limit.")
         for limit in plant.limits:
             if not limit.interval:
                 places = ", ".join(f"{x:.4g}" for x in limit.holds_again[:6])
@@ -297,10 +307,11 @@ def print_budget(found: "Budget") -> None:
             if limit.reason:
                 says = _REASONS[limit.boundary].format(limit)
                 out.say(f"In {name} {says} {limit.reason}")
-    if found.margin is None:
+    margin = found.ideal.margin
+    if margin is None:
         out.print("Linear margin: none, because the loop in flight is not linear under this law.")
     else:
-        for line in margin_lines(found.margin):
+        for line in margin_lines(margin):
             out.say(line)
 
 
@@ -322,19 +333,17 @@ _REASONS = {
 
 
 def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
+    columns: list[tuple[str, list[str]]] = []
+    for name, plant in plants:
+        columns.append((name, [limit_words(limit) for limit in plant.limits]))
+        if any(limit.impact_alone for limit in plant.limits):
+            alone = [limit_words(limit.impact_alone or limit) for limit in plant.limits]
+            columns.append((f"{plant.span} alone", alone))
+    first = plants[0][1].limits
+    low_high = (f"{one.searched[0]:.3g} to {one.searched[1]:.3g} {one.unit}" for one in first)
+    columns.append(("searched", list(low_high)))
     title = "Tolerated, each with the other quantities as in the plant"
-    table = Table("quantity", right=[*(name for name, _ in plants), "searched"], title=title)
-    for rows in zip(*(plant.limits for _, plant in plants), strict=True):
-        one = rows[0]
-        low, high = one.searched
-        searched = f"{low:.3g} to {high:.3g} {one.unit}"
-        table.add_row(one.quantity, *map(limit_words, rows), searched)
+    table = Table("quantity", right=[heading for heading, _ in columns], title=title)
+    for one, *cells in zip(first, *(cells for _, cells in columns), strict=True):
+        table.add_row(one.quantity, *cells)
     return table
-
-
-def limit_words(limit: BudgetLimit) -> str:
-    """Return a limit in words."""
-    if limit.value is not None:
-        least = limit.quantity in LEAST
-        return f"{'at least' if least else 'up to'} {limit.value:.4g} {limit.unit}"
-    return limit.boundary.value

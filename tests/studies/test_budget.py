@@ -540,6 +540,33 @@ def test_rows_are_tests_of_pytest(requirements):
     assert "Traceback" not in ran.stdout
 
 
+UNSTABLE_ROWS = """
+[hertzloop]
+law = "velocity_feedback"
+
+[[requirement]]
+name = "quiet"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016, "controller.kappa" = 0.1 }
+goal = "plate_energy_db <= 20"
+
+[[requirement]]
+name = "coarse"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016, "controller.kappa" = 0.1 }
+goal = "plate_energy_db <= 20"
+limit = { bits = 12 }
+"""
+
+
+def test_pytest_names_an_instability_that_no_run_shows(requirements):
+    requirements.write_text(UNSTABLE_ROWS)
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    assert "1 failed, 1 passed, 1 warning" in ran.stdout, ran.stdout + ran.stderr
+    assert "bits: tolerated none (unstable loop), required 12" in ran.stdout
+    assert "PytestWarning: quiet: the linear loop is unstable (grows" in ran.stdout
+
+
 OF_ANOTHER_TOOL = 'title = "Other [hertzloop]"\n[[requirement]]\nid = "REQ_1"\n'
 
 

@@ -18,7 +18,8 @@ from hertzloop.studies.budget.limits import (
     quantities_of,
     side_by_side,
 )
-from hertzloop.studies.margin.margin import Margin, margin_of
+from hertzloop.studies.budget.stability import linear_margin, tolerated
+from hertzloop.studies.margin.margin import Margin
 from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
@@ -55,21 +56,32 @@ class Nominal:
 
 @dataclass(frozen=True)
 class InPlant:
-    """Effect and limits in one plant; `binds_first`: the quantity whose limit is the nearest, by
+    """Effect by figures of a span, and limits, in one plant; `margin`: the linear margin, None for
+    a law that has none; `binds_first`: the quantity whose limit is the nearest, by
     `BudgetLimit.share`, None where no limit was found; `left_out`: keys of the real plant that the
     scene does not accept."""
 
+    span: Span
     nominal: Nominal
+    margin: Margin | None
     limits: tuple[BudgetLimit, ...]
     binds_first: str | None
     left_out: tuple[str, ...] = ()
+
+    @property
+    def unstable(self) -> bool | None:
+        """Whether the loop is unstable, in a run or by linear theory; None if unknown."""
+        if self.nominal.unstable:
+            return True
+        stable = None if self.margin is None else self.margin.stable
+        return None if stable is None else not stable
 
 
 @dataclass(frozen=True)
 class Budget:
     """The answer of `hertzloop budget`; `real` is None where it was not asked for, and so is
     `other`, the scene by figures of the other span; `other_db`: its change of the plate energy,
-    None without one; `margin`: the linear margin, None for a law that has none."""
+    None without one."""
 
     scene: str
     law: str
@@ -79,8 +91,6 @@ class Budget:
     real: InPlant | None
     other: InPlant | None
     other_db: float | None
-    margin: Margin | None
-    unstable: bool | None
     cases: int
 
 
@@ -175,13 +185,18 @@ def budget(
         search = search_of(found, quick, span)
         nominal = nominal_of(run, found, goals, search, whole=part == 0)
         wanted = [q for q in quantities_of(found) if q.name in names or not names]
-        limits = side_by_side(
+        searched = side_by_side(
             [limit_of(q, goals, search) for q in wanted],
             run,
             lambda done: on_progress((part + done / len(wanted)) / parts),
         )
+        margin = linear_margin(found)
+        limits = tuple(
+            tolerated(found, margin, quantity, limit, search.points)
+            for quantity, limit in zip(wanted, searched, strict=True)
+        )
         first = next((limit.quantity for limit in nearest(limits)), None)
-        return InPlant(nominal, tuple(limits), first, left_out)
+        return InPlant(span, nominal, margin, limits, first, left_out)
 
     ideal, real = of_plant(setup, 0), None
     other = of_plant(setup, 1, span=OTHER[span]) if both else None
@@ -190,12 +205,9 @@ def budget(
         changed, left_out = real_plant(setup, quick)
         real = of_plant(changed, 1 + both, left_out)
     on_progress(1.0)
-    margin = linear_margin(setup)
-    stable = None if margin is None else margin.stable
-    unstable = True if ideal.nominal.unstable else None if stable is None else not stable
     return Budget(
         setup.name, setup.law_reference, span, tuple(goals), ideal, real, other, other_db,
-        margin, unstable, counted[0] + 1,
+        counted[0] + 1,
     )  # fmt: skip
 
 
@@ -234,15 +246,6 @@ def nearest(limits: Iterable[BudgetLimit]) -> list[BudgetLimit]:
     return sorted(found, key=lambda limit: limit.share or 0.0)
 
 
-def linear_margin(setup: Setup) -> Margin | None:
-    """Return the linear margin; None for a law that has none."""
-    try:
-        found = margin_of(setup)
-    except SceneError:
-        return None
-    return found if found.applicable else None
-
-
 def as_data(found: Budget) -> dict[str, Any]:
     """Return a budget as the data of `--json`."""
     real = found.real
@@ -268,8 +271,10 @@ def as_data(found: Budget) -> dict[str, Any]:
         "real_plant_over_phases": _spreads(real.nominal) if real else None,
         "real_plant_binds_first": real.binds_first if real else None,
         "real_plant_left_out": list(real.left_out) if real else None,
-        "linear_margin": None if found.margin is None else asdict(found.margin),
-        "unstable": found.unstable,
+        "real_plant_linear_margin": _margin(real.margin) if real else None,
+        "real_plant_unstable": real.unstable if real else None,
+        "linear_margin": _margin(found.ideal.margin),
+        "unstable": found.ideal.unstable,
         "probability": None,
         "cases": found.cases,
     }  # fmt: skip
@@ -279,6 +284,10 @@ def _spreads(nominal: Nominal) -> dict[str, dict[str, float]]:
     return {name: asdict(spread) for name, spread in nominal.over_phases.items()}
 
 
+def _margin(margin: Margin | None) -> dict[str, Any] | None:
+    return None if margin is None else asdict(margin)
+
+
 def _limit(limit: BudgetLimit) -> dict[str, Any]:
     data = asdict(limit)
     del data["quantity"]
@@ -286,4 +295,5 @@ def _limit(limit: BudgetLimit) -> dict[str, Any]:
         "boundary": limit.boundary.value,
         "searched": list(limit.searched),
         "holds_again": list(limit.holds_again),
+        "impact_alone": _limit(limit.impact_alone) if limit.impact_alone else None,
     }

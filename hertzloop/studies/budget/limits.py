@@ -58,6 +58,8 @@ class Boundary(StrEnum):
     NEVER = "never met"  # the most harmless value misses a goal
     IDEAL_ONLY = "ideal only"  # no finite value meets the goals
     IMPOSSIBLE = "not possible"  # the scene refuses the quantity
+    STABILITY = "stability"  # beyond the value the linear loop is unstable; see `stability`
+    UNSTABLE = "none (unstable loop)"  # the linear loop is unstable at the most harmless value
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,9 @@ class BudgetLimit:
     reached; `interval`: whether no value of the scan beyond the boundary meets the goals again;
     `holds_again`: those that do; `share`: the part of the searched list between the scene's own
     value and the boundary, negative where the scene is beyond it; `reason`: why there is no limit,
-    or why the scene refuses values. Values are in `unit`.
+    or why the scene refuses values; `remark`: what a table says behind the value; `impact_alone`:
+    what the search found, where the stability of the linear loop allows less, else None. Values
+    are in `unit`.
     """
 
     quantity: str
@@ -121,6 +125,17 @@ class BudgetLimit:
     share: float | None
     cases: int
     reason: str = ""
+    remark: str = ""
+    impact_alone: "BudgetLimit | None" = None
+
+
+def limit_words(limit: BudgetLimit) -> str:
+    """Return a limit in words, for a cell of a table."""
+    if limit.value is None:
+        return limit.boundary.value
+    words = "at least" if limit.quantity in LEAST else "up to"
+    remark = f" ({limit.remark})" if limit.remark else ""
+    return f"{words} {limit.value:.4g} {limit.unit}{remark}"
 
 
 def contact_us(setup: Setup) -> float:

@@ -104,7 +104,9 @@ def _share_bars(found: Budget) -> Figure:
         ax.barh(places, shares, height=0.36, label=name, color=pictures.COLOURS[i])
     ax.set_yticks(np.arange(len(names)) + 0.19 * (len(plants) - 1), names)
     ax.invert_yaxis()
-    ax.set_xlabel("part of the searched values up to the limit; 1: no limit found, 0: goal missed")
+    ax.set_xlabel(
+        "part of the searched values up to the limit; 1: no limit found, 0: none tolerated"
+    )
     ax.legend(loc="lower right")
     return sheet
 
@@ -130,16 +132,14 @@ def write_page(
     if mapped is not None:
         title = f"{mapped.across.name} and {mapped.down.name} together"
         words = "Blue: the goal is met at every touch phase. Red: at none."
+        if any(limit.impact_alone for limit in found.ideal.limits):
+            words += " The map does not show where the linear loop is unstable."
         charts.append(ResultChart(title, svg(draw_map(mapped)), words))
     plants = [("In the scene", found.ideal)]
     if found.real:
         plants.append(("In the real plant", found.real))
-    headings = ("quantity", "limit", "next value misses", "searched", "interval", "unit")
     alone = "Each quantity alone, with the others as in the plant."
-    tables = [
-        ResultTable(name, headings, [_cells(limit) for limit in plant.limits], alone)
-        for name, plant in plants
-    ]
+    tables = [ResultTable(name, *_headings_and_cells(plant), alone) for name, plant in plants]
     text = template("results.html.j2").render(
         title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
         charts=charts, tables=tables, commands=[command], versions=code_version(),
@@ -150,12 +150,27 @@ def write_page(
     return path
 
 
+def _headings_and_cells(plant: InPlant) -> tuple[tuple[str, ...], list[list[str]]]:
+    headings = ("quantity", "limit", "next value misses", "searched", "interval", "unit")
+    cells = [_cells(limit) for limit in plant.limits]
+    if not any(limit.impact_alone for limit in plant.limits):
+        return headings, cells
+    for row, limit in zip(cells, plant.limits, strict=True):
+        row.insert(2, _value(limit.impact_alone or limit))
+    return (*headings[:2], f"{plant.span} alone", *headings[2:]), cells
+
+
+def _value(limit: BudgetLimit) -> str:
+    value = limit.boundary.value if limit.value is None else f"{limit.value:.4g}"
+    value += f" ({limit.remark})" if limit.remark else ""
+    return f"{value}: {limit.reason}" if limit.reason else value
+
+
 def _cells(limit: BudgetLimit) -> list[str]:
     again = ", ".join(f"{x:.4g}" for x in limit.holds_again)
-    value = limit.boundary.value if limit.value is None else f"{limit.value:.4g}"
     return [
         limit.quantity,
-        f"{value}: {limit.reason}" if limit.reason else value,
+        _value(limit),
         "" if limit.first_failure is None else f"{limit.first_failure:.4g}",
         f"{limit.searched[0]:.3g} to {limit.searched[1]:.3g}",
         "yes" if limit.interval else f"no: met again at {again}",

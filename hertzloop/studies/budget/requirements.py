@@ -33,8 +33,18 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
-from hertzloop.studies.budget.limits import LEAST, Boundary, limit_of, quantities_of, side_by_side
+from hertzloop.studies.budget.limits import (
+    LEAST,
+    Boundary,
+    BudgetLimit,
+    limit_of,
+    limit_words,
+    quantities_of,
+    side_by_side,
+)
 from hertzloop.studies.budget.probability import probability
+from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
+from hertzloop.studies.margin.margin import Margin
 from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.design import toml_text
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
@@ -133,8 +143,9 @@ def _beside(folder: Path, name: str) -> str:
 
 @dataclass(frozen=True)
 class Checked:
-    """What became of a row: sentences on what holds and by how much, and on what fails; the command
-    that reproduces the failure."""
+    """What became of a row: sentences on what holds and by how much, on what fails, and on a linear
+    loop that is unstable while the row holds; the command that reproduces the failure; whether the
+    loop is unstable, in a run or by linear theory."""
 
     row: Row
     holds: tuple[str, ...]
@@ -143,6 +154,7 @@ class Checked:
     unstable: bool
     seconds: float
     measured: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -210,6 +222,8 @@ def check(pool: Pool, row: Row) -> Checked:
     holds: list[str] = []
     fails: list[str] = []
     command, measured, unstable = "", {}, False
+    margin = linear_margin(setup)
+    grows = instability(margin) if margin is not None and margin.stable is False else ""
     if (one.goal and one.probability is None) or one.expect:
         cases = [{"run.touch_phase": phase} for phase in spread_evenly(one.phases)]
         expected_at: list[dict[str, Any]] = [{}] if one.expect else []
@@ -250,7 +264,7 @@ def check(pool: Pool, row: Row) -> Checked:
                 fails.append(f"{goal}: the figure is not defined in this scene")
                 command = command or row.command(cases[worst])
     if one.limit:
-        more, worst_case = _check_limits(pool, setup, one, holds)
+        more, worst_case = _check_limits(pool, setup, one, margin, holds)
         fails += more
         if more:
             command = command or row.command(worst_case)
@@ -268,13 +282,17 @@ def check(pool: Pool, row: Row) -> Checked:
         else:
             fails.append(said)
             command = command or row.command(found.worst)
+    # A row that fails by the instability says so already.
+    said_already = unstable or any(grows in sentence for sentence in fails)
+    warnings = () if not grows or said_already else (grows,)
     return Checked(
-        row, tuple(holds), tuple(fails), command, unstable, time.perf_counter() - began_s, measured
-    )
+        row, tuple(holds), tuple(fails), command, unstable or bool(grows),
+        time.perf_counter() - began_s, measured, warnings,
+    )  # fmt: skip
 
 
 def _check_limits(
-    pool: Pool, setup: Setup, one: Requirement, holds: list[str]
+    pool: Pool, setup: Setup, one: Requirement, margin: Margin | None, holds: list[str]
 ) -> tuple[list[str], dict[str, Any]]:
     """What fails of the limits of a row, and a case that shows it; what holds goes to `holds`."""
     known = {quantity.name: quantity for quantity in quantities_of(setup)}
@@ -285,10 +303,13 @@ def _check_limits(
             )
     goals = one.goals or (parse_goal("plate_energy_db <= -0.1"),)
     search = search_of(setup, False, one.span)
-    limits = side_by_side(
+    searched = side_by_side(
         [limit_of(known[name], goals, search) for name in one.limit],
         lambda cases: evaluate(pool, setup, one.span, cases),
     )
+    limits = [
+        tolerated(setup, margin, known[found.quantity], found, search.points) for found in searched
+    ]
     fails: list[str] = []
     case: dict[str, Any] = {}
     for found in limits:
@@ -298,17 +319,34 @@ def _check_limits(
             found.value is not None
             and (found.value <= wanted if least else found.value >= wanted - 1e-12)
         )
-        got = found.boundary.value if found.value is None else f"{found.value:.6g}"
-        said = f"{found.quantity}: tolerated {got} {found.unit}, required {wanted:.6g}"
+        said = _limit_sentence(found, wanted, margin, one.span)
         if enough:
             holds.append(said)
         else:
             fails.append(said)
+            if found.boundary is Boundary.UNSTABLE:  # the scene shows it, latency at its least
+                case = case or ({found.key: 0} if found.quantity == "latency_us" else {})
+                continue
             scale = known[found.quantity].scale
             value = wanted / scale
             whole = found.key in ("sensors.bits", "sensors.every_steps")
             case = case or {found.key: round(value) if whole else value}
     return fails, case
+
+
+def _limit_sentence(found: BudgetLimit, wanted: float, margin: Margin | None, span: Span) -> str:
+    """What is tolerated and required; the instability where it sets the limit."""
+    if found.impact_alone is None:
+        got = found.boundary.value if found.value is None else f"{found.value:.6g}"
+        return f"{found.quantity}: tolerated {got} {found.unit}, required {wanted:.6g}"
+    if found.boundary is Boundary.UNSTABLE:
+        why = instability(margin) or "the linear loop is unstable there"
+    else:
+        why = f"the linear loop is unstable at {found.first_failure:.6g} {found.unit}"
+    return (
+        f"{found.quantity}: tolerated {limit_words(found)}, required {wanted:.6g}, because {why}; "
+        f"tolerated by the {span} alone: {limit_words(found.impact_alone)}"
+    )
 
 
 def junit(path: Path, found: Sequence[Checked]) -> None:
@@ -326,7 +364,7 @@ def junit(path: Path, found: Sequence[Checked]) -> None:
         if not one.passed:
             failure = ET.SubElement(case, "failure", message="; ".join(one.fails))
             failure.text = f"{'; '.join(one.fails)}\nReproduce: {one.command}"
-        ET.SubElement(case, "system-out").text = "\n".join(one.holds)
+        ET.SubElement(case, "system-out").text = "\n".join((*one.holds, *one.warnings))
     root = ET.Element("testsuites")
     root.append(suite)
     ET.indent(root)

@@ -62,6 +62,13 @@ class Margin:
     modes: int | None = None
     step_ns: int | None = None
 
+    @property
+    def growth(self) -> "Growth":
+        """How the loop grows at the latency of the scene."""
+        return Growth(
+            self.unstable_poles, self.growth_per_s, self.growth_frequency_hz, self.e_folds
+        )
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -143,6 +150,24 @@ def growth_of(setup: Setup) -> Growth | None:
     if found.per_s is None:
         return found
     return replace(found, e_folds=found.per_s * setup.duration_s)
+
+
+def stable_in_flight(setup: Setup) -> bool | None:
+    """Return whether the loop is stable in flight at the latency of the scene; None for a setup
+    without a linear loop, or for which none can be formed.
+
+    It costs one table at any sampling interval, but is not checked by a second method: see
+    `growth_of`.
+    """
+    if why_no_loop(setup):
+        return None
+    setup, every = _of_loop(setup), setup.every_steps
+    delay, rest = divmod(1 + setup.line.dead_steps + setup.line.latency_steps, every)
+    try:
+        loop = loop_of(damped(plant_in_flight(setup)), law_filter(setup), every, rest)
+    except (NotLinearError, SceneError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return not loop.table.unstable(np.array([delay]))[0]
 
 
 def why_no_loop(setup: Setup) -> str:

@@ -87,8 +87,7 @@ def margin_lines(m: Margin) -> list[str]:
             "decided: two methods disagree"
         )
     else:
-        growth = Growth(m.unstable_poles, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
-        lines.append(f"unstable at {m.latency_us:g} us: {growth_words(growth)}")
+        lines.append(f"unstable at {m.latency_us:g} us: {growth_words(m.growth)}")
         if m.growth_per_s is not None:
             lines.append(f"{m.unstable_poles} poles outside the unit circle")
     if m.latency_limit_steps is None:
