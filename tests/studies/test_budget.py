@@ -727,3 +727,11 @@ def test_a_file_of_distributions_that_cannot_be_is_refused(tmp_path, text, said)
     path.write_text(text)
     with pytest.raises(SceneError, match=said):
         read_uncertain(path, load("aluminium-3mm"))
+
+
+def test_the_limit_of_the_jitter_has_the_mean_latency(pool):
+    asked = BudgetRequest(only=["jitter_us"], quick=True, with_real=False)
+    (limit,) = study.budget(pool, load("aluminium-3mm", SHORT), [GOAL], asked).ideal.limits
+    assert limit.value
+    mean_us = float(limit.remark.removeprefix("mean latency ").removesuffix(" us"))
+    assert 0.5 * limit.value < mean_us < limit.value

@@ -1,10 +1,11 @@
 """The budget of a law in a scene: its effect, its limits, in the scene's and in a real plant."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from hertzloop.analysis.cases import OTHER, CaseState, Span
+from hertzloop.controller.controller import mean_latency_steps
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
@@ -192,7 +193,7 @@ def budget(
         )
         margin = linear_margin(found)
         limits = tuple(
-            tolerated(found, margin, quantity, limit, search.points)
+            _with_mean_latency(found, tolerated(found, margin, quantity, limit, search.points))
             for quantity, limit in zip(wanted, searched, strict=True)
         )
         first = next((limit.quantity for limit in nearest(limits)), None)
@@ -297,3 +298,13 @@ def _limit(limit: BudgetLimit) -> dict[str, Any]:
         "holds_again": list(limit.holds_again),
         "impact_alone": _limit(limit.impact_alone) if limit.impact_alone else None,
     }
+
+
+def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:
+    """Return a limit of the jitter with the mean latency of the force that acts under it."""
+    if limit.quantity != "jitter_us" or not limit.value:
+        return limit
+    varied = setup.vary({limit.key: limit.value})
+    steps = mean_latency_steps(varied.line, varied.steps, varied.every_steps, varied.seed)
+    said = f"mean latency {steps * varied.step_s * 1e6:.3g} us"
+    return replace(limit, remark=f"{limit.remark}, {said}" if limit.remark else said)
