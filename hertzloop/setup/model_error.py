@@ -44,7 +44,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
             *bodies, spec.frequency_limit_hz,
             spring=spec.residual_flexibility, damped=spec.damped_tail,
         )  # fmt: skip
-    if not spec.residual_flexibility:
+    if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # modes of a rigid body
         return found
     hold_s = setup.step_s * setup.every_steps
     return max(found, law_error(spec, setup.reach.force_n, setup.reach.share, hold_s, until_hz))

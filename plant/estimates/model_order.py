@@ -73,6 +73,8 @@ def energy_beyond(periods: float) -> float:
 
     Measured shares of 40 random first impacts were at most 1.9 times it, without a law.
     """
+    if periods <= 0.0:  # of modes that end with those of a rigid body
+        return 1.0
     x, share = (np.log(np.array(column)) for column in zip(*_BEYOND, strict=True))
     at = math.log(periods)
     if at >= x[-1]:
@@ -87,6 +89,14 @@ def _periods_for(share: float) -> float:
     if wanted <= shares[-1]:
         return math.exp(x[-1] + 0.25 * (shares[-1] - wanted))
     return math.exp(float(np.interp(-wanted, -shares, x)))
+
+
+def is_rigid(plate: Structure) -> bool:
+    """Whether a structure is a rigid body: a file of modes without a frequency above zero, and
+    without a residual flexibility. Such a model leaves out nothing."""
+    table = plate.mode_table
+    rigid = table is not None and float(table.omega_rad_s[-1]) == 0.0
+    return rigid and plate.residual_flexibility_m_n(0.0) == 0.0
 
 
 def damper_error(
@@ -202,6 +212,8 @@ def expected_error(
     missing, which counts by how many periods of the limit the contact on a rigid plate lasts:
     measured errors scatter around share (limit T)^-1.3. Step-size error is not included.
     """
+    if is_rigid(plate):
+        return 0.0
     rigid = rigid_impact(sphere, contact)
     # Below zero of a solid's modes in a file.
     flexibility = abs(plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz))
@@ -209,10 +221,9 @@ def expected_error(
     if not spring:
         return share
     periods = frequency_limit_hz * rigid.contact_s
-    found = max(
-        _SPRING_FACTOR * share * periods**-_SPRING_EXPONENT,
-        min(1.0, _ENERGY_FACTOR * energy_beyond(periods)),
-    )
+    found = min(1.0, _ENERGY_FACTOR * energy_beyond(periods))
+    if periods > 0.0:  # else the modes are those of a rigid body, and all of the energy is beyond
+        found = max(_SPRING_FACTOR * share * periods**-_SPRING_EXPONENT, found)
     if plate.mode_table is not None:
         found = min(found, few_modes_error(plate) if damped else 1.0)
     return found if damped else found + damper_error(sphere, plate, contact, frequency_limit_hz)
@@ -229,6 +240,8 @@ def beyond_m_n(plate: Structure) -> float:
     band, as mobile; m/N."""
     table = plate.mode_table
     assert table is not None
+    if table.omega_rad_s[-1] == 0.0:  # no frequency says how the modes go on
+        return 0.0
     mobile = float(np.sum(table.shape_contact**2 * table.per_modal_mass_1_kg))
     return mobile / float(table.omega_rad_s[-1]) ** 2
 
