@@ -9,6 +9,7 @@ is as wide as the waves.
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.stages import widest_limit_hz
+from hertzloop.studies import pictures
 
 _LEAD_S = 1e-5
 LAWS = ("force_feedback", "slope_threshold", "velocity_feedback", "fade_out", "predicted")
@@ -148,6 +150,20 @@ def _largest(errors: tuple[float, float, float] | None) -> float:
     return min(1.0, max(errors)) if errors else math.nan
 
 
+def _draw(path: Path, found: list[Outcome]) -> None:
+    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    for i, law in enumerate(LAWS):
+        mine = [o for o in found if o.law == law]
+        style = {**pictures.look(i, True), "linestyle": "none"}
+        axes.loglog([o.stated for o in mine], [o.found for o in mine], label=law, **style)
+    ends = [min(o.found for o in found), max(o.stated for o in found)]
+    axes.loglog(ends, ends, color="grey", linewidth=0.8)
+    title = "Error of the first impact on solid plates"
+    axes.set(title=title, xlabel="stated", ylabel="twice the modes, half the step")
+    axes.legend()
+    pictures.save(figure, path)
+
+
 def main(
     folder: OutDirOption = None,
     scenes: ScenesOption = 10,
@@ -169,6 +185,7 @@ def main(
         compile_first(load("aluminium-3mm", ["plate.theory=3d"]))
         found = drawn(scenes, seed, next_ones)
         write_records(made / "solid_law.csv", found)
+        _draw(made / "solid_law.png", found)
     rows = [
         (o.law, f"{o.kappa:.2f}", o.more, f"{o.stated:.1e}", f"{o.penetration:.1e}",
          f"{o.rebound_speed:.1e}", f"{o.plate_energy:.1e}", f"{o.modes_only:.1e}",
@@ -180,7 +197,7 @@ def main(
     for o in found:
         if not o.kept:
             out.print(f"missed: {o.keys}", soft_wrap=True)
-    written(made, "solid_law.csv")
+    written(made, "solid_law.csv", "solid_law.png")
     within = share(sum(o.found <= accuracy for o in found), len(found))
     all_modes = share(sum(o.all_modes <= max(o.asked, o.stated) for o in found), len(found))
     out.print(f"The requested error is met in {within}.")
