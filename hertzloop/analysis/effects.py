@@ -25,6 +25,7 @@ from hertzloop.plant.estimates.model_order import (
     beyond_m_n,
     energy_beyond,
     expected_error,
+    is_rigid,
     least_limit_hz,
 )
 from hertzloop.plant.estimates.plate_theory import KirchhoffError, thickness_number
@@ -226,7 +227,7 @@ def _modes_end(f: Facts) -> float | None:
     nothing."""
     spec = f.spec
     parts = (spec.sphere, spec.plate, spec.contact)
-    if spec.plate.mode_table is None or spec.plate.solid:
+    if spec.plate.mode_table is None or spec.plate.solid or is_rigid(spec.plate):
         return None
     if spec.frequency_limit_hz <= least_limit_hz(*parts, spec.frequency_limit_hz):
         return expected_error(*parts, spec.frequency_limit_hz, spring=True, damped=spec.damped_tail)

@@ -154,7 +154,6 @@ def changes(
     )
 
 
-_FAR = 2.0  # times what is expected: twice the modes hardly change more where the law decides alike
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 
 
@@ -184,7 +183,7 @@ class LawAccuracy:
     """whether the changes are what the run expects"""
 
     def __post_init__(self) -> None:
-        kept = self.by_modes.largest <= _FAR * max(self.asked, self.expected)
+        kept = self.by_modes.largest <= max(self.asked, self.expected)
         object.__setattr__(self, "kept", kept)
 
     @property
@@ -230,6 +229,14 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
         found, setup.accuracy, model_error.expected_error(short, finer.frequency_limit_hz),
         latched_us(short, run), latched_us(short, other),
     )  # fmt: skip
+
+
+def stated_error(expected: float | None, found: LawAccuracy | None) -> float | None:
+    """The error that a run states: the `expected` one, or what twice the modes change under the law
+    where that is more than the run expects."""
+    if expected is None or found is None or found.kept:
+        return expected
+    return max(expected, found.by_modes.largest)
 
 
 def _twice_the_modes(setup: Setup) -> PlantSpec | None:

@@ -1,7 +1,7 @@
 """What a run comes to: whether control helped, in what, why not; what spoils the figures."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
@@ -15,6 +15,7 @@ from hertzloop.analysis.trust import (
     errors_of,
     law_accuracy,
     predictability,
+    stated_error,
 )
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
@@ -102,8 +103,10 @@ class RunVerdict:
 
 @dataclass(frozen=True)
 class Conclusions:
-    """What the figures of a run come to."""
+    """What the figures of a run come to. `stated_error`: model error of the run, relative; None
+    where it is not known."""
 
+    stated_error: float | None
     predictability: Predictability
     law_accuracy: LawAccuracy | None
     verdict: RunVerdict
@@ -154,9 +157,11 @@ def conclusions(
     setup: Setup, ran: Ran, free: Figures | None, not_again: NotAgain | None = None
 ) -> Conclusions:
     """What the figures of a run come to; arguments as for `judge`."""
-    known = predictability(setup, ran, free, not_again)
     accuracy = None if ran.late or not_again else law_accuracy(setup, ran.figures)
-    return Conclusions(known, accuracy, verdict(ran, free, known, accuracy))
+    ran = replace(ran, expected_error=stated_error(ran.expected_error, accuracy))
+    known = predictability(setup, ran, free, not_again)
+    found = verdict(ran, free, known, accuracy)
+    return Conclusions(ran.expected_error, known, accuracy, found)
 
 
 def verdict(

@@ -22,6 +22,7 @@ from hertzloop.plant.contact.hertz import (
     Contact,
     Sphere,
 )
+from hertzloop.plant.estimates.model_order import UNDER_LAW
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.errors import SceneError
@@ -248,9 +249,11 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     smoothness = stages.smoothness_of(control, sensors, line, latency_us)
     reach, law_models_yield = stages.reach_of(control), stages.models_yield(control)
 
+    controlled = bodies.structure.solid and control.law != NO_CONTROL
     with_edges = stages.described(
-        bodies, scene.plate.tail, run.scheme, step_ns, run.lead_in_s, run.accuracy
-    )
+        bodies, scene.plate.tail, run.scheme, step_ns, run.lead_in_s,
+        run.accuracy / (UNDER_LAW if controlled else 1.0),
+    )  # fmt: skip
     plate_model = run.plate_model
     if plate_model == "auto":
         until_s = run.duration_s - first_touch_s

@@ -373,6 +373,13 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
             f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
             "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
         )
+    if plate.mode_table is not None and plate.highest_hz == 0.0:
+        if asked == "auto":
+            return False
+        raise SceneError(
+            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. Use "
+            "'spring', or give modes up to a higher frequency."
+        )
     if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False

@@ -449,7 +449,7 @@ def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
         **asdict(found.law),
         "injected_j": ran.injected_j,
         "yield": _plain(found.yielded),
-        "expected_error": ran.expected_error,
+        "expected_error": ends.stated_error,
         "requested_accuracy": found.requested_accuracy,
         **figures_as_json(ran.figures),
         "pacing": pacing_as_json(found.pacing),
@@ -508,7 +508,7 @@ class RunReport:
     @property
     def expects(self) -> tuple[float | None, float]:
         """The expected error, and that asked for."""
-        return self.judged.ran.expected_error, self.judged.requested_accuracy
+        return self.judged.conclusions.stated_error, self.judged.requested_accuracy
 
 
 def run_as_json(report: RunReport) -> dict[str, Any]:

@@ -48,7 +48,14 @@ class ModalStructure(Structure):
                 "Give it there, as plate.residual_flexibility_m_n (0 if the modes are complete), "
                 "or plate.thickness_m to take that of an infinite plate"
             )
-        ratio, omega = self.mobility_ratio, self.mode_table.omega_rad_s
+        omega = self.mode_table.omega_rad_s
+        if not said and omega[-1] == 0.0:
+            raise ValueError(
+                f"{self.name} has modes of a rigid body only, so plate.thickness_m does not give "
+                "the flexibility of the truncated modes. Give plate.residual_flexibility_m_n (0 "
+                "if the structure is rigid), or modes above 0 Hz"
+            )
+        ratio = self.mobility_ratio
         vars(self).update(
             highest_hz=float(omega[-1]) / (2.0 * math.pi) * (1.0 + 1e-9),
             quality={"modes_in_file": len(omega), "mobility_ratio": ratio},
@@ -68,7 +75,8 @@ class ModalStructure(Structure):
         """Mean mobility of the modes over that of the local plate: 1 for many modes away from edges
         and ribs; None where there is no such plate, or too few modes."""
         table = self.mode_table
-        if self.local_plate is None or np.count_nonzero(table.shape_contact) < _ENOUGH:
+        few = np.count_nonzero(table.shape_contact) < _ENOUGH
+        if self.local_plate is None or few or table.omega_rad_s[-1] == 0.0:
             return None
         mean = np.sum(table.shape_contact**2 * table.per_modal_mass_1_kg) * math.pi / 2.0
         return float(mean / table.omega_rad_s[-1] * self.local_plate.infinite_plate_impedance_n_s_m)

@@ -28,6 +28,7 @@ CONCLUSIONS = {
     "benchmarks.fit_hits": r"The stiffness of the tip is the same within [\d.]+ % \(\+/-\) over",
     "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
+    "benchmarks.solid_law": r"The error of the first impact is at most the stated one in",
     "benchmarks.held_force": r"The error of the first impact is as expected, or announced",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",

@@ -12,6 +12,7 @@ from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, model_error, parts
+from tests.commands import invoke
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
 ROW = "modes end below the impact"
@@ -58,6 +59,62 @@ def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Pa
     assert found.state is EffectState.OUT_OF_RANGE
     assert words in found.sentence
     assert "impacts may be off by 100 %" in found.sentence
+
+
+def rigid(folder: Path, *settings: str) -> Setup:
+    """A support of one mode at 0 Hz, with residual_flexibility_m_n = 0."""
+    rows = "frequency_hz,loss_factor,modal_mass_kg,shape_contact\n0.0,0.0,1e6,1.0\n"
+    (folder / "rigid.csv").write_text(rows)
+    text = (
+        'name = "rigid"\n[sphere]\nradius_m = 0.005\ndrop_height_m = 0.05\n'
+        '[plate]\nmaterial = "aluminium"\nmodes = "rigid.csv"\nresidual_flexibility_m_n = 0.0\n'
+        'tail = "spring"\n[controller]\nlaw = "off"\n[run]\nduration_s = 0.0015\n'
+    )
+    (folder / "rigid.toml").write_text(text)
+    return load(str(folder / "rigid.toml"), settings)
+
+
+_PUSH = ("controller.law=constant", "controller.force_n=10", "controller.duration_us=10")
+
+
+@pytest.mark.parametrize("law", [(), _PUSH, ("controller.law=force_feedback",)])
+def test_a_rigid_support_leaves_out_nothing(tmp_path: Path, law: tuple[str, ...]) -> None:
+    assert model_error.expected_error(rigid(tmp_path, *law)) == 0.0
+    assert model_error.expected_error(rigid(tmp_path, *law, "plate.thickness_m=0.003")) == 0.0
+    unknown = rigid(tmp_path, *law, "plate.residual_flexibility_m_n=1e-9")
+    assert model_error.expected_error(unknown) == 1.0
+
+
+def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
+    setup = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=auto")
+    assert not setup.plant.damped_tail
+    with pytest.raises(SceneError, match=r"tail = 'damped' starts at the last mode.*end at 0 Hz"):
+        _ = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=damped").plant
+    text = (tmp_path / "rigid.toml").read_text().replace("residual_flexibility_m_n = 0.0\n", "")
+    (tmp_path / "rigid.toml").write_text(text)
+    with pytest.raises(SceneError, match="has modes of a rigid body only"):
+        load(str(tmp_path / "rigid.toml"), ["plate.thickness_m=0.003"])
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--transport", "compiled", "--out", "a.mcap"),
+        ("scene", "check"),
+        ("scene", "modes", "--out", "modes.csv"),
+        ("sweep", "--over", "sphere.drop_height_m=0.03,0.05", "--out", "a.parquet"),
+        ("budget", "--law", "force_feedback", "--quick", "--only", "latency_us",
+         "--no-real-plant", "--out-dir", "budget"),
+    ],
+)  # fmt: skip
+def test_commands_accept_a_rigid_support(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rigid(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    options = command[2:] if command[0] == "scene" else command[1:]
+    done = invoke([*command[: len(command) - len(options)], "rigid.toml", *options])
+    assert done.exit_code == 0, done.output
 
 
 def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:

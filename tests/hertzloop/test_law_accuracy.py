@@ -1,11 +1,19 @@
 """A run says where twice the modes change what its law does by more than was asked."""
 
 import json
+from math import nan
 from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.trust import against, finer_spec, judged
+from hertzloop.analysis.trust import (
+    LawAccuracy,
+    Verification,
+    against,
+    finer_spec,
+    judged,
+    stated_error,
+)
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import law_accuracy_sentences
@@ -74,6 +82,19 @@ def test_what_moves_without_another_decision_is_said_too() -> None:
     true = against(scene, simulate(scene).rows, finer_spec(scene))
     assert true is not None
     assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
+
+
+def test_a_run_states_the_larger_error() -> None:
+    """Twice the modes that change more than expected, if only by half, are the model error."""
+    changed = Verification(0.0015, 1e-4, 1e-4, 1000.0, 3e5)
+    found = LawAccuracy(changed, asked=1e-3, expected=9e-4, delay_us=nan, finer_delay_us=nan)
+    assert not found.kept
+    assert stated_error(9e-4, found) == 0.0015
+    assert stated_error(0.02, found) == 0.02
+    kept = LawAccuracy(changed, asked=2e-3, expected=9e-4, delay_us=nan, finer_delay_us=nan)
+    assert stated_error(9e-4, kept) == 9e-4
+    assert stated_error(9e-4, None) == 9e-4
+    assert stated_error(None, found) is None
 
 
 @pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])

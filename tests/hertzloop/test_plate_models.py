@@ -12,13 +12,14 @@ from benchmarks import plate_models as thickness
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import verify
+from hertzloop.analysis.trust import against, verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, model_error, parts
+from hertzloop.setup.stages import widest_limit_hz
 from hertzloop.views.run import error_words, what_limits
 from tests.commands import invoke
 
@@ -244,6 +245,38 @@ def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
     )
     smooth = load("aluminium-3mm", [*SOLID, "actuator.bandwidth_hz=1e5"])
     assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
+
+
+def test_a_solid_under_a_law_has_more_modes() -> None:
+    """A law's force moves the modes near the contact too; all modes are the reference."""
+    keys = {
+        "plate.theory": "3d", "plate.thickness_m": 0.010, "plate.size_m": [0.2, 0.2],
+        "plate.contact_point_m": [0.08, 0.09], "run.plate_model": "modal", "run.lead_in_s": 1e-5,
+        "run.duration_s": 3e-4, "controller.law": "force_feedback", "controller.kappa": 0.8,
+        "actuator.bandwidth_hz": 4e4, "controller.latency_us": 5.0,
+    }  # fmt: skip
+    scene = load("aluminium-3mm").vary(keys)
+    free = scene.vary({"controller.law": "off"})
+    assert scene.plant.frequency_limit_hz > 1.4 * free.plant.frequency_limit_hz
+    assert model_error.expected_error(scene) == pytest.approx(1e-3, rel=0.01)
+    all_hz = widest_limit_hz(scene.structure, scene.sphere, scene.bodies.contact)
+    fine = replace(scene.plant, step_s=0.5 * scene.step_s, frequency_limit_hz=all_hz)
+    found = against(scene, simulate(scene).rows, fine)
+    assert found is not None
+    assert found.largest < 1e-3
+
+
+@pytest.mark.parametrize("law", ["velocity_feedback", "acceleration_feedback"])
+def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law: str) -> None:
+    """Its faces move the more the higher the frequency, so the loop may be unstable beyond the
+    modes; an actuator with a low bandwidth keeps it stable."""
+    keys = [*SOLID, f"controller.law={law}", "controller.kappa=0.3"]
+    scene = load("aluminium-3mm", keys)
+    assert model_error.expected_error(scene) == 1.0
+    smooth = load("aluminium-3mm", [*keys, "actuator.bandwidth_hz=2e4"])
+    assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
+    thin = load("aluminium-3mm", [*keys, "plate.theory=kirchhoff"])
+    assert model_error.expected_error(thin) < 2e-3
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,210 @@
+"""Does a run keep the accuracy that it states, on a solid plate under a law? Scenes at random.
+
+The first impact of a steel ball on an aluminium plate in three dimensions (`plate.theory = "3d"`)
+under a law, with the modes and the step that `run` chooses, is compared with twice the modes and
+half the step, the law sampled as before. The same is done with twice the modes alone, with half the
+step alone, and without the law. The last column has all modes up to the frequency where the contact
+is as wide as the waves.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.model_order import drawn
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    ScenesOption,
+    SeedOption,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    share,
+    start,
+    write_records,
+    written,
+)
+from hertzloop.analysis.trust import against, judged, stated_error
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import rigid_impact
+from hertzloop.setup import Setup, load, model_error
+from hertzloop.setup.stages import widest_limit_hz
+from hertzloop.studies import pictures
+
+_LEAD_S = 1e-5
+LAWS = ("force_feedback", "slope_threshold", "velocity_feedback", "fade_out", "predicted")
+_WATCH = ("slope_threshold", "fade_out", "predicted")  # a threshold of the slope
+HEADINGS = (
+    "law", "kappa", "more", "stated", "gap", "rebound", "energy", "modes only", "step only",
+    "no law", "kept", "all modes",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A scene: the requested error and the error that a run states. Against twice the modes and
+    half the step: the errors of the penetration, the rebound speed and the plate energy. The
+    largest of the three: with twice the modes only, with half the step only, without the law, and
+    with all modes (nan where the impact does not end)."""
+
+    law: str
+    kappa: float
+    asked: float
+    stated: float
+    penetration: float
+    rebound_speed: float
+    plate_energy: float
+    modes_only: float
+    step_only: float
+    no_law: float
+    all_modes: float
+    more: str
+    keys: str
+
+    @property
+    def found(self) -> float:
+        """Largest error against twice the modes and half the step."""
+        return max(self.penetration, self.rebound_speed, self.plate_energy)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the error is at most the one stated; with an error of 1 nothing is known."""
+        return min(1.0, self.found) <= max(self.asked, self.stated)
+
+
+def random_keys(random: np.random.Generator, law: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Keys of a scene under a law, and what is unusual of its chain from sensor to actuator."""
+    size = random.uniform(0.15, 0.35, 2)
+    drop_m = random.uniform(0.02, 0.12)
+    keys: dict[str, Any] = {
+        "plate.theory": "3d", "sphere.radius_m": random.uniform(2e-3, 6e-3),
+        "sphere.drop_height_m": drop_m, "plate.thickness_m": random.uniform(3e-3, 12e-3),
+        "plate.size_m": list(size), "plate.contact_point_m": list(size * random.uniform(0.2, 0.8)),
+        "controller.law": law, "controller.latency_us": float(random.integers(0, 6)),
+        "controller.kappa": random.uniform(0.2, 0.9),
+    }  # fmt: skip
+    if law == "velocity_feedback":
+        keys["controller.kappa"] = random.uniform(0.05, 0.4)
+    if law in _WATCH:
+        keys["controller.v_thr_m_s"] = -math.sqrt(19.62 * drop_m) * random.uniform(0.2, 0.8)
+    more: list[dict[str, Any]] = [
+        {}, {"run.step_ns": 500}, {"sensors.every_steps": 2},
+        {"actuator.bandwidth_hz": 10.0 ** random.uniform(4.3, 5.8)},
+    ]  # fmt: skip
+    chosen = {key: _typed(value) for key, value in more[random.integers(len(more))].items()}
+    return {key: _typed(value) for key, value in keys.items()}, chosen
+
+
+def _typed(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_typed(x) for x in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outcome | None:
+    """A scene by its keys; None if its first impact does not end in time."""
+    run = {"run.lead_in_s": _LEAD_S, "run.plate_model": "modal", "run.accuracy": accuracy}
+    setup = load("aluminium-3mm").vary(keys | more | run)
+    lasts_s = rigid_impact(setup.sphere, setup.bodies.contact).contact_s
+    setup = setup.lasting(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    spec = setup.plant
+    limit_hz, wide_hz = (
+        spec.frequency_limit_hz,
+        widest_limit_hz(spec.plate, spec.sphere, spec.contact),
+    )
+    twice_hz = min(2.0 * limit_hz, spec.plate.highest_hz)
+    both = _errors(setup, twice_hz, 2)
+    if both is None:
+        return None
+    stated = stated_error(model_error.expected_error(setup), judged(setup, setup.duration_s))
+    assert stated is not None
+    typed = [f"--set {key}={value}".replace(", ", ",") for key, value in (keys | more).items()]
+    return Outcome(
+        setup.law_reference, keys["controller.kappa"], accuracy, stated, *both,
+        modes_only=_largest(_errors(setup, twice_hz, 1)),
+        step_only=_largest(_errors(setup, limit_hz, 2)),
+        no_law=_largest(_errors(setup.uncontrolled(), twice_hz, 2)),
+        all_modes=_largest(_errors(setup, wide_hz, 2)),
+        more=", ".join(f"{key.split('.')[1]} {value:g}" for key, value in more.items()),
+        keys=" ".join(typed),
+    )  # fmt: skip
+
+
+def _errors(setup: Setup, limit_hz: float, parts: int) -> tuple[float, float, float] | None:
+    """Errors of penetration, rebound speed and plate energy against modes up to `limit_hz` and
+    `parts` steps in each step."""
+    fine = replace(setup.plant, step_s=setup.step_s / parts, frequency_limit_hz=limit_hz)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = against(setup, simulate(setup).rows, fine)
+    return (found.penetration, found.rebound_speed, found.plate_energy) if found else None
+
+
+def _largest(errors: tuple[float, float, float] | None) -> float:
+    """The largest of three errors, at most 1; nan without errors."""
+    return min(1.0, max(errors)) if errors else math.nan
+
+
+def _draw(path: Path, found: list[Outcome]) -> None:
+    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    for i, law in enumerate(LAWS):
+        mine = [o for o in found if o.law == law]
+        style = {**pictures.look(i, True), "linestyle": "none"}
+        axes.loglog([o.stated for o in mine], [o.found for o in mine], label=law, **style)
+    ends = [min(o.found for o in found), max(o.stated for o in found)]
+    axes.loglog(ends, ends, color="grey", linewidth=0.8)
+    title = "Error of the first impact on solid plates"
+    axes.set(title=title, xlabel="stated", ylabel="twice the modes, half the step")
+    axes.legend()
+    pictures.save(figure, path)
+
+
+def main(
+    folder: OutDirOption = None,
+    scenes: ScenesOption = 10,
+    seed: SeedOption = 1,
+    accuracy: float = 1e-3,
+    quick: QuickOption = False,
+) -> None:
+    """Compare the stated error of runs on solid plates under a law with finer models.
+
+    Example: python -m benchmarks.solid_law --quick
+    """
+    scenes = 4 if quick else scenes
+
+    def next_ones(number: int, random: np.random.Generator) -> list[Outcome]:
+        one = outcome(*random_keys(random, LAWS[number % len(LAWS)]), accuracy)
+        return [one] if one else []
+
+    with results_in(folder, "solid_law", "modal") as made:
+        compile_first(load("aluminium-3mm", ["plate.theory=3d"]))
+        found = drawn(scenes, seed, next_ones)
+        write_records(made / "solid_law.csv", found)
+        _draw(made / "solid_law.png", found)
+    rows = [
+        (o.law, f"{o.kappa:.2f}", o.more, f"{o.stated:.1e}", f"{o.penetration:.1e}",
+         f"{o.rebound_speed:.1e}", f"{o.plate_energy:.1e}", f"{o.modes_only:.1e}",
+         f"{o.step_only:.1e}", f"{o.no_law:.1e}", "yes" if o.kept else "no", f"{o.all_modes:.1e}")
+        for o in found
+    ]  # fmt: skip
+    title = f"Errors on solid plates under a law, requested {accuracy:g}"
+    out.print(number_table(title, HEADINGS, rows, 3))
+    for o in found:
+        if not o.kept:
+            out.print(f"missed: {o.keys}", soft_wrap=True)
+    written(made, "solid_law.csv", "solid_law.png")
+    within = share(sum(o.found <= accuracy for o in found), len(found))
+    all_modes = share(sum(o.all_modes <= max(o.asked, o.stated) for o in found), len(found))
+    out.print(f"The requested error is met in {within}.")
+    out.print(f"With all modes the error is at most the stated one in {all_modes}.")
+    kept = share(sum(o.kept for o in found), len(found))
+    conclude(f"The error of the first impact is at most the stated one in {kept}.")
+
+
+if __name__ == "__main__":
+    start("benchmarks.solid_law")
