@@ -21,8 +21,8 @@ def series(x_re, x_im, terms, re, im):
         end = min(first + _BLOCK, re.size)
         # Parts, whose indices need no second look: that is what lets vectors be formed.
         a, b, u, v = x_re[first:end], x_im[first:end], re[first:end], im[first:end]
-        u[:] = terms[-1]
-        v[:] = 0.0
+        for i in range(u.size):
+            u[i], v[i] = terms[-1], 0.0
         for at in range(terms.size - 2, -1, -1):
             term = terms[at]
             for i in range(u.size):

@@ -1,6 +1,6 @@
 """Compiled kernels of the contact in a step of the default scheme `modal`: all that is scalar.
 
-The force is s p^(3/2), or s p^n where the model has a `Power`: which of the two is known when a
+The force is s p^(3/2), or s p^n where the contact has a `Power`: which of the two is known when a
 caller is compiled. Given gap, velocity and mean of the gap as they would be without contact force,
 and what a unit F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1)
 of the step. See `plant.schemes.collocation_kernels` for the modes and the idea. In this order: the
@@ -12,14 +12,13 @@ operations, each waiting for the last, and a quarter of its time goes with them.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
 from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type, no, yes
-from hertzloop.plant.contact import tail_kernels
 
 NODES = 4
 # Gauss-Legendre nodes and weights on (0, 1).
@@ -65,10 +64,40 @@ class Power(NamedTuple):
     exponent: float
 
 
+class ContactModel(NamedTuple):
+    """A contact as its solve wants it, in whatever plant: kernels compiled for one serve another.
+
+    `stiffness`: N/m^1.5, of a `Power` N/m^n; `flexibility_m_n`: of the modes left out; `power`: a
+    `Power`, or None for Hertz's; `gains`: (GAINS,).
+    """
+
+    step_s: float
+    stiffness: float
+    flexibility_m_n: float
+    viscous_n_s_m: float
+    hunt_crossley_s_m: float
+    power: Any
+    gains: np.ndarray
+
+
+@kernel(inline=True, borrowed=True)
+def contact_of(model, stiffness):
+    """The contact of a plant's model, or its curve of another stiffness."""
+    return ContactModel(
+        model.step_s,
+        stiffness,
+        model.flexibility_m_n,
+        model.viscous_n_s_m,
+        model.hunt_crossley_s_m,
+        model.power,
+        model.gains,
+    )
+
+
 @kernel(inline=True, borrowed=True, fused=True)
-def _power_penetration(n, model, gap):
+def _power_penetration(n, contact, gap):
     """p of p + k s p^n = -gap, a modal gap < 0: Newton's method, as in `root_penetration`."""
-    share = model.flexibility_m_n * model.stiffness
+    share = contact.flexibility_m_n * contact.stiffness
     if share == 0.0:
         return -gap
     p = -gap / (1.0 + share * (-gap) ** (n - 1.0))
@@ -82,48 +111,48 @@ def _power_penetration(n, model, gap):
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _power_elastic(power, model, gap):
+def _power_elastic(power, contact, gap):
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
     n = power.exponent
-    p = _power_penetration(n, model, gap)
-    force = model.stiffness * p**n
-    return force, force * (p / (n + 1.0) + 0.5 * model.flexibility_m_n * force), p
+    p = _power_penetration(n, contact, gap)
+    force = contact.stiffness * p**n
+    return force, force * (p / (n + 1.0) + 0.5 * contact.flexibility_m_n * force), p
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _power_near(power, model, gap, root):
-    return _power_elastic(power, model, gap)
+def _power_near(power, contact, gap, root):
+    return _power_elastic(power, contact, gap)
 
 
 @kernel(inline=True, borrowed=True)
-def _power_slope(power, model, p):
+def _power_slope(power, contact, p):
     n = power.exponent
-    rise = n * model.stiffness * p ** (n - 1.0)
-    return -rise / (1.0 + model.flexibility_m_n * rise)
+    rise = n * contact.stiffness * p ** (n - 1.0)
+    return -rise / (1.0 + contact.flexibility_m_n * rise)
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _power_damped(power, model, gap, rate):
+def _power_damped(power, contact, gap, rate):
     n = power.exponent
-    p = _power_penetration(n, model, gap)
-    spring = model.stiffness * p**n
-    slope = _power_slope(power, model, p)
-    share = -1.0 / (1.0 + model.flexibility_m_n * n * model.stiffness * p ** (n - 1.0))
-    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
-    by_gap = slope + model.hunt_crossley_s_m * slope * share * rate
+    p = _power_penetration(n, contact, gap)
+    spring = contact.stiffness * p**n
+    slope = _power_slope(power, contact, p)
+    share = -1.0 / (1.0 + contact.flexibility_m_n * n * contact.stiffness * p ** (n - 1.0))
+    factor = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * spring) * share
+    by_gap = slope + contact.hunt_crossley_s_m * slope * share * rate
     return spring + factor * rate, factor * rate, by_gap, factor
 
 
 @kernel(borrowed=True, fused=True)
-def _power_chord(power, model, x0, x1):
+def _power_chord(power, contact, x0, x1):
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
-    n, s, spring = power.exponent, model.stiffness, model.flexibility_m_n
-    a = _power_penetration(n, model, x0) if x0 < 0.0 else 0.0
-    b = _power_penetration(n, model, x1) if x1 < 0.0 else 0.0
+    n, s, spring = power.exponent, contact.stiffness, contact.flexibility_m_n
+    a = _power_penetration(n, contact, x0) if x0 < 0.0 else 0.0
+    b = _power_penetration(n, contact, x1) if x1 < 0.0 else 0.0
     if abs(b - a) > _NARROW * max(a, b):
-        force = (_power_elastic(power, model, x1)[1] - _power_elastic(power, model, x0)[1]) / (
+        force = (_power_elastic(power, contact, x1)[1] - _power_elastic(power, contact, x0)[1]) / (
             x0 - x1
         )
     else:
@@ -134,13 +163,13 @@ def _power_chord(power, model, x0, x1):
             work += GAUSS_W[i] * s * p**n * rise
             way += GAUSS_W[i] * rise
         force = work / way
-    rate = (b - a) / model.step_s
-    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
+    rate = (b - a) / contact.step_s
+    damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * force) * rate
     return force + damping, damping
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def root_penetration(model, gap):
+def root_penetration(contact, gap):
     """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
 
     The spring of the modes left out takes k F = k s y^3 of the approach. Newton, from the series
@@ -148,7 +177,7 @@ def root_penetration(model, gap):
     rounding.
     """
     y = math.sqrt(-gap)
-    share = model.flexibility_m_n * model.stiffness
+    share = contact.flexibility_m_n * contact.stiffness
     if share == 0.0:
         return y
     e = share * y
@@ -165,64 +194,64 @@ def root_penetration(model, gap):
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _hertz_elastic(power, model, gap):
+def _hertz_elastic(power, contact, gap):
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
-    y = root_penetration(model, gap)
-    force = model.stiffness * y * y * y
-    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+    y = root_penetration(contact, gap)
+    force = contact.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * contact.flexibility_m_n * force), y
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _hertz_near(power, model, gap, root):
+def _hertz_near(power, contact, gap, root):
     if root == 0.0 or gap >= 0.0:
-        return _hertz_elastic(power, model, gap)
-    share = model.flexibility_m_n * model.stiffness
+        return _hertz_elastic(power, contact, gap)
+    share = contact.flexibility_m_n * contact.stiffness
     wrong = root * root * (1.0 + share * root) + gap
     slope = root * (2.0 + 3.0 * share * root)
     change = wrong * slope / (slope * slope - wrong * (1.0 + 3.0 * share * root))
     if abs(change) > 3e-6 * root:
-        return _hertz_elastic(power, model, gap)
+        return _hertz_elastic(power, contact, gap)
     y = root - change
-    force = model.stiffness * y * y * y
-    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+    force = contact.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * contact.flexibility_m_n * force), y
 
 
 @kernel(inline=True, borrowed=True)
-def _hertz_slope(power, model, root):
-    s, spring = model.stiffness, model.flexibility_m_n
+def _hertz_slope(power, contact, root):
+    s, spring = contact.stiffness, contact.flexibility_m_n
     return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _hertz_damped(power, model, gap, rate):
-    s = model.stiffness
-    y = root_penetration(model, gap)
-    soft = 2.0 + 3.0 * model.flexibility_m_n * s * y
+def _hertz_damped(power, contact, gap, rate):
+    s = contact.stiffness
+    y = root_penetration(contact, gap)
+    soft = 2.0 + 3.0 * contact.flexibility_m_n * s * y
     spring = s * y * y * y
     slope = -3.0 * s * y / soft
-    if model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0:
+    if contact.viscous_n_s_m == 0.0 and contact.hunt_crossley_s_m == 0.0:
         return spring, 0.0, slope, 0.0
     share = -2.0 / soft  # dp/dgap
-    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
+    factor = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * spring) * share
     # The change of `share` with the gap is left to Newton's next iteration.
     return (
         spring + factor * rate,
         factor * rate,
-        slope + model.hunt_crossley_s_m * slope * share * rate,
+        slope + contact.hunt_crossley_s_m * slope * share * rate,
         factor,
     )
 
 
 @kernel(borrowed=True, fused=True)
-def _hertz_chord(power, model, x0, x1):
+def _hertz_chord(power, contact, x0, x1):
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
-    a = root_penetration(model, x0) if x0 < 0.0 else 0.0
-    b = root_penetration(model, x1) if x1 < 0.0 else 0.0
-    s, share = model.stiffness, model.flexibility_m_n * model.stiffness
+    a = root_penetration(contact, x0) if x0 < 0.0 else 0.0
+    b = root_penetration(contact, x1) if x1 < 0.0 else 0.0
+    s, share = contact.stiffness, contact.flexibility_m_n * contact.stiffness
     if (x0 < 0.0) != (x1 < 0.0):
-        force = (_hertz_elastic(power, model, x1)[1] - _hertz_elastic(power, model, x0)[1]) / (
+        force = (_hertz_elastic(power, contact, x1)[1] - _hertz_elastic(power, contact, x0)[1]) / (
             x0 - x1
         )
     else:
@@ -230,8 +259,8 @@ def _hertz_chord(power, model, x0, x1):
         six = five * b + a**5
         way = b + a + share * (b * b + b * a + a * a)
         force = s * (0.4 * five + 0.5 * share * six) / way
-    rate = (b * b - a * a) / model.step_s
-    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
+    rate = (b * b - a * a) / contact.step_s
+    damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * force) * rate
     return force + damping, damping
 
 
@@ -248,36 +277,36 @@ _is_hertz = by_type({type(None): yes, Power: no})
 
 
 @kernel(inline=True, borrowed=True)
-def elastic(model, gap):
+def elastic(contact, gap):
     """Contact force without damping (N) at a modal gap, the energy in the contact and in the
     spring of the modes left out (J), and the root of the penetration (m^0.5; of a `Power` the
     penetration itself, m)."""
-    return _elastic(model.power, model, gap)
+    return _elastic(contact.power, contact, gap)
 
 
 @kernel(inline=True, borrowed=True)
-def elastic_near(model, gap, root):
+def elastic_near(contact, gap, root):
     """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
     nothing if `root` is zero or not near enough."""
-    return _near(model.power, model, gap, root)
+    return _near(contact.power, contact, gap, root)
 
 
 @kernel(inline=True, borrowed=True)
-def slope_by_gap(model, root):
+def slope_by_gap(contact, root):
     """dF/dgap of the contact without damping, N/m, by the root of `elastic`."""
-    return _slope(model.power, model, root)
+    return _slope(contact.power, contact, root)
 
 
 @kernel(inline=True, borrowed=True)
-def damped_law(model, gap, rate):
+def damped_law(contact, gap, rate):
     """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
-    return _damped(model.power, model, gap, rate)
+    return _damped(contact.power, contact, gap, rate)
 
 
 @kernel(inline=True, borrowed=True)
-def _chord(model, x0, x1):
+def _chord(contact, x0, x1):
     """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
-    return _chord_by(model.power, model, x0, x1)
+    return _chord_by(contact.power, contact, x0, x1)
 
 
 def by_ends(t: float) -> tuple[float, float, float, float, float]:
@@ -397,15 +426,14 @@ def add_sphere(gains: np.ndarray, step_s: float, mass_kg: float) -> None:
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def slope_at_start(model, d0, f0, f1):
-    """Slope of the gap right at the start of a step (m a step) from that without its force."""
-    if tail_kernels.there(model.tail):
-        return d0 + model.step_s * (model.gains[START0] * f0 + model.gains[START1] * f1)
-    return d0
+def slope_at_start(contact, d0, f0, f1):
+    """Slope of the gap right at the start of a step (m a step) from that without its force: only a
+    damped tail answers at once."""
+    return d0 + contact.step_s * (contact.gains[START0] * f0 + contact.gains[START1] * f1)
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _project(model, x0, x1, d0, d1, mean):
+def _project(contact, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
     derivatives of F_0 and F_1 by x1, d1, the mean and (only with a damped tail) d0."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
@@ -413,51 +441,51 @@ def _project(model, x0, x1, d0, d1, mean):
     sums = NOTHING
     if start == end:
         return sums
-    h = model.step_s
+    h = contact.step_s
     for i in range(NODES):
         t = start + (end - start) * GAUSS_T[i]
         w = (end - start) * GAUSS_W[i]
         gap, slope = quartic(t, x0, x1, d0, d1, q)
         if gap >= 0.0:
             continue
-        force, damping, by_gap, by_rate = damped_law(model, gap, slope / h)
+        force, damping, by_gap, by_rate = damped_law(contact, gap, slope / h)
         sums = added(sums, w, t, force, damping, slope, by_gap, by_rate / h)
     return sums
 
 
 @kernel(borrowed=True, fused=True)
-def _solve_chord(model, x0, free_x):
+def _solve_chord(contact, x0, free_x):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
-    gain = model.gains[X0]
-    low = min(0.0, _chord(model, x0, free_x)[0])
-    high = max(0.0, _chord(model, x0, free_x)[0])
+    gain = contact.gains[X0]
+    low = min(0.0, _chord(contact, x0, free_x)[0])
+    high = max(0.0, _chord(contact, x0, free_x)[0])
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         if middle == low or middle == high:
             break
-        if middle > _chord(model, x0, free_x + gain * middle)[0]:
+        if middle > _chord(contact, x0, free_x + gain * middle)[0]:
             high = middle
         else:
             low = middle
     f0 = 0.5 * (low + high)
     x1 = free_x + gain * f0
-    return f0, -_chord(model, x0, x1)[1] * (x1 - x0)
+    return f0, -_chord(contact, x0, x1)[1] * (x1 - x0)
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+def _solve_inside(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for a step that is in contact all the way, without damping in the contact.
 
     The quartic is linear in F_0 and F_1, with coefficients at the nodes that do not change.
     Returns F_0, F_1, evaluations (none if the general way has to be taken) and the root of the
     penetration near the end (m^0.5).
     """
-    g = model.gains
-    s = model.stiffness
-    share = model.flexibility_m_n * s
+    g = contact.gains
+    s = contact.stiffness
+    share = contact.flexibility_m_n * s
     f0, f1 = guess0, guess1
     # While Newton works on the force the processor finds a root to start from when it is known.
-    root = elastic(model, free_x + g[X0] * f0 + g[X1] * f1)[2]
+    root = elastic(contact, free_x + g[X0] * f0 + g[X1] * f1)[2]
     for evaluation in range(1, _NEWTON_MOST):
         p0 = p1 = 0.0
         a = d = 1.0
@@ -509,27 +537,22 @@ def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
 
 
 @kernel(borrowed=True, fused=True)
-def _solve_anywhere(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+def _solve_anywhere(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended."""
-    g, h = model.gains, model.step_s
+    g, h = contact.gains, contact.step_s
     f0, f1, lost = guess0, guess1, 0.0
     for evaluation in range(1, _NEWTON_MOST + 1):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         d1 = free_d + h * (g[V0] * f0 + g[V1] * f1)
         mean = free_mean + g[M0] * f0 + g[M1] * f1
-        start = slope_at_start(model, d0, f0, f1)
+        start = slope_at_start(contact, d0, f0, f1)
         p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m, f0_s, f1_s = _project(
-            model, x0, x1, start, d1, mean
+            contact, x0, x1, start, d1, mean
         )
-        a = 1.0 - (f0_x * g[X0] + f0_d * h * g[V0] + f0_m * g[M0])
-        b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1])
-        c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0])
-        d = 1.0 - (f1_x * g[X1] + f1_d * h * g[V1] + f1_m * g[M1])
-        if tail_kernels.there(model.tail):
-            a -= f0_s * h * g[START0]
-            b -= f0_s * h * g[START1]
-            c -= f1_s * h * g[START0]
-            d -= f1_s * h * g[START1]
+        a = 1.0 - (f0_x * g[X0] + f0_d * h * g[V0] + f0_m * g[M0]) - f0_s * h * g[START0]
+        b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1]) - f0_s * h * g[START1]
+        c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0]) - f1_s * h * g[START0]
+        d = 1.0 - (f1_x * g[X1] + f1_d * h * g[V1] + f1_m * g[M1]) - f1_s * h * g[START1]
         det = a * d - b * c
         r0, r1 = f0 - p0, f1 - p1
         if not det > 0.0:
@@ -544,7 +567,7 @@ def _solve_anywhere(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+def solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
     """Contact force F_0 + F_1 P of a step from its modal gaps without it.
 
     x: gap (m) at the start and, free of force, at the end; d: its slope per step (m); mean:
@@ -557,40 +580,40 @@ def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, gues
     """
     f0, f1, lost, root = guess0, guess1, 0.0, 0.0
     evaluations = 0
-    undamped = model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0
-    if _is_hertz(model.power) and x0 < 0.0 and undamped:
+    undamped = contact.viscous_n_s_m == 0.0 and contact.hunt_crossley_s_m == 0.0
+    if _is_hertz(contact.power) and x0 < 0.0 and undamped:
         f0, f1, evaluations, root = _solve_inside(
-            model, x0, d0, free_x, free_d, free_mean, guess0, guess1
+            contact, x0, d0, free_x, free_d, free_mean, guess0, guess1
         )
     done = evaluations > 0
     if not done:
         f0, f1, lost, evaluations, done = _solve_anywhere(
-            model, x0, d0, free_x, free_d, free_mean, guess0, guess1
+            contact, x0, d0, free_x, free_d, free_mean, guess0, guess1
         )
     if done:
-        f0, f1, root, done = _balance(model, x0, free_x, free_mean, f0, f1, lost, before, root)
+        f0, f1, root, done = _balance(contact, x0, free_x, free_mean, f0, f1, lost, before, root)
     if not done:
-        f0, lost = _solve_chord(model, x0, free_x)
+        f0, lost = _solve_chord(contact, x0, free_x)
         f1 = root = 0.0
         evaluations += HALVINGS
     return f0, f1, lost, evaluations, root
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def _balance(model, x0, free_x, free_mean, f0, f1, lost, before, root):
+def _balance(contact, x0, free_x, free_mean, f0, f1, lost, before, root):
     """Least change of F_0, F_1 that closes the step's energy, the root of the penetration at
     the end before the last change, and whether it was found.
 
     `before`: energy in the contact at the start; `root`: near that at the end, or zero. The work
     of F_0 + F_1 P on the gap is F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
     """
-    g = model.gains
+    g = contact.gains
     last = math.inf
     for _ in range(CORRECTIONS):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         mean = free_mean + g[M0] * f0 + g[M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after, root = elastic_near(model, x1, root)
+        force, after, root = elastic_near(contact, x1, root)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
         if abs(wrong) <= ROUNDING * size or abs(wrong) >= last:

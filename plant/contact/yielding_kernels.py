@@ -15,13 +15,12 @@ The contact's law is a `Yielding`, or None: elastic.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type, no, yes, zero
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.contact import tail_kernels
 
 _HALVINGS = 60
 _NEWTON_MOST = 14
@@ -36,19 +35,6 @@ class Yielding(NamedTuple):
     force_n: float
     rise_n_m: float
     energy_j: float
-
-
-class Curve(NamedTuple):
-    """A Hertz contact as `elastic_kernels` wants it."""
-
-    step_s: float
-    stiffness: float
-    flexibility_m_n: float
-    viscous_n_s_m: float
-    hunt_crossley_s_m: float
-    gains: Any
-    tail: Any
-    power: Any  # None: Hertz's
 
 
 @kernel(inline=True, borrowed=True)
@@ -78,59 +64,44 @@ def taken(law, deepest, dent):
 
 
 @kernel(inline=True, borrowed=True)
-def hertz_curve(model, stiffness):
-    """The contact on a curve of `stiffness`, without its dent."""
-    return Curve(
-        model.step_s,
-        stiffness,
-        model.flexibility_m_n,
-        model.viscous_n_s_m,
-        model.hunt_crossley_s_m,
-        model.gains,
-        model.tail,
-        None,
-    )
-
-
-@kernel(inline=True, borrowed=True)
-def approach(law, model, p):
+def approach(law, contact, p):
     """Approach at a penetration on the line, m."""
-    return p + model.flexibility_m_n * load(law, p)
+    return p + contact.flexibility_m_n * load(law, p)
 
 
 @kernel(inline=True, borrowed=True)
-def penetration(law, model, approach):
+def penetration(law, contact, approach):
     """Penetration at an approach on the line, m."""
-    start = law.delta_m + model.flexibility_m_n * law.force_n
-    return law.delta_m + (approach - start) / (1.0 + model.flexibility_m_n * law.rise_n_m)
+    start = law.delta_m + contact.flexibility_m_n * law.force_n
+    return law.delta_m + (approach - start) / (1.0 + contact.flexibility_m_n * law.rise_n_m)
 
 
 @kernel(borrowed=True)
-def work(law, model, gap, deepest):
+def work(law, contact, gap, deepest):
     """Force (N) at a gap and W (J) for a deepest penetration before it, which it may pass."""
-    spring = model.flexibility_m_n
-    if -gap >= approach(law, model, deepest):
-        p = penetration(law, model, -gap)
+    spring = contact.flexibility_m_n
+    if -gap >= approach(law, contact, deepest):
+        p = penetration(law, contact, -gap)
         force, way = load(law, p), p - law.delta_m
         done = law.energy_j + way * (law.force_n + 0.5 * law.rise_n_m * way)
         return force, done + 0.5 * spring * force * force
-    stiffness, dent = curve_of(law, model.stiffness, deepest)
-    force, stored, _ = elastic.elastic(hertz_curve(model, stiffness), gap + dent)
+    stiffness, dent = curve_of(law, contact.stiffness, deepest)
+    force, stored, _ = elastic.elastic(elastic.contact_of(contact, stiffness), gap + dent)
     return force, stored + taken(law, deepest, dent)
 
 
 @kernel(inline=True, borrowed=True)
-def at(law, model, gap, rate, curve, dent, on_line):
+def at(law, contact, gap, rate, curve, dent, on_line):
     """Force, its damping part, dF/dgap and dF/drate on the line, or on a curve."""
     if not on_line:
         if gap + dent >= 0.0:
             return 0.0, 0.0, 0.0, 0.0
         return elastic.damped_law(curve, gap + dent, rate)
-    spring = load(law, penetration(law, model, -gap))
-    share = -1.0 / (1.0 + model.flexibility_m_n * law.rise_n_m)
+    spring = load(law, penetration(law, contact, -gap))
+    share = -1.0 / (1.0 + contact.flexibility_m_n * law.rise_n_m)
     slope = law.rise_n_m * share
-    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
-    by_gap = slope + model.hunt_crossley_s_m * slope * share * rate
+    factor = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * spring) * share
+    by_gap = slope + contact.hunt_crossley_s_m * slope * share * rate
     return spring + factor * rate, factor * rate, by_gap, factor
 
 
@@ -163,7 +134,7 @@ def _turning(x0, x1, d0, d1, q):
 
 
 @kernel(borrowed=True)
-def _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
+def _add(law, contact, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
     """Add a piece of the step to the projection: F_0, F_1, loss, derivatives of F_0 and F_1 by
     x1, d1, the mean and d0."""
     if end > begin:
@@ -172,25 +143,27 @@ def _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
             w = (end - begin) * elastic.GAUSS_W[i]
             gap, slope = elastic.quartic(t, x0, x1, d0, d1, q)
             force, damping, by_gap, by_rate = at(
-                law, model, gap, slope / model.step_s, curve, dent, on_line
+                law, contact, gap, slope / contact.step_s, curve, dent, on_line
             )
-            sums = elastic.added(sums, w, t, force, damping, slope, by_gap, by_rate / model.step_s)
+            sums = elastic.added(
+                sums, w, t, force, damping, slope, by_gap, by_rate / contact.step_s
+            )
     return sums
 
 
 @kernel(borrowed=True)
-def _project(law, model, body, x0, x1, d0, d1, mean):
+def _project(law, contact, body, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic, as `_add`, and the deepest penetration in it."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
     deepest, dent = body[pk.DEEPEST], body[pk.DENT]
-    curve = hertz_curve(model, body[pk.CURVE])
+    curve = elastic.contact_of(contact, body[pk.CURVE])
     sums = elastic.NOTHING
-    level = approach(law, model, deepest)
+    level = approach(law, contact, deepest)
     turn = _turning(x0, x1, d0, d1, q)
     lowest = elastic.quartic(turn, x0, x1, d0, d1, q)[0]
     if -lowest <= level:
         begin, end = elastic.touching_part(x0 + dent, x1 + dent, d0, d1, q)
-        sums = _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, False)
+        sums = _add(law, contact, sums, begin, end, x0, x1, d0, d1, q, curve, dent, False)
         return sums, deepest
     begin = 0.0
     if x0 + dent > 0.0:
@@ -198,40 +171,39 @@ def _project(law, model, body, x0, x1, d0, d1, mean):
     line = 0.0
     if -x0 < level:
         line = _crossing(-level, begin, turn, x0, x1, d0, d1, q)
-    sums = _add(law, model, sums, begin, line, x0, x1, d0, d1, q, curve, dent, False)
-    sums = _add(law, model, sums, line, turn, x0, x1, d0, d1, q, curve, dent, True)
-    deepest = penetration(law, model, -lowest)
-    stiffness, dent = curve_of(law, model.stiffness, deepest)
+    sums = _add(law, contact, sums, begin, line, x0, x1, d0, d1, q, curve, dent, False)
+    sums = _add(law, contact, sums, line, turn, x0, x1, d0, d1, q, curve, dent, True)
+    deepest = penetration(law, contact, -lowest)
+    stiffness, dent = curve_of(law, contact.stiffness, deepest)
     end = 1.0
     if x1 + dent > 0.0:
         end = _crossing(-dent, turn, 1.0, x0, x1, d0, d1, q)
-    after = hertz_curve(model, stiffness)
-    sums = _add(law, model, sums, turn, end, x0, x1, d0, d1, q, after, dent, False)
+    after = elastic.contact_of(contact, stiffness)
+    sums = _add(law, contact, sums, turn, end, x0, x1, d0, d1, q, after, dent, False)
     return sums, deepest
 
 
 @kernel(borrowed=True)
-def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+def _pieces(law, contact, body, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended, and
     the deepest penetration within the step (m)."""
-    g, h = model.gains, model.step_s
+    g, h = contact.gains, contact.step_s
     f0, f1, lost, deepest = guess0, guess1, 0.0, body[pk.DEEPEST]
     for evaluation in range(1, _NEWTON_MOST + 1):
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
         d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
         mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
-        start = elastic.slope_at_start(model, d0, f0, f1)
-        sums, deepest = _project(law, model, body, x0, x1, start, d1, mean)
+        start = elastic.slope_at_start(contact, d0, f0, f1)
+        sums, deepest = _project(law, contact, body, x0, x1, start, d1, mean)
         p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m, f0_s, f1_s = sums
         a = 1.0 - (f0_x * g[elastic.X0] + f0_d * h * g[elastic.V0] + f0_m * g[elastic.M0])
         b = -(f0_x * g[elastic.X1] + f0_d * h * g[elastic.V1] + f0_m * g[elastic.M1])
         c = -(f1_x * g[elastic.X0] + f1_d * h * g[elastic.V0] + f1_m * g[elastic.M0])
         d = 1.0 - (f1_x * g[elastic.X1] + f1_d * h * g[elastic.V1] + f1_m * g[elastic.M1])
-        if tail_kernels.there(model.tail):
-            a -= f0_s * h * g[elastic.START0]
-            b -= f0_s * h * g[elastic.START1]
-            c -= f1_s * h * g[elastic.START0]
-            d -= f1_s * h * g[elastic.START1]
+        a -= f0_s * h * g[elastic.START0]
+        b -= f0_s * h * g[elastic.START1]
+        c -= f1_s * h * g[elastic.START0]
+        d -= f1_s * h * g[elastic.START1]
         det = a * d - b * c
         if not det > 0.0:
             break
@@ -245,11 +217,11 @@ def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1)
 
 
 @kernel(borrowed=True)
-def _line(law, model, x0, d0, free_x, free_d, free_mean):
+def _line(law, contact, x0, d0, free_x, free_d, free_mean):
     """F_0 and F_1 of a step that stays on the line, without damping: two linear equations."""
-    g, h = model.gains, model.step_s
-    rise = law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
-    level = load(law, penetration(law, model, 0.0))
+    g, h = contact.gains, contact.step_s
+    rise = law.rise_n_m / (1.0 + contact.flexibility_m_n * law.rise_n_m)
+    level = load(law, penetration(law, contact, 0.0))
     p0, p1 = level, 0.0
     a = d = 1.0
     b = c = 0.0
@@ -269,16 +241,16 @@ def _line(law, model, x0, d0, free_x, free_d, free_mean):
 
 
 @kernel(borrowed=True)
-def _balance(law, model, x0, free_x, free_mean, f0, f1, lost, before, deepest):
+def _balance(law, contact, x0, free_x, free_mean, f0, f1, lost, before, deepest):
     """Least change of F_0, F_1 that closes the step's energy: that of `elastic_kernels` with the
     work of a contact that yields. `before`: that work at the start, J."""
-    g = model.gains
+    g = contact.gains
     last = math.inf
     for _ in range(elastic.CORRECTIONS):
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
         mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after = work(law, model, x1, deepest)
+        force, after = work(law, contact, x1, deepest)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
         if abs(wrong) <= elastic.ROUNDING * size or abs(wrong) >= last:
@@ -305,61 +277,61 @@ def _balance(law, model, x0, free_x, free_mean, f0, f1, lost, before, deepest):
 
 
 @kernel(borrowed=True)
-def _chord(law, model, x0, x1, before, deepest):
+def _chord(law, contact, x0, x1, before, deepest):
     """Discrete gradient between two gaps, damping included, and damping's part (N)."""
-    force, after = work(law, model, x1, deepest)
+    force, after = work(law, contact, x1, deepest)
     if x1 != x0:
         force = (after - before) / (x0 - x1)
     # The spring takes its share of the approach: what is left is the change of penetration.
-    start = work(law, model, x0, deepest)[0]
-    end = work(law, model, x1, deepest)[0]
-    spring = model.flexibility_m_n
-    rate = (min(x0, 0.0) - min(x1, 0.0) - spring * (end - start)) / model.step_s
+    start = work(law, contact, x0, deepest)[0]
+    end = work(law, contact, x1, deepest)[0]
+    spring = contact.flexibility_m_n
+    rate = (min(x0, 0.0) - min(x1, 0.0) - spring * (end - start)) / contact.step_s
     if start == 0.0 and end == 0.0:
         return force, 0.0
-    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * max(force, 0.0)) * rate
+    damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * max(force, 0.0)) * rate
     return force + damping, damping
 
 
 @kernel(borrowed=True)
-def _solve_chord(law, model, x0, free_x, before, deepest):
+def _solve_chord(law, contact, x0, free_x, before, deepest):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
-    gain = model.gains[elastic.X0]
-    reach = _chord(law, model, x0, free_x, before, deepest)[0]
+    gain = contact.gains[elastic.X0]
+    reach = _chord(law, contact, x0, free_x, before, deepest)[0]
     low, high = min(0.0, reach), max(0.0, reach)
     for _ in range(_HALVINGS + 30):
         middle = 0.5 * (low + high)
         if middle == low or middle == high:
             break
-        if middle > _chord(law, model, x0, free_x + gain * middle, before, deepest)[0]:
+        if middle > _chord(law, contact, x0, free_x + gain * middle, before, deepest)[0]:
             high = middle
         else:
             low = middle
     f0 = 0.5 * (low + high)
     x1 = free_x + gain * f0
-    return f0, -_chord(law, model, x0, x1, before, deepest)[1] * (x1 - x0)
+    return f0, -_chord(law, contact, x0, x1, before, deepest)[1] * (x1 - x0)
 
 
 @kernel(borrowed=True)
-def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
     """`elastic_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
     the step in body[REACHED]."""
-    g, h = model.gains, model.step_s
+    g, h = contact.gains, contact.step_s
     deepest, dent = body[pk.DEEPEST], body[pk.DENT]
-    level = approach(law, model, deepest)
+    level = approach(law, contact, deepest)
     body[pk.REACHED] = deepest
     evaluations = 0
     on_line = -x0 >= _ON_LINE * level and d0 < 0.0
-    damped = model.viscous_n_s_m != 0.0 or model.hunt_crossley_s_m != 0.0
+    damped = contact.viscous_n_s_m != 0.0 or contact.hunt_crossley_s_m != 0.0
     if not on_line:
         f0, f1, lost, evaluations, root = elastic.solve_contact(
-            hertz_curve(model, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
+            elastic.contact_of(contact, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
             free_mean + dent, before, guess0, guess1,
         )  # fmt: skip
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
         d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
         lowest = min(x0, x1)
-        start = elastic.slope_at_start(model, d0, f0, f1)
+        start = elastic.slope_at_start(contact, d0, f0, f1)
         if start < 0.0 < d1:
             mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
             q = mean - 0.5 * (x0 + x1) - (start - d1) / 12.0
@@ -371,13 +343,13 @@ def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, 
     done = False
     f0, f1 = guess0, guess1
     if on_line and not damped:
-        f0, f1, d1 = _line(law, model, x0, d0, free_x, free_d, free_mean)
+        f0, f1, d1 = _line(law, contact, x0, d0, free_x, free_d, free_mean)
         evaluations += 1
         done = d1 < 0.0
     reached = deepest
     if not done:
         f0, f1, lost, more, done, reached = _pieces(
-            law, model, body, x0, d0, free_x, free_d, free_mean, f0, f1
+            law, contact, body, x0, d0, free_x, free_d, free_mean, f0, f1
         )
         evaluations += more
         # On a line to the end of the step the deepest point is where the balance puts it.
@@ -386,10 +358,10 @@ def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, 
             reached = deepest
     work = before + taken(law, deepest, dent)
     if done:
-        f0, f1, done = _balance(law, model, x0, free_x, free_mean, f0, f1, lost, work, reached)
+        f0, f1, done = _balance(law, contact, x0, free_x, free_mean, f0, f1, lost, work, reached)
     if not done:
         reached = deepest
-        f0, lost = _solve_chord(law, model, x0, free_x, work, deepest)
+        f0, lost = _solve_chord(law, contact, x0, free_x, work, deepest)
         f1 = 0.0
         evaluations += _HALVINGS
     body[pk.REACHED] = reached
@@ -397,19 +369,21 @@ def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, 
 
 
 @kernel(inline=True, borrowed=True)
-def _settle(law, model, state, gap, root):
+def _settle(law, contact, state, gap, root):
     """Let the contact be at a modal gap after a step: its deepest point, its curve, what yielding
     took. Force (N), energy in contact and spring (J), root of the penetration above the dent."""
     body = state.body
     deepest = max(body[pk.DEEPEST], body[pk.REACHED])
-    if -gap > approach(law, model, deepest):
-        deepest = penetration(law, model, -gap)
+    if -gap > approach(law, contact, deepest):
+        deepest = penetration(law, contact, -gap)
     if deepest > body[pk.DEEPEST]:
         body[pk.DEEPEST] = deepest
-        body[pk.CURVE], body[pk.DENT] = curve_of(law, model.stiffness, deepest)
+        body[pk.CURVE], body[pk.DENT] = curve_of(law, contact.stiffness, deepest)
         state.balance[pk.PLASTIC_DISSIPATED] = taken(law, deepest, body[pk.DENT])
         root = 0.0
-    return elastic.elastic_near(hertz_curve(model, body[pk.CURVE]), gap + body[pk.DENT], root)
+    return elastic.elastic_near(
+        elastic.contact_of(contact, body[pk.CURVE]), gap + body[pk.DENT], root
+    )
 
 
 @kernel(inline=True, borrowed=True)
@@ -418,26 +392,26 @@ def _dent(law, body):
 
 
 @kernel(inline=True, borrowed=True)
-def _slope(law, model, body, gap, root, approaching):
-    if approaching and -gap >= _ON_LINE * approach(law, model, body[pk.DEEPEST]):
-        return -law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
+def _slope(law, contact, body, gap, root, approaching):
+    if approaching and -gap >= _ON_LINE * approach(law, contact, body[pk.DEEPEST]):
+        return -law.rise_n_m / (1.0 + contact.flexibility_m_n * law.rise_n_m)
     s = body[pk.CURVE]
-    return -3.0 * s * root / (2.0 + 3.0 * model.flexibility_m_n * s * root)
+    return -3.0 * s * root / (2.0 + 3.0 * contact.flexibility_m_n * s * root)
 
 
 @kernel(inline=True, borrowed=True)
-def _elastic_slope(law, model, body, gap, root, approaching):
-    return elastic.slope_by_gap(model, root)
+def _elastic_slope(law, contact, body, gap, root, approaching):
+    return elastic.slope_by_gap(contact, root)
 
 
 @kernel(inline=True, borrowed=True)
-def _elastic(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
-    return elastic.solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
+def _elastic(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+    return elastic.solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
 
 
 @kernel(inline=True, borrowed=True)
-def _settle_elastic(law, model, state, gap, root):
-    return elastic.elastic_near(model, gap, root)
+def _settle_elastic(law, contact, state, gap, root):
+    return elastic.elastic_near(contact, gap, root)
 
 
 # Each by the type of the law, known when a caller is compiled. Whether it can yield; what is left

@@ -143,7 +143,8 @@ def plate_work(
     if not math.isnan(mobility):
         starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, speeds)
     else:
-        speeds[:] = v_p
+        for i in range(v_p.size):
+            speeds[i] = v_p[i]
     part = slice(first, work.size)
     place = displaced[part] if same_point else xi_a[part]
     step_work(
@@ -372,8 +373,8 @@ def add_spectrum(force, sign, powers, factor, found):
     for low in range(0, found.size if end else 0, _AT_ONCE):
         count = min(_AT_ONCE, found.size - low)
         re, im = real[:count], imaginary[:count]
-        re[:] = 0.0
-        im[:] = 0.0
+        for j in range(count):
+            re[j] = im[j] = 0.0
         turn_re, turn_im = powers[0, block, low : low + count], powers[1, block, low : low + count]
         for b in range(blocks - 1, -1, -1):
             for j in range(count):
@@ -403,11 +404,13 @@ def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
     part = np.zeros(found.size, np.complex128)
     add_spectrum(contact_n, sign, by.powers, by.held, part)
     add_spectrum(slope_n, sign, by.powers, by.tilted, part)
-    found[:] = by.contact * part
-    part[:] = 0.0
+    for i in range(found.size):
+        found[i] = by.contact[i] * part[i]
+        part[i] = 0.0
     add_spectrum(actuator_n, 1.0, by.powers, by.held, part)
     add_spectrum(actuator_slope_n, 1.0, by.powers, by.tilted, part)
-    found += by.actuator * part
+    for i in range(found.size):
+        found[i] += by.actuator[i] * part[i]
 
 
 class Reading(NamedTuple):

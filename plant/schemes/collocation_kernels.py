@@ -462,7 +462,8 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
                 speed += 2.0 * spring * f_a1 / h
         if force > 0.0:
             plate -= spring * force
-            by_gap = yielding.slope(model.law, model, body, gap, root, sphere_v < speed)
+            contact = elastic.contact_of(model, model.stiffness)
+            by_gap = yielding.slope(model.law, contact, body, gap, root, sphere_v < speed)
             speed -= spring * by_gap * (sphere_v - speed)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h
@@ -480,7 +481,8 @@ def _bend_own_spring(model, state, gap, own):
     before = state.body[STORED]
     if own != state.body[OWN]:
         taken = state.balance[pk.PLASTIC_DISSIPATED]
-        after = yielding.settle(model.law, model, state, gap, 0.0)[1]
+        contact = elastic.contact_of(model, model.stiffness)
+        after = yielding.settle(model.law, contact, state, gap, 0.0)[1]
         taken = state.balance[pk.PLASTIC_DISSIPATED] - taken
         state.balance[pk.INJECTED] += (after - before) + taken
         return after
@@ -557,6 +559,7 @@ def step(model, state, command):
     before = _bend_own_spring(model, state, gap_0, own_0)
     body[OWN] = own_1
     rest = -yielding.dent(model.law, body)
+    contact = elastic.contact_of(model, model.stiffness)
     touches = gap_0 < rest or free < rest or (slope_0 < 0.0 < slope)
     if pk.withdrawn(model.hand, counts):
         touches = False
@@ -574,7 +577,7 @@ def step(model, state, command):
         guess1 = 2.0 * body[pk.F_C1] - body[F_C1_BEFORE]
         f_c, f_c1, lost, evaluations, root = yielding.solve_contact(
             model.law,
-            model,
+            contact,
             body,
             gap_0,
             slope_0,
@@ -598,7 +601,7 @@ def step(model, state, command):
     modal_gap = sphere - x - own_1
     if pk.withdrawn(model.hand, counts):
         modal_gap = pk.AWAY_M
-    force_1, body[STORED], root = yielding.settle(model.law, model, state, modal_gap, root)
+    force_1, body[STORED], root = yielding.settle(model.law, contact, state, modal_gap, root)
     state.balance[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
         if model.same_point:

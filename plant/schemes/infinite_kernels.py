@@ -30,7 +30,6 @@ class InfiniteModel(NamedTuple):
     hunt_crossley_s_m: float
     same_point: bool
     impedance_n_s_m: float
-    tail: Any  # None; the contact solve asks for it
     power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels
     hand: Any  # of hertzloop.plant.state_kernels
     gains: np.ndarray
@@ -50,7 +49,7 @@ def plate_speed(model, gap, sphere_v, f_a):
     Z v = F_a - s p^1.5 - D (v - v_sphere), D = c + d s p^1.5."""
     if gap >= 0.0:
         return f_a / model.impedance_n_s_m
-    spring = elastic.elastic(model, gap)[0]
+    spring = elastic.elastic(elastic.contact_of(model, model.stiffness), gap)[0]
     damper = model.viscous_n_s_m + model.hunt_crossley_s_m * spring
     return (f_a - spring + damper * sphere_v) / (model.impedance_n_s_m + damper)
 
@@ -70,6 +69,7 @@ def step(model, state, f_a):
     # The plate's velocity follows the force at once: at the start it is that under the new F_a.
     slope_0 = h * (before_v - plate_speed(model, gap_0, before_v, f_a))
     slope = h * (sphere_v - g[elastic.VA] * f_a)
+    contact = elastic.contact_of(model, model.stiffness)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
@@ -81,7 +81,7 @@ def step(model, state, f_a):
         free_mean = sphere_mean - plate_0 - g[elastic.MA] * f_a
         guess1 = body[pk.F_C1]
         f_c, f_c1, lost, evaluations, _ = elastic.solve_contact(
-            model,
+            contact,
             gap_0,
             slope_0,
             free,
@@ -104,7 +104,7 @@ def step(model, state, f_a):
     gap = sphere - plate
     if pk.withdrawn(model.hand, counts):
         gap = pk.AWAY_M
-    body[STORED] = elastic.elastic(model, gap)[1]
+    body[STORED] = elastic.elastic(contact, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h

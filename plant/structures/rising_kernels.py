@@ -27,7 +27,8 @@ def count(along_x, along_y, speed, low, high, nexts, starts):
     back the bands per rad/s and the number of modes."""
     bands = starts.size - 1
     scale = (bands - 1) / (high - low)
-    starts[:] = 0
+    for band in range(starts.size):
+        starts[band] = 0
     for j in range(along_y.size):
         i = nexts[j]
         if i == 0 and speed * (along_y[j] + along_x[0]) > high:
