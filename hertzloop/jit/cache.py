@@ -17,17 +17,14 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from threading import Lock
-from typing import Any, ClassVar
+from typing import Any
 
 import llvmlite
 import numba
 from numba import config, typeof
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
-from numba.core.sigutils import normalize_signature
 
 from hertzloop.whole_files import write_whole
 
@@ -235,70 +232,6 @@ def stored(function: Callable[..., Any], quick: bool) -> Any:
         return NullCache()
 
 
-class Kernel(CPUDispatcher):
-    """A dispatcher whose overloads have no entry for Python while only kernels have called them.
-
-    Numba makes such an entry for every function. That takes a third of the time of compiling, and
-    most kernels are called by other kernels alone. A call from Python compiles such an overload
-    once more.
-    """
-
-    # These call each other: the first is called by Python.
-    _compiling: ClassVar[list["Kernel"]] = []
-
-    @classmethod
-    def of(cls, dispatcher: CPUDispatcher) -> "Kernel":
-        """The same dispatcher as a Kernel."""
-        dispatcher.__class__ = cls
-        dispatcher._begin()
-        return dispatcher
-
-    def __init__(self, *arguments: Any, **more: Any) -> None:
-        super().__init__(*arguments, **more)
-        self._begin()
-
-    def _begin(self) -> None:
-        self._compiler._customize_flags = self._customized
-        self._without_entry: set[Any] = set()
-
-    def _customized(self, flags: Any) -> Any:
-        if self.nested():
-            flags.no_cpython_wrapper = True
-        return flags
-
-    @classmethod
-    def nested(cls) -> bool:
-        """Whether another kernel calls the one that is being compiled or loaded."""
-        return len(cls._compiling) > 1
-
-    def compile(self, sig: Any) -> Any:
-        """Compile for argument types, or load what was compiled; returns the entry for Python."""
-        with global_compiler_lock:
-            arguments = tuple(normalize_signature(sig)[0])
-            if arguments in self._without_entry and not self._compiling:
-                self._without_entry.remove(arguments)
-                del self.overloads[arguments]
-            self._compiling.append(self)
-            try:
-                return super().compile(sig)
-            finally:
-                self._compiling.pop()
-
-    def recompile(self) -> None:
-        """Compile again for all argument types, with the values that globals have now."""
-        self._without_entry.clear()
-        super().recompile()
-
-    def add_overload(self, result: Any) -> None:
-        """Keep a compiled result; Python does not see one without an entry."""
-        if self.nested():
-            arguments = tuple(result.signature.args)
-            self._without_entry.add(arguments)
-            self.overloads[arguments] = result
-        else:
-            super().add_overload(result)
-
-
 class LenientCache(FunctionCache):
     """Numba's cache of a function, which does without a disk that does not take the code."""
 
@@ -308,23 +241,6 @@ class LenientCache(FunctionCache):
             super().save_overload(sig, data)
         except OSError as error:
             note_refused(error.strerror or str(error))
-
-    _with_entry = False
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Numba's key; code with an entry for Python, and without, are kept side by side."""
-        return *super()._index_key(sig, codegen), self._with_entry or not Kernel.nested()
-
-    def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the machine code for a signature; a kernel may use that with an entry, too."""
-        found = super()._load_overload(sig, target_context)
-        if found is None and Kernel.nested():
-            self._with_entry = True
-            try:
-                found = super()._load_overload(sig, target_context)
-            finally:
-                self._with_entry = False
-        return found
 
 
 class QuickCache(LenientCache):

@@ -7,7 +7,8 @@ from typing import Any
 
 from numba import config, njit
 
-from hertzloop.jit.cache import Kernel, cache_folder, kept_in, stored
+from hertzloop.jit.cache import cache_folder, kept_in, stored
+from hertzloop.jit.dispatcher import Kernel
 
 
 def kernel(
