@@ -35,6 +35,7 @@ class Kernel(CPUDispatcher):
 
     # These call each other: the first is called by Python.
     _compiling: ClassVar[list["Kernel"]] = []
+    _cache: Any
 
     @classmethod
     def of(cls, dispatcher: CPUDispatcher) -> "Kernel":
