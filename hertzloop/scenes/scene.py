@@ -498,9 +498,8 @@ class ControllerTable(SceneTable):
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
-    """latencies by sample, us, in place of latency_us: a CSV file, a recording of a paced run, a
-    list, or a table with median_us, sigma, autocorrelation; repeated, and rounded to whole steps.
-    Commands keep their order: the force that acts is older than the mean of the trace"""
+    """latencies by sample, us, for latency_us: a CSV file, a paced recording, a list, or a table with
+    median_us, sigma, autocorrelation; repeated, in whole steps; commands keep their order"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
