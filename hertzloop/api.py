@@ -340,7 +340,7 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
         )
     check_pace(setup, options.pace, options.timeout_s)
     # A process that compiles answers nobody.
-    ensure_compiled(lambda: None, setup, paced=True)
+    ensure_compiled(setup, paced=True)
 
 
 def read(recording: str | Path) -> Run:

@@ -63,7 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
 # of an impact, comes last in the second: the first has done it by then.
 _COMPILE = (
     """
-ensure_compiled(lambda: None, load(DEFAULT, ["run.plate_model=modal"]))
+ensure_compiled(load(DEFAULT, ["run.plate_model=modal"]))
 """,
     """
 infinite = load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"])
@@ -72,7 +72,7 @@ with TemporaryDirectory() as folder:
         record_in_process(infinite, Path(folder, f"{compiled}.mcap"), compiled=compiled)
 yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=20000"]
 simulate(load(DEFAULT, [*yields, "run.duration_s=0.0001"]))
-ensure_compiled(lambda: None, infinite)
+ensure_compiled(infinite)
 """,
 )
 _IMPORTS = """
@@ -153,4 +153,4 @@ def warm_kernels() -> None:
     from hertzloop.processes.warmup import ensure_compiled
 
     with _alone(".tests"):
-        ensure_compiled(lambda: None)
+        ensure_compiled()

@@ -15,12 +15,12 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from hertzloop.cli.terminal import err, fail, out
+from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags, options_of
 from hertzloop.processes.law_trial import try_law
-from hertzloop.processes.warmup import anything_compiled, ensure_compiled
+from hertzloop.processes.warmup import all_compiled, anything_compiled, ensure_compiled
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
 from hertzloop.setup.stages import TOLD_S, build_s
@@ -306,13 +306,21 @@ def _strict(data: Any) -> Any:
 
 def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
-    ensure_compiled(announce_compilation, *scenes, paced=paced)
+    if all_compiled(*scenes, paced=paced):
+        return
+    announce_compilation()
+    with progress("Compiling", 100, lines=True) as advance:
+        ensure_compiled(
+            *scenes,
+            paced=paced,
+            on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
+        )
 
 
 @cache
 def announce_compilation() -> None:
-    """Say why the next half minute is silent; once, whatever is compiled after it."""
-    err.print("Compiling the kernels. This happens once a version and takes about 30 s.")
+    """Say why the next seconds are silent; once, whatever is compiled after it."""
+    err.print("Compiling the model: about 15 s, once for this version of hertzloop.")
 
 
 def write_new(

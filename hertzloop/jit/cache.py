@@ -279,3 +279,21 @@ def noticed(tell: Callable[[bool], None]) -> Iterator[None]:
     done; not for a kernel that is loaded from the cache."""
     with event.install_listener("numba:compile", _Notice(tell)):
         yield
+
+
+class _Names(event.Listener):
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+
+    def on_start(self, event: Any) -> None:
+        pass
+
+    def on_end(self, event: Any) -> None:
+        self._tell(event.data["dispatcher"].py_func.__name__.strip("_"))
+
+
+@contextmanager
+def each_compiled(tell: Callable[[str], None]) -> Iterator[None]:
+    """Call `tell` with the name of every function that this process has compiled meanwhile."""
+    with event.install_listener("numba:compile", _Names(tell)):
+        yield

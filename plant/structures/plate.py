@@ -121,12 +121,11 @@ class Plate(ModeSource):
         if self.orthotropic:
             return self._orthotropic_numbers(omega_max)
         along_x, along_y, speed = self._squared_wave_numbers(omega_max)
-        most = len(along_x) * len(along_y)
-        omega, m, n = np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)
-        count = rising.number(
-            along_x, along_y, speed, omega_max, *_room(along_x, along_y), omega, m, n
-        )
-        return m[:count], n[:count], omega[:count]
+        omega = speed * (along_y[:, np.newaxis] + along_x)
+        n, m = np.nonzero(omega <= omega_max)
+        order = np.argsort(omega[n, m], kind="stable")
+        n, m = n[order], m[order]
+        return m + 1, n + 1, omega[n, m]
 
     def _orthotropic_omega(self, m: np.ndarray, n: np.ndarray) -> np.ndarray:
         """w = sqrt(D/m'' (a^2 + 2 eta a b + b^2)), a and b the squared wave numbers in the

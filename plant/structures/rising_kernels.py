@@ -45,48 +45,9 @@ def count(along_x, along_y, speed, low, high, nexts, starts):
 
 
 @kernel(inline=True, borrowed=True)
-def take(along_x, along_y, speed, low, high, nexts, starts, omega, m, n):
-    """Frequency and numbers of the modes of a slice, the next of all; how many there are."""
-    scale, found = count(along_x, along_y, speed, low, high, nexts, starts)
-    for j in range(along_y.size):
-        i = nexts[j]
-        if i == 0 and speed * (along_y[j] + along_x[0]) > high:
-            break
-        while i < along_x.size:
-            own = speed * (along_y[j] + along_x[i])
-            if own > high:
-                break
-            band = int((own - low) * scale)
-            at = starts[band]
-            starts[band] = at + 1
-            i += 1
-            omega[at], m[at], n[at] = own, i, j + 1
-        nexts[j] = i
-    for first in range(1, found):
-        own, own_m, own_n, at = omega[first], m[first], n[first], first
-        while at > 0 and omega[at - 1] > own:
-            omega[at], m[at], n[at] = omega[at - 1], m[at - 1], n[at - 1]
-            at -= 1
-        omega[at], m[at], n[at] = own, own_m, own_n
-    return found
-
-
-@kernel(inline=True, borrowed=True)
 def top(above, up_to, piece, slices):
     """The upper end of a slice; of the last one to the bit."""
     return up_to if piece == slices else above + (up_to - above) * (piece / slices)
-
-
-@kernel(borrowed=True)
-def number(along_x, along_y, speed, up_to, slices, nexts, starts, omega, m, n):
-    """Frequency and numbers of all modes up to one; how many there are."""
-    done, high = 0, 0.0
-    for piece in range(1, slices + 1):
-        low, high = high, top(0.0, up_to, piece, slices)
-        done += take(
-            along_x, along_y, speed, low, high, nexts, starts, omega[done:], m[done:], n[done:]
-        )
-    return done
 
 
 @kernel(borrowed=True)

@@ -51,7 +51,7 @@ FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.acc
 def warm_paced_kernels(warm_kernels: None) -> None:
     from hertzloop.processes.warmup import ensure_compiled
 
-    ensure_compiled(lambda: None, paced=True)
+    ensure_compiled(paced=True)
 
 
 def feedback(*settings: str) -> Setup:

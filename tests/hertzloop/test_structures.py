@@ -166,7 +166,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
     assert parse(to_toml(scene.scene)) == scene
-    ensure_compiled(lambda: None, scene)
+    ensure_compiled(scene)
     file.unlink()  # nobody needs it any more
     recordings = []
     for transport in Transport:
