@@ -125,7 +125,7 @@ def certificate_costs(rounds: int = ROUNDS) -> list[Cost]:
         return in_turn(cases, rounds)
 
 
-def measure() -> dict[str, list[dict[str, object]]]:
+def measure() -> dict[str, list[dict[str, Any]]]:
     """Costs by group, as plain data."""
     groups = {
         "plant step (us)": step_costs(),
@@ -139,7 +139,7 @@ def measure() -> dict[str, list[dict[str, object]]]:
     return {name: [asdict(cost) for cost in costs] for name, costs in groups.items()}
 
 
-def measure_quickly() -> dict[str, list[dict[str, object]]]:
+def measure_quickly() -> dict[str, list[dict[str, Any]]]:
     """Costs of the groups that take seconds, in one round each, as plain data."""
     groups = {
         "plant step (us)": step_costs(2),

@@ -135,6 +135,7 @@ def judged(share: float, what: str, found: FitResult, own: OwnMode | None) -> Fi
     values = {e.key: e.value for e in found.estimates}
     held = found.hold_out or {"in_pulse_percent": [0.0], "largest_percent": [0.0]}
     return Fitted(
+        # pyrefly: ignore[bad-argument-count]
         share, what, *(own or (0.0, 0.0, 0.0)), values[_STIFFNESS], values["contact.restitution"],
         max(abs(n.gain - 1.0) for n in found.nuisances) / 0.03,
         max(abs(n.clock_ppm) for n in found.nuisances) / 50.0,

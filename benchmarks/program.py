@@ -83,6 +83,7 @@ SeedOption = Annotated[int, typer.Option(help="Draw the random scenes by this se
 class _Program(TyperCommand):
     """A command that ends in one sentence when it is interrupted or lacks a package."""
 
+    # pyrefly: ignore[bad-override]
     def invoke(self, *args: Any) -> Any:
         """Run the program."""
         with explained():

@@ -39,6 +39,7 @@ class BoundLaw:
     ) -> None:
         self.name, self.trouble, self.ended = name, "", ended
         at: list[Any] = [addresses.get(function, 0) for function in law_code.FUNCTIONS]
+        # pyrefly: ignore[bad-argument-type]
         self.model = LawModel(*[*at, constants.data])
         self.state, self._held = state, (constants, held)
 

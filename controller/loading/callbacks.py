@@ -110,6 +110,7 @@ def _callback(
                 value = function(constants, view(s), np.frombuffer(known), *rest[1:])
             else:
                 value = function(constants, view(s))
+            # pyrefly: ignore[bad-argument-type]
             return convert(value) if isinstance(value, numbers.Real) else failed
         except (Exception, SystemExit):
             return failed

@@ -118,6 +118,7 @@ def _constants_type(record: np.dtype) -> types.NamedTuple:
     kinds = [
         _SAMPLES if f"{name}_count" in counts else _WORDS[record[name].kind] for name in fields
     ]
+    # pyrefly: ignore[bad-class-definition]
     return types.NamedTuple(kinds, namedtuple("Constants", fields))
 
 

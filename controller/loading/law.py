@@ -222,6 +222,7 @@ def _exactly(constants: Any) -> tuple[Any, ...] | None:
 
 @lru_cache(maxsize=64)
 def _constants_of(names: tuple[str, ...]) -> Any:
+    # pyrefly: ignore[bad-class-definition]
     return namedtuple("Constants", names)
 
 

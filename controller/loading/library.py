@@ -292,7 +292,7 @@ class _Instance:
             self._make()
         else:
             self._unit.reset()
-        unit = self._unit
+        unit: Any = self._unit
         _set(unit, self.law.started_with(self.constants))
         if hasattr(unit, "setupExperiment"):  # of FMI 2.0
             unit.setupExperiment(startTime=0.0)

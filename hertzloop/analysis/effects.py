@@ -233,9 +233,8 @@ def _modes_end(f: Facts) -> float | None:
         return expected_error(*parts, spec.frequency_limit_hz, spring=True, damped=spec.damped_tail)
     if f.beyond_m_n != 0.0:
         return None
-    return min(
-        1.0, beyond_m_n(spec.plate) * spec.contact.stiffness * rigid_impact(*parts[::2]).rise
-    )
+    rise = rigid_impact(spec.sphere, spec.contact).rise
+    return min(1.0, beyond_m_n(spec.plate) * spec.contact.stiffness * rise)
 
 
 def _modes_end_words(f: Facts, x: float) -> str:

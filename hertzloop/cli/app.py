@@ -169,7 +169,7 @@ OTHER = (
         "bench aluminium-3mm --quick",
     ),
 )  # fmt: skip
-GROUPS = {
+GROUPS: dict[str, tuple[str, tuple[Leaf, ...]]] = {
     "scene": ("Scenes: list, show, new, keys, check, modes.", SCENE),
     "law": ("Laws: list, new, replay, test.", LAW),
     "node": ("Run each process in its own terminal or on its own host.", NODE),

@@ -134,8 +134,10 @@ def tune(
             for line in repeats:
                 out.say(f"  {line}")
             default = search.objectives == TuneRequest.objectives
-            lists = [("minimise", [] if default else objectives), ("law", laws), ("vary", ranges),
-                     ("over", over), ("at-most", at_most), ("set", settings)]  # fmt: skip
+            lists: list[tuple[str, Sequence[str] | None]] = [
+                ("minimise", [] if default else objectives), ("law", laws), ("vary", ranges),
+                ("over", over), ("at-most", at_most), ("set", settings),
+            ]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, search)
             tuned = Tuned(
                 [to_toml(base.scene) for base in bases], objectives, search.span, search.at_most,

@@ -570,8 +570,9 @@ class ControllerTable(SceneTable):
 
 @lru_cache(maxsize=64)
 def _switched_off(table: ControllerTable) -> ControllerTable:
-    line = {name: getattr(table, name) for name in ControllerTable.model_fields}
-    return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
+    line: dict[str, Any] = {name: getattr(table, name) for name in ControllerTable.model_fields}
+    line |= {"law": NO_CONTROL, "law_digest": None}
+    return ControllerTable.model_construct(**line)
 
 
 def is_recorded(info: ValidationInfo) -> bool:

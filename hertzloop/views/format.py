@@ -26,7 +26,7 @@ class Table(RichTable):
 
     def add_column(self, *args: Any, **options: Any) -> None:
         """Add a column; see rich."""
-        super().add_column(*args, **{"overflow": "fold", **options})
+        super().add_column(*args, **options | {"overflow": options.get("overflow", "fold")})
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give every column its longest word and let the narrowest grow first; where even these

@@ -478,7 +478,7 @@ def struck(setup: Setup) -> dict[str, Any]:
 
 
 def _parts(found: model.PlantParts) -> dict[str, Any]:
-    data = asdict(found)
+    data: dict[str, Any] = asdict(found)
     if found.theory is not None:
         data["theory"]["kirchhoff_error"] = found.theory.kirchhoff_error._asdict()
     return data

@@ -346,6 +346,7 @@ def _weights(plate: Plate, modes: Oscillators, faces: int) -> np.ndarray:
     count = audible(modes)
     weights = [by(plate, frequency)[:count] for by in _EFFICIENCIES.values()]
     for known in weights[:]:
+        # pyrefly: ignore[bad-argument-type]
         air_eta = air_loss_factor(plate, frequency[:count], faces, lambda *_, known=known: known)
         weights.append(radiated_parts(plate.eta, air_eta))
     return np.array(weights)

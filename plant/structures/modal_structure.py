@@ -30,13 +30,16 @@ class ModalStructure(Structure):
     """
 
     name: str
+    # pyrefly: ignore[bad-override]
     mode_table: ModeTable = field()  # without the default of the class above
     material: Material
     local_plate: Plate | None = None
     residual: float | None = None
 
+    # pyrefly: ignore[bad-override]
     highest_hz: float = field(init=False, repr=False, compare=False)
     """a limit just above the last mode"""
+    # pyrefly: ignore[bad-override]
     quality: Mapping[str, Any] = field(init=False, repr=False, compare=False)
     """how many modes the file has, and `mobility_ratio`"""
 

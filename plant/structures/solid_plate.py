@@ -224,6 +224,7 @@ class SolidPlate(SizedPlate):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
 
     solid = True
+    # pyrefly: ignore[bad-override]
     highest_hz: float = field(init=False, repr=False, compare=False)
     """up to where the branches are known, Hz"""
 
@@ -273,6 +274,7 @@ class SolidPlate(SizedPlate):
         branches hold."""
         m, n, omega, face = self._numbers(omega_max)
         shapes = [face * self.plate.mode_shape(m, n, point) for point in (contact_m, actuator_m)]
+        # pyrefly: ignore[bad-argument-type]
         return Modes(omega, self.plate.eta, self.plate.modal_scale_per_kg, *shapes)
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:

@@ -28,7 +28,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 from hertzloop.analysis.cases import uncontrolled
 from hertzloop.plant.contact.hertz import rigid_impact
@@ -39,7 +39,7 @@ from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 
 Case = dict[str, Any]
-Asks = Generator[list[Case], Rows, "BudgetLimit"]  # yields cases, is sent their rows
+Asks: TypeAlias = "Generator[list[Case], Rows, BudgetLimit]"  # yields cases, is sent their rows
 _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere

@@ -155,6 +155,7 @@ class Channel:
         n = len(self.time_s)
         scale = (self.weight if self.weight is not None else np.ones(n)) / self.noise
         taps = [np.ones(n), *(np.full(n - k, -a) for k, a in enumerate(self.ar, 1))]
+        # pyrefly: ignore[no-matching-overload]
         memory: Any = scipy.sparse.diags_array(taps, offsets=[-k for k in range(len(taps))])
         return (memory @ scipy.sparse.diags_array(scale / self.innovation)).tocsr()
 

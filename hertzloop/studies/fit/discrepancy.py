@@ -130,6 +130,7 @@ def _precision(nodes: int, spacing: float, kappa: float) -> tuple[np.ndarray, np
     mass[[0, -1]] *= 0.5
     stiff[[0, -1]] *= 0.5
     off = np.full(nodes - 1, -1.0 / spacing)
+    # pyrefly: ignore[no-matching-overload]
     one: Any = scipy.sparse.diags_array([off, kappa**2 * mass + stiff, off], offsets=[-1, 0, 1])
     inverse: Any = scipy.sparse.diags_array(1.0 / mass)
     found = one = one.tocsr()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -190,7 +191,7 @@ class Problem:
         model, channel = self.models[index], self.channels[index]
         of_plant = own_values(values, channel.record)
         chain = self.chains[index]
-        own = {k.partition(".")[2]: v for k, v in values.items() if of_chain(k)}
+        own: dict[str, Any] = {k.partition(".")[2]: v for k, v in values.items() if of_chain(k)}
         if own and channel.record.quantity:
             chain = Chain(**(vars(chain) | own))
         before = model.simulations

@@ -405,6 +405,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     for key in keys:
         for row in rows:
             if isinstance(row[key], str):
+                # pyrefly: ignore[bad-argument-type]
                 row[key] = toml_value(row[key])
     return rows, header
 
