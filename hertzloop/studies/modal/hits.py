@@ -42,7 +42,8 @@ _MOVES, _SHOWN = 0.05, 64  # rms before a hit, of the peak; samples that show it
 class Hit:
     """A hit: force (N) and response, from rest; both (samples,), `interval_s` apart, `first` is the
     sample at which it begins. `order`: 0 displacement, 1 velocity, 2 acceleration, in SI units, in
-    the direction of the force. `notes`: sentences on hits beside it that are left out."""
+    the direction of the force. `notes`: sentences on hits beside it that are left out. `window_s`:
+    time constant of the exponential window that the recorder put on the response."""
 
     name: str
     force_n: np.ndarray
@@ -51,6 +52,14 @@ class Hit:
     first: int
     order: int
     notes: tuple[str, ...] = ()
+    window_s: float | None = None
+
+    def as_recorded(self, rows: np.ndarray) -> np.ndarray:
+        """Responses (..., samples) as the recorder gives them, by its window from the hit on."""
+        if self.window_s is None:
+            return rows
+        after_s = self.interval_s * np.maximum(np.arange(rows.shape[-1]) - self.first, 0)
+        return rows * np.exp(-after_s / self.window_s)
 
     @property
     def judged(self) -> slice:
@@ -223,10 +232,12 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
     longest = max(len(one.force_n) for one in hits) * dt
 
     def basis(omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
-        return np.concatenate([_responses(one, omega, loss) for one in hits], axis=1)
+        return np.concatenate(
+            [one.as_recorded(_responses(one, omega, loss)) for one in hits], axis=1
+        )
 
     values = np.concatenate([one.response for one in hits])[None]
-    rest = np.concatenate([_stiff(one) for one in hits])[None][: int(at_contact)]
+    rest = np.concatenate([one.as_recorded(_stiff(one)) for one in hits])[None][: int(at_contact)]
     return MeasuredRows(
         basis, rest, values,
         np.full(values.shape, 1.0 / np.sqrt(np.mean(values**2))),
