@@ -70,6 +70,34 @@ def advanced(hit: Hit, samples: float) -> Hit:
     return replace(hit, force_n=force[: len(hit.force_n)], first=first)
 
 
+def corrected(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], list[Hit], float]:
+    """Return hits without the delay of their responses, others that share it, and the delay in
+    samples. Of hits with a window, the force has it or not, whichever explains them better.
+
+    Raises:
+        ModalDataError: there is a delay, but the hits do not tell it.
+    """
+    late = delay_of(hits)
+    windowed = [hit.of_windowed_force() for hit in hits]
+    if hits[0].window_s is not None and _near(_few(windowed), late).score < (
+        _near(_few(hits), late).score
+    ):
+        hits, others = windowed, [hit.of_windowed_force() for hit in others]
+        late = delay_of(hits)
+    if late:
+        hits, others = ([advanced(hit, late) for hit in some] for some in (hits, others))
+    return list(hits), list(others), late
+
+
+def _few(hits: Sequence[Hit], seconds: float = _FINE_S) -> list[Hit]:
+    """Some of the hits, for so long after each hit."""
+    ends = [hit.first + round(seconds / hit.interval_s) for hit in hits[:_HITS]]
+    return [
+        replace(hit, force_n=hit.force_n[:end], response=hit.response[:end])
+        for hit, end in zip(hits, ends, strict=False)
+    ]
+
+
 def delay_of(hits: Sequence[Hit]) -> float:
     """Return by how many samples the responses are late against the forces; 0.0 if that explains
     nothing, and where the modes do not explain the hits at any delay.
@@ -77,11 +105,11 @@ def delay_of(hits: Sequence[Hit]) -> float:
     Raises:
         ModalDataError: there is a delay, but the hits do not tell it.
     """
-    fine = [_shortened(hit, _FINE_S) for hit in hits[:_HITS]]
+    fine = _few(hits)
     at_once = _near(fine, 0.0)
     if abs(at_once.samples) < _LEAST and at_once.error < _GOOD:
         return 0.0
-    basins = _basins([_shortened(hit, _ROUGH_S) for hit in hits[:_HITS]])
+    basins = _basins(_few(hits, _ROUGH_S))
     found = [at_once, *(_near(fine, start) for start in basins)]
     best = min(found, key=lambda one: one.score)
     if not best.late:
@@ -108,11 +136,6 @@ def delay_of(hits: Sequence[Hit]) -> float:
 
 
 _REMEDY = "Record both with a converter that samples them at the same time, or shift the response."
-
-
-def _shortened(hit: Hit, seconds: float) -> Hit:
-    end = hit.first + round(seconds / hit.interval_s)
-    return replace(hit, force_n=hit.force_n[:end], response=hit.response[:end])
 
 
 def _observed(hits: Sequence[Hit], samples: float) -> MeasuredRows:
