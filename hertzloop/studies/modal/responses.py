@@ -154,10 +154,10 @@ def responses_of_sets(
     missing = []
     try:
         direction = along(there, points.direction, "the file has responses")
+        chosen = [one for one in straight if _axis(one["rsp_dir"]) == direction]
     except ModalDataError as error:
-        direction = there[0]
+        direction, chosen = "", straight
         missing.append(str(error))
-    chosen = [one for one in straight if _axis(one["rsp_dir"]) == direction]
     references = {int(one["ref_node"]) for one in chosen}
     if reference is None:
         if len(references) != 1:
