@@ -65,6 +65,10 @@ def test_units_that_cannot_be_known_are_refused() -> None:
     assert uff.units_of([normal(0)], FILE, None) is None
     with pytest.raises(uff.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
         modes([normal(0)], units=None)
+    with pytest.raises(uff.ModalDataError) as refused:
+        modes([normal(0, modal_m=0.0, r1=SHAPES[0])], units=None)
+    for part in ("--units m,N", "--direction: is missing", "--unit-modal-mass"):
+        assert part in str(refused.value)
     # The example in pyuff's documentation: the code of SI with the factors of foot and pound.
     foot = {"type": 164, "units_code": 1, "length": 3.28083989501312, "force": 0.224808943}
     with pytest.raises(uff.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"):
