@@ -23,6 +23,7 @@ CONCLUSIONS = {
     "benchmarks.exchange": r"An exchange in the fast lane takes [\d.,]+ us, [\d.,]+ times",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",
+    "benchmarks.first_run": r"The kernels of the default scene are \d+ functions, which take",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
     "benchmarks.fit_hits": r"The stiffness of the tip is the same within [\d.]+ % \(\+/-\) over",
