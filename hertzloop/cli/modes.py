@@ -1,9 +1,11 @@
 """The command `scene modes`: modes of a scene's plate, or measured ones, as a file of modes."""
 
+import math
 import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,6 +19,7 @@ from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
+from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.parts import check_reach
@@ -26,6 +29,9 @@ from hertzloop.studies.modal.modes import MeasuredModes, Tell, modes_of_hits, mo
 from hertzloop.studies.modal.responses import responses_of_sets
 from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
+
+# Settings with which any modes can be simulated: nothing stands for those beyond.
+_COMPLETE = ("plate.tail=spring", "plate.residual_flexibility_m_n=0")
 
 if TYPE_CHECKING:
     from hertzloop.studies.modal.universal import FileUnits, Points, UniversalModes
@@ -43,6 +49,7 @@ def modes(
     units: Annotated[str | None, typer.Option(metavar="LENGTH,FORCE")] = None,
     unit_mass: Annotated[bool, typer.Option("--unit-modal-mass")] = False,
     loss_factor: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
+    exponential_window: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
     hold_out: list[Path] | None = None,
     picture: Path | None = None,
     out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
@@ -68,6 +75,7 @@ def modes(
         units: Units of the file, such as mm,N; default: those that the file states.
         unit_mass: Take the shapes of the file as mass-normalised.
         loss_factor: Loss factor of every mode of a file without damping.
+        exponential_window: Time constant of the exponential window of records of hits, s.
         hold_out: Predict this measurement; default: each hit in turn, every fifth line.
         picture: Draw measured and modelled response to this file.
         out_file: Write this .csv, .parquet or .npz file.
@@ -78,7 +86,7 @@ def modes(
         given = {"contact": contact, "actuator": actuator, "sensor": sensor, "units": units,
                  "direction": direction, "loss-factor": loss_factor, "reference": reference,
                  "unit-modal-mass": unit_mass or None, "kind": kind, "picture": picture,
-                 "hold-out": hold_out}  # fmt: skip
+                 "hold-out": hold_out, "exponential-window": exponential_window}  # fmt: skip
         for option, value in given.items():
             if value is not None:
                 fail(f"--{option}: describes a measured structure. Add --from FILE.")
@@ -97,12 +105,18 @@ def modes(
             picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)]
         )
     options.check_json(json_file, target, beside, picture)
-    if contact is None:
-        fail("--contact: is missing. Give the node of the contact point; of records, a name.")
-
     paths = list(map(Path, files))
+    if contact is None:
+        fail(_missing_contact(paths[0], kind, units))
+    if exponential_window is not None and not 0.0 < exponential_window < math.inf:
+        fail(
+            f"--exponential-window = {exponential_window:g}: must be positive. Give the time "
+            "constant in seconds."
+        )
     told: dict[str, Any] = {}
     if paths[0].suffix.lower() in uff.SUFFIXES:
+        if exponential_window is not None:
+            fail("--exponential-window: is for records of hits. Remove the option.")
         if len(paths) != 1:
             fail(f"--from: {len(files)} files are given. Give one universal file.")
         points = uff.Points(
@@ -130,22 +144,30 @@ def modes(
                               "reference": reference, "units": units}.items():  # fmt: skip
             if value is not None:
                 fail(f"--{option}: records do not have it. Remove the option.")
-        found = _of_hits(paths, held, sensor in (None, contact))
+        found = _of_hits(paths, held, sensor in (None, contact), exponential_window)
     if not from_modes:
         table = found.table
         _tell_check(found, told)
     elif held or picture is not None:
         fail("--hold-out, --picture: modes have no measured response. Remove the option.")
-    setup = _write(table, target, scene, settings or [])
-    expected = model_error.expected_error(setup)
-    out.say(
-        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz. "
-        f"Expected error of the first impact in this scene: {100 * expected:.2g} %."
+    setup, warning = _write(table, target, scene, settings or [])
+    found_modes = (
+        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz."
     )
+    expected = None
+    if warning:
+        out.say(f"{found_modes} The scene cannot be run yet: {warning}.")
+    else:
+        expected = model_error.expected_error(setup)
+        out.say(
+            f"{found_modes} Expected error of the first impact in this scene: "
+            f"{100 * expected:.2g} %."
+        )
     base, then = _named(scene, settings or []), shlex.join(["hertzloop", "run", str(beside)])
     out.say(
         f"written: {target} and {beside}, which has striker, material of the plate "
-        f"({setup.plate_material or 'own numbers'}) and law of {base}. Next: {then}"
+        f"({setup.plate_material or 'own numbers'}) and law of {base}."
+        + ("" if warning else f" Next: {then}")
     )
     if picture is not None:
         from hertzloop.studies.modal.picture import draw  # of an extra
@@ -158,6 +180,7 @@ def modes(
         "highest_hz": _hz(table, -1),
         "residual_flexibility_m_n": table.residual_flexibility_m_n,
         "expected_error": expected,
+        "warning": warning or None,
         "files": [str(target), str(beside)],
     }
     options.write_json(json_file, told)
@@ -204,8 +227,13 @@ def _of_responses(
         return modes_of_responses(responses, other, points, tell)
 
 
-def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> MeasuredModes:
-    hits, predicted = read_hits(paths), read_hits(held, "--hold-out") if held else []
+def _of_hits(
+    paths: list[Path], held: list[Path], at_contact: bool, window_s: float | None
+) -> MeasuredModes:
+    hits, predicted = (
+        [replace(hit, window_s=window_s) for hit in some]
+        for some in (read_hits(paths), read_hits(held, "--hold-out") if held else [])
+    )
     with _progress() as tell:
         return modes_of_hits(hits, predicted, at_contact, tell)
 
@@ -225,6 +253,8 @@ def _tell_check(found: MeasuredModes, told: dict[str, Any]) -> None:
     out.print(table)
     for note in found.notes:
         out.say(note)
+    if found.delay_s:
+        told["delay_s"] = found.delay_s
     told["held_out"] = [
         {"name": one.name, "modes": one.modes, "error": one.rms, "largest_error": one.peak}
         for one in found.held_out
@@ -259,9 +289,21 @@ def _named(scene: str, settings: list[str]) -> str:
     return f"{scene} with {changed}" if changed else scene
 
 
-def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> Setup:
-    """Write a file of modes, and a scene with them beside it, if that can be simulated. Returns
-    the scene."""
+def _missing_contact(path: Path, kind: str | None, units: str | None) -> str:
+    """What is missing beside --contact, in one sentence each."""
+    missing = ["--contact: is missing. Give the node of the contact point; of records, a name."]
+    if path.suffix.lower() in uff.SUFFIXES and path.is_file():
+        need("pyuff")
+        sets = uff.read_sets(path)
+        in_units = uff.units_of(sets, path, units)
+        if uff.holds_modes(sets, kind, path) and in_units is None:
+            missing.append(uff.no_units(path))
+    return " ".join(missing)
+
+
+def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> tuple[Setup, str]:
+    """Write a file of modes, and a scene with them beside it. Returns the scene, and why modes that
+    end too low for its striker, or have no residual flexibility, cannot be simulated in it."""
     content = write_modes(target.suffix, table)
     data = on_modes(scene, settings, target.name, scene_name(target))
     base = _named(scene, settings)
@@ -271,11 +313,16 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> S
         (Path(folder) / target.name).write_bytes(content)
         trial = Path(folder) / target.with_suffix(".toml").name
         trial.write_text(text, encoding="utf-8")
-        setup = load(str(trial))
-        check_reach(setup.plant)
+        warning = ""
+        try:
+            setup = load(str(trial))
+            check_reach(setup.plant)
+        except SceneError as error:
+            warning = str(error).rstrip(".")
+            setup = load(str(trial), _COMPLETE)  # all else has to be right
     write_whole(target, content)
     write_whole(target.with_suffix(".toml"), text)
-    return setup
+    return setup, warning
 
 
 def _of_scene(

@@ -35,6 +35,8 @@ _LEAST_WIDTH = 0.02  # of what a record resolves, for the bandwidth of a mode
 _LOWEST_PERIODS = 0.5  # of the lowest mode within a record
 _BLOCK = 64
 _PULLS = 0.3  # of the peak, that a force may have of the other sign
+_TAPER, _PROMINENT = 5.0, 0.15  # of peaks: decay within a record; 3 dB, as a logarithm
+_EXCITED = 1e-3  # of the largest square of the force: what counts as excited
 _MOVES, _SHOWN = 0.05, 64  # rms before a hit, of the peak; samples that show it
 
 
@@ -42,7 +44,8 @@ _MOVES, _SHOWN = 0.05, 64  # rms before a hit, of the peak; samples that show it
 class Hit:
     """A hit: force (N) and response, from rest; both (samples,), `interval_s` apart, `first` is the
     sample at which it begins. `order`: 0 displacement, 1 velocity, 2 acceleration, in SI units, in
-    the direction of the force. `notes`: sentences on hits beside it that are left out."""
+    the direction of the force. `notes`: sentences on hits beside it that are left out. `window_s`:
+    time constant of the exponential window that the recorder put on the response."""
 
     name: str
     force_n: np.ndarray
@@ -51,6 +54,24 @@ class Hit:
     first: int
     order: int
     notes: tuple[str, ...] = ()
+    window_s: float | None = None
+
+    def as_recorded(self, rows: np.ndarray) -> np.ndarray:
+        """Responses (..., samples) as the recorder gives them, by its window from the hit on."""
+        if self.window_s is None:
+            return rows
+        after_s = self.interval_s * np.maximum(np.arange(rows.shape[-1]) - self.first, 0)
+        return rows * np.exp(-after_s / self.window_s)
+
+    def of_windowed_force(self) -> "Hit":
+        """The same, of a recorder whose window multiplies the force too."""
+        if self.window_s is None:
+            return self
+        in_pulse = np.flatnonzero(np.abs(self.force_n) > _RISE * np.max(np.abs(self.force_n)))
+        # What follows the pulse is noise.
+        after = np.clip(np.arange(len(self.force_n)) - self.first, 0, in_pulse[-1] - self.first)
+        grown = np.exp(self.interval_s * after / self.window_s)
+        return replace(self, force_n=self.force_n * grown)
 
     @property
     def judged(self) -> slice:
@@ -223,10 +244,12 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
     longest = max(len(one.force_n) for one in hits) * dt
 
     def basis(omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
-        return np.concatenate([_responses(one, omega, loss) for one in hits], axis=1)
+        return np.concatenate(
+            [one.as_recorded(_responses(one, omega, loss)) for one in hits], axis=1
+        )
 
     values = np.concatenate([one.response for one in hits])[None]
-    rest = np.concatenate([_stiff(one) for one in hits])[None][: int(at_contact)]
+    rest = np.concatenate([one.as_recorded(_stiff(one)) for one in hits])[None][: int(at_contact)]
     return MeasuredRows(
         basis, rest, values,
         np.full(values.shape, 1.0 / np.sqrt(np.mean(values**2))),
@@ -282,6 +305,24 @@ def _stiff(hit: Hit) -> np.ndarray:
     force, w, length = _spectrum(hit)
     found = np.fft.irfft((1j * w) ** hit.order * force, length)[: len(hit.force_n)]
     return FLEXIBILITY_M_N * found
+
+
+def peaks_hz(hits: Sequence[Hit]) -> tuple[np.ndarray, float]:
+    """Return the frequencies at which the response has a peak, and up to where the force excites
+    it, Hz. The response is tapered: the end of a record would add peaks."""
+    length = 2 * max(len(hit.force_n) for hit in hits)
+    across, own = np.zeros(length // 2 + 1, complex), np.zeros(length // 2 + 1)
+    for hit in hits:
+        after = np.maximum(np.arange(len(hit.response)) - hit.first, 0) / len(hit.response)
+        force = np.fft.rfft(hit.force_n, length)
+        across += np.conj(force) * np.fft.rfft(np.exp(-_TAPER * after) * hit.response, length)
+        own += np.abs(force) ** 2
+    hz = np.fft.rfftfreq(length, hits[0].interval_s)
+    weak = own < _EXCITED * np.max(own)
+    end = int(np.argmax(weak)) if weak[1:].any() else len(hz)
+    level = np.log10(np.abs(across[1:end]) / own[1:end] + 1e-300)
+    found = scipy.signal.find_peaks(level, prominence=_PROMINENT)[0]
+    return hz[1:end][found], float(hz[end - 1])
 
 
 def errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:

@@ -210,6 +210,25 @@ def thinned(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
     return modes if len(omega) == len(modes.omega_rad_s) else refined(observed, omega, loss)
 
 
+def sparser(observed: MeasuredRows, modes: FittedModes, share: float) -> FittedModes:
+    """Return the modes without those that explain less than a share of the squares left, once the
+    others are refined. Only weak modes, and those within the bandwidth of another, are tried."""
+    while True:
+        omega, loss = modes.omega_rad_s, modes.loss_factor
+        points = _linear(observed, observed.columns(omega, loss))
+        worth = _gains(points, len(omega))[0]
+        close = np.abs(np.diff(omega)) < (loss * omega)[:-1] + (loss * omega)[1:]
+        beside = np.append(close, False) | np.append(False, close)
+        for i in np.argsort(worth):
+            if worth[i] < share * modes.square or beside[i]:
+                tried = refined(observed, np.delete(omega, i), np.delete(loss, i))
+                if tried.square < (1.0 + share) * modes.square:
+                    modes = tried
+                    break
+        else:
+            return modes
+
+
 def _candidates(
     observed: MeasuredRows, loss: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:

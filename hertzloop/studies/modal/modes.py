@@ -9,13 +9,15 @@ import numpy as np
 
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.studies.modal.hits import Hit, errors, observed_hits
+from hertzloop.studies.modal.delay import corrected
+from hertzloop.studies.modal.hits import Hit, errors, observed_hits, peaks_hz
 from hertzloop.studies.modal.identify import (
     FLEXIBILITY_M_N,
     FittedModes,
     MeasuredRows,
     identified,
     refined,
+    sparser,
     thinned,
 )
 from hertzloop.studies.modal.responses import EVERY, FrequencyResponses
@@ -26,6 +28,13 @@ _NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a
 _POOR = 0.1  # error of held-out hits, above which something is wrong
 _SMALL = 0.05  # error that is good enough without them
 _ENOUGH = 8  # modes that tell; with a wrong sign the best model may have a single one
+# A mode without bandwidth, over the least; the negative damping that is tried for it, of what the
+# window adds; and by which share of the square it has to fit better.
+_NO_WIDTH, _NEGATIVE, _MATTERS = 1.01, 0.25, 0.1
+# Share of the squares left that a mode has to explain where something was corrected, as what the
+# correction leaves is not noise.
+_LEAST_WORTH = 0.05
+_TOO_MANY = 3.0  # modes for each peak
 _LAST_LINES = 30_000  # of the last fit, whose accuracy goes with the root of their number
 
 
@@ -45,11 +54,13 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class MeasuredModes:
-    """Modes of a measurement as a file has them, their check, and sentences on what they miss."""
+    """Modes of a measurement as a file has them, their check, and sentences on what they miss.
+    `delay_s`: by which the response was late against the force, now corrected."""
 
     table: ModeTable
     held_out: tuple[HeldOut, ...]
     notes: tuple[str, ...]
+    delay_s: float = 0.0
 
 
 @on_one_thread
@@ -65,8 +76,10 @@ def modes_of_hits(
         tell: is told the hit that is held out, the number of modes, and the error.
 
     Raises:
-        ModalDataError: the response cannot be of the point that is hit.
+        ModalDataError: the response cannot be of the point that is hit, or is late by a delay that
+            the hits do not tell, or the window takes more damping than a mode has.
     """
+    hits, held, late = corrected(hits, held)
     turns = [(list(hits), list(held))] if held else [
         ([*hits[:i], *hits[i + 1 :]], [one]) for i, one in enumerate(hits)
     ]  # fmt: skip
@@ -93,7 +106,13 @@ def modes_of_hits(
     assert best is not None
     observed = observed_hits(hits, at_contact)
     modes = thinned(observed, refined(observed, best.omega_rad_s, best.loss_factor))
+    if late or hits[0].window_s is not None:
+        modes = sparser(observed, modes, _LEAST_WORTH)
     notes = [note for one in (*hits, *held) for note in one.notes]
+    _check_window(hits, observed, modes)
+    notes += _of_many_modes(hits, modes)
+    if late:
+        notes.append(_of_delay(late, hits[0].interval_s))
     if len(hits) == 1 and not held:
         notes.append("One hit checks nothing: the error is that of the fit. Measure two or more.")
         found = [replace(one, name=f"{one.name} (fitted)") for one in found]
@@ -102,7 +121,8 @@ def modes_of_hits(
         notes.append(
             f"The error of {100 * worst:.0f} % is large: the hits do not follow from each other. "
             "Check that forces and responses are of the same hits in the same order, that no range "
-            "was exceeded, that the structure was at rest before each hit, and the noise."
+            "was exceeded, that the structure was at rest before each hit, that both were sampled "
+            "at the same time, and the noise."
         )
     by_force, shapes = _shapes(modes.residues, 0 if at_contact else None)
     if at_contact:
@@ -111,7 +131,54 @@ def modes_of_hits(
         residual = None
         notes.append(_SPLIT)
     table = _table(modes, by_force, by_force, None if at_contact else shapes[0], residual)
-    return MeasuredModes(table, tuple(found), tuple(notes))
+    return MeasuredModes(table, tuple(found), tuple(notes), late * hits[0].interval_s)
+
+
+def _check_window(hits: Sequence[Hit], observed: MeasuredRows, modes: FittedModes) -> None:
+    """Raise ModalDataError if the window takes all damping of a mode that matters."""
+    window_s = hits[0].window_s
+    if window_s is None:
+        return
+    hz, loss = modes.omega_rad_s / (2.0 * math.pi), modes.loss_factor
+    least = loss * hz <= _NO_WIDTH * observed.least_width_hz
+    negative = np.where(least, -_NEGATIVE * 2.0 / (window_s * modes.omega_rad_s), loss)
+    for i in np.flatnonzero(least):
+        tried = np.where(np.arange(len(loss)) == i, negative, loss)
+        if refined(observed, modes.omega_rad_s, tried, 0).square > (1.0 - _MATTERS) * modes.square:
+            continue
+        raise ModalDataError(
+            f"--exponential-window = {window_s:g}: the mode at {hz[i]:.5g} Hz would get a negative "
+            "damping, since it decays more slowly than the window. Give the time constant of the "
+            "recorder's window, or remove the option."
+        )
+
+
+def _of_many_modes(hits: Sequence[Hit], modes: FittedModes) -> list[str]:
+    """A sentence on far more modes than the response has peaks."""
+    peaks, end_hz = peaks_hz(hits)
+    count = int(np.count_nonzero(modes.omega_rad_s <= 2.0 * math.pi * end_hz))
+    if count < _TOO_MANY * max(1, len(peaks)):
+        return []
+    windowed = hits[0].window_s is not None
+    return [
+        f"{count} modes stand for {len(peaks)} peaks of the response up to {end_hz:.4g} Hz. So "
+        "many modes say that the records are not those of a structure alone. Possible causes: "
+        + (
+            "another time constant than --exponential-window gives"
+            if windowed
+            else "an exponential window (give --exponential-window SECONDS, its time constant)"
+        )
+        + ", or a delay that differs between the hits."
+    ]
+
+
+def _of_delay(samples: float, interval_s: float) -> str:
+    size = f"{abs(samples):.2f}"
+    return (
+        f"The response is {'late' if samples > 0.0 else 'early'} by {size} "
+        f"sample{'' if size == '1.00' else 's'} ({1e6 * abs(samples) * interval_s:.3g} us) against "
+        "the force. The delay is corrected."
+    )
 
 
 _SPLIT = (

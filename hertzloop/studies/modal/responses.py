@@ -151,16 +151,28 @@ def responses_of_sets(
             f"{path}: has no response along the direction of its force. Give responses whose "
             "directions of response and reference are x, y or z, and the same."
         )
-    direction = along(there, points.direction, "the file has responses")
-    chosen = [one for one in straight if _axis(one["rsp_dir"]) == direction]
+    missing = []
+    try:
+        direction = along(there, points.direction, "the file has responses")
+        chosen = [one for one in straight if _axis(one["rsp_dir"]) == direction]
+    except ModalDataError as error:
+        direction, chosen = "", straight
+        missing.append(str(error))
     references = {int(one["ref_node"]) for one in chosen}
     if reference is None:
         if len(references) != 1:
-            raise ModalDataError(
+            missing.append(
                 f"--reference: is missing, and {path} has forces at the nodes "
                 f"{listed(references)}. Give one of them."
             )
-        (reference,) = references
+        reference = min(references, default=0)
+    if missing:
+        for one in chosen[:1]:
+            try:
+                _in_si(one, path, units, kind)
+            except ModalDataError as error:
+                missing.append(str(error))
+        raise ModalDataError(" ".join(missing))
     by_node: dict[int, Mapping[str, Any]] = {}
     for one in chosen:
         node = int(one["rsp_node"])
@@ -218,11 +230,19 @@ def _in_si(
     label = _label(one, "ordinate_axis_units_lab")
     below = _label(one, "orddenom_axis_units_lab")
     known = kind or _SENSED.get(said or 0) or (label[0] if label else None)
+    missing = []
     if known not in RESPONSES or (force not in _FORCES and not below and kind is None):
-        raise ModalDataError(
+        missing.append(
             f"{path}: does not say whether its responses are of displacement, velocity or "
             f"acceleration per force. Give --kind {', '.join(RESPONSES)}."
         )
+    if units is None and not (label and below):
+        missing.append(
+            f"{path}: has no data set 164 and no labels of units that are known, so its units are "
+            "unknown. Give --units m,N, or another length and force."
+        )
+    if missing:
+        raise ModalDataError(" ".join(missing))
     if units is not None and units.given:
         label = None  # what was given holds
     if label and label[0] != known:
@@ -241,11 +261,8 @@ def _in_si(
                 f"{one['orddenom_axis_units_lab'].strip()}. Give --units, such as m,N or g,N."
             )
         factor = factor or by_label
-    if factor is None:
-        raise ModalDataError(
-            f"{path}: has no data set 164 and no labels of units that are known, so its units are "
-            "unknown. Give --units m,N, or another length and force."
-        )
+    assert known is not None
+    assert factor is not None
     sign = np.sign(one["rsp_dir"]) * np.sign(one["ref_dir"])
     return np.asarray(one["data"]) * factor * sign, RESPONSES[known]
 

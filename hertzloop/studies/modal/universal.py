@@ -203,11 +203,7 @@ def modes_of_sets(
             f"{path}: holds no modes at nodes (data set 55 or 2414). Give a file with modes, or "
             "with frequency responses (data set 58)."
         )
-    if units is None or units.length == LENGTHS["g"]:
-        raise ModalDataError(
-            f"{path}: has no data set 164, so its units are unknown. Give --units m,N, or another "
-            "length and force."
-        )
+    missing = [no_units(path)] if units is None or units.length == LENGTHS["g"] else []
     nodes = {int(node) for mode in modes for node in mode.nodes}
     for option, node in points.named.items():
         if node not in nodes:
@@ -217,16 +213,22 @@ def modes_of_sets(
     used = list(dict.fromkeys(points.named.values()))
     shapes = np.array([[mode.at(node) for node in used] for mode in modes])  # (modes, nodes, 3)
     there = [name for i, name in enumerate(DIRECTIONS) if np.any(shapes[:, :, i])]
-    direction = along(there or ["z"], points.direction, "the shapes of these nodes move")
+    try:
+        direction = along(there or ["z"], points.direction, "the shapes of these nodes move")
+    except ModalDataError as error:
+        direction = there[0]
+        missing.append(str(error))
     moved = shapes[:, :, DIRECTIONS.index(direction)]
     masses = np.array([1.0 if unit_mass else mode.mass for mode in modes])
     wrong = np.flatnonzero(~(np.abs(masses) > 0.0))
     if len(wrong):
-        raise ModalDataError(
+        missing.append(
             f"{path}: the modal mass of mode {wrong[0] + 1} ({modes[wrong[0]].frequency_hz:.5g} Hz)"
             " is 0, so the scale of its shape is unknown. Add --unit-modal-mass if the shapes are "
             "mass-normalised."
         )
+    if missing or units is None:
+        raise ModalDataError(" ".join(missing))
     plain = not np.iscomplexobj(masses) and not np.iscomplexobj(moved)
     if plain and np.any(masses < 0.0):
         raise ModalDataError(f"{path}: a modal mass is negative. Write the file again.")
@@ -253,6 +255,14 @@ def modes_of_sets(
         shape_sensor=None if points.sensor is None else by_node[points.sensor],
     )
     return UniversalModes(table, most_complex, units, direction, undamped and loss_factor is None)
+
+
+def no_units(path: Path) -> str:
+    """Say that the units of a file are unknown."""
+    return (
+        f"{path}: has no data set 164, so its units are unknown. Give --units m,N, or another "
+        "length and force."
+    )
 
 
 def listed(nodes: Iterable[int]) -> str:

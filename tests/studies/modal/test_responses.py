@@ -1,5 +1,6 @@
 """Modes from frequency responses and from hits: accuracy, held-out data, and what is refused."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,12 @@ from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.plant.structures.mode_file import ModeTable, read_modes
 from hertzloop.setup import load
 from hertzloop.studies.fit.records import Measured, Record, read_record
+from hertzloop.studies.modal import delay
 from hertzloop.studies.modal import universal as uff
-from hertzloop.studies.modal.hits import hits_of_records, observed_hits, read_hits
+from hertzloop.studies.modal.delay import corrected, with_late_force
+from hertzloop.studies.modal.hits import Hit, hits_of_records, observed_hits, read_hits
 from hertzloop.studies.modal.identify import identified
-from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
+from hertzloop.studies.modal.modes import MeasuredModes, modes_of_hits, modes_of_responses
 from hertzloop.studies.modal.picture import draw
 from hertzloop.studies.modal.responses import responses_of_sets
 from tests.commands import invoke
@@ -326,6 +329,96 @@ def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
     assert tried[:2] == [0, 4]
 
 
+def delayed(hits: list[Hit], samples: float) -> list[Hit]:
+    """The same hits, recorded with the response late by so many samples."""
+    return [replace(with_late_force(hit, -samples), first=hit.first) for hit in hits]
+
+
+def of_known_modes(found: MeasuredModes) -> None:
+    table = found.table
+    assert len(table.omega_rad_s) == len(HZ)
+    assert np.allclose(table.omega_rad_s, KNOWN.omega_rad_s, rtol=2e-4)
+    assert np.allclose(table.loss_factor, LOSS, rtol=0.1)
+    assert np.allclose(table.shape_contact, CONTACT, rtol=0.02)
+
+
+@pytest.mark.parametrize("samples", [0.3, 0.5, 1.0, 3.0, -2.0])
+def test_a_late_response_is_corrected_and_told(samples: float) -> None:
+    late = delayed(hits_of_records(records(CONTACT)), samples)
+    found = modes_of_hits(late[:2], late[2:], True, silent)
+    of_known_modes(found)
+    assert found.delay_s * 12800 == pytest.approx(samples, abs=0.02)
+    word, plural = "late" if samples > 0 else "early", "" if samples == 1.0 else "s"
+    assert found.notes[0].startswith(
+        f"The response is {word} by {abs(samples):.2f} sample{plural} ("
+    )
+
+
+def test_a_late_response_elsewhere_and_in_noise() -> None:
+    late = delayed(hits_of_records(records(OTHER, hits=2, noise=0.01)), 1.0)
+    found = modes_of_hits(late[:1], late[1:], False, silent)
+    assert found.delay_s * 12800 == pytest.approx(1.0, abs=0.03)
+    assert found.held_out[0].rms < 0.1
+
+
+def test_no_delay_changes_nothing() -> None:
+    hits = hits_of_records(records(CONTACT))
+    same, others, late = corrected(hits[:2], hits[2:])
+    assert late == 0.0
+    assert all(one is other for one, other in zip(same + others, hits, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("estimates", "sentence"),
+    [
+        ([(0.2, 0.04), (1.0, 1e-5), (-2.0, 1e-5), (1.0, 1e-5)],
+         r"1\.00 and -2\.00 samples fit equally well"),
+        ([(0.2, 0.9), (1.0, 0.16), (-2.0, 0.8), (1.0, 0.16)],
+         r"is not simultaneous .* 1\.00 samples fits best, with an error of 40 %"),
+    ],
+)  # fmt: skip
+def test_a_delay_that_the_hits_do_not_tell_is_refused(
+    estimates: list[tuple[float, float]], sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = iter([delay._Estimate(samples, square, 1.0, square) for samples, square in estimates])
+    monkeypatch.setattr(delay, "_near", lambda *_: next(found))
+    monkeypatch.setattr(delay, "_basins", lambda _: [1.0, -2.0])
+    with pytest.raises(uff.ModalDataError, match=sentence):
+        corrected(hits_of_records(records(CONTACT, hits=2)), [])
+
+
+def windowed(hits: list[Hit], time_s: float, *, both: bool) -> list[Hit]:
+    """The same hits, as a recorder with an exponential window gives them."""
+    found = []
+    for hit in hits:
+        t = hit.interval_s * (np.arange(len(hit.force_n)) - (0 if both else hit.first))
+        window = np.exp(-np.maximum(t, 0.0) / time_s)
+        force = hit.force_n * window if both else hit.force_n
+        found.append(replace(hit, force_n=force, response=hit.response * window))
+    return found
+
+
+@pytest.mark.parametrize("both", [False, True], ids=["response", "both"])
+@pytest.mark.parametrize("time_s", [0.02, 0.05, 0.1])
+def test_an_exponential_window_adds_no_damping(time_s: float, both: bool) -> None:
+    hits = windowed(hits_of_records(records(CONTACT)), time_s, both=both)
+    given = [replace(hit, window_s=time_s) for hit in hits]
+    of_known_modes(modes_of_hits(given[:2], given[2:], True, silent))
+
+
+def test_a_window_that_was_not_given_is_told() -> None:
+    hits = windowed(hits_of_records(records(CONTACT)), 0.02, both=False)
+    found = modes_of_hits(hits[:2], hits[2:], True, silent)
+    [note] = [note for note in found.notes if "peaks of the response" in note]
+    assert "give --exponential-window SECONDS" in note
+
+
+def test_a_window_that_takes_more_damping_than_there_is() -> None:
+    hits = [replace(hit, window_s=0.05) for hit in hits_of_records(records(CONTACT))]
+    with pytest.raises(uff.ModalDataError, match=r"--exponential-window = 0\.05: the mode at"):
+        modes_of_hits(hits[:2], hits[2:], True, silent)
+
+
 @pytest.mark.full
 def test_each_measured_hit_is_predicted_by_the_others(tmp_path: Path) -> None:
     """The promise: at most 8 % of its rms in the first 40 ms."""
@@ -375,3 +468,70 @@ def test_responses_of_a_shipped_scene_by_pyuff(order: int, tmp_path: Path) -> No
         ("actuator", table.shape_actuator, mass * sign * known.shape_actuator[below], 5e-3),
     ]:
         assert np.max(np.abs(values[found] / expected - 1)) < most, name
+
+
+def test_everything_that_is_missing_is_named_at_once() -> None:
+    unsaid = two_sets(ordinate_axis_units_lab="", orddenom_axis_units_lab="",
+                      ordinate_spec_data_type=0)  # fmt: skip
+    along_x = data_set(1, unsaid[0]["data"], unsaid[0]["x"], rsp_dir=1, ref_dir=1)
+    other = data_set(2, unsaid[1]["data"], unsaid[1]["x"], ref_node=2)
+    for some, parts in [
+        ([*unsaid, along_x, other], ["--direction", "--reference", "--kind", "--units m,N"]),
+        (unsaid, ["--kind", "--units m,N"]),
+    ]:
+        with pytest.raises(uff.ModalDataError) as refused:
+            taken(some, uff.Points(1))
+        assert all(part in str(refused.value) for part in parts)
+
+
+def written(tmp_path: Path, hits: int = 1) -> list[str]:
+    """Files of hits, with force and response side by side."""
+    every = records(CONTACT, hits=hits)
+    paths = [tmp_path / f"h{i}.csv" for i in range(hits)]
+    for path, force, motion in zip(paths, every[::2], every[1::2], strict=True):
+        np.savetxt(path, np.c_[force.time_s, force.value, motion.value], delimiter=",",
+                   header="time_s,contact_force_n,acceleration_m_s2", comments="")  # fmt: skip
+    return list(map(str, paths))
+
+
+def test_modes_are_written_whatever_strikes_them(tmp_path: Path) -> None:
+    """The scene is refused when it is run, not when its modes are converted."""
+    command = ["scene", "modes", "--from", *written(tmp_path, 2), "--contact", "hit", "-o",
+               str(tmp_path / "m.csv"), "--json", str(tmp_path / "m.json")]  # fmt: skip
+    done = invoke(command)
+    assert done.exit_code == 0, done.output
+    assert "The scene cannot be run yet: the modes of m.csv reach up to 1,210" in done.output
+    assert "too low for an impact" in json.loads((tmp_path / "m.json").read_text())["warning"]
+    assert len(read_modes("m.csv", (tmp_path / "m.csv").read_bytes()).omega_rad_s) == len(HZ)
+    run = invoke(["run", str(tmp_path / "m.toml")])
+    assert run.exit_code == 2
+    assert "too low for an impact" in run.output
+    wrong = invoke([*command, "--overwrite", "--set", "run.duration_s=-1"])
+    assert wrong.exit_code == 2
+    assert "run.duration_s" in wrong.output
+
+
+def test_modes_are_written_without_a_residual_flexibility(tmp_path: Path) -> None:
+    done = invoke(
+        ["scene", "modes", "--from", *written(tmp_path), "--contact", "hit", "--sensor", "there",
+         "-o", str(tmp_path / "m.csv")]
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "The scene cannot be run yet: m.csv does not give residual_flexibility_m_n" in (
+        done.output
+    )
+    run = invoke(["run", str(tmp_path / "m.toml")])
+    assert run.exit_code == 2
+    assert "does not give residual_flexibility_m_n" in run.output
+
+
+def test_options_of_the_window(tmp_path: Path) -> None:
+    files = written(tmp_path)
+    for words, sentence in [
+        (["--exponential-window", "0.1"], "describes a measured structure. Add --from FILE"),
+        (["--from", *files, "--contact", "a", "--exponential-window", "0"], "must be positive"),
+        (["--from", "a.uff", "--contact", "1", "--exponential-window", "1"], "for records of hits"),
+    ]:
+        done = invoke(["scene", "modes", *words])
+        assert done.exit_code == 2, done.output
+        assert sentence in done.output

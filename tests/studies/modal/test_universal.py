@@ -65,6 +65,10 @@ def test_units_that_cannot_be_known_are_refused() -> None:
     assert uff.units_of([normal(0)], FILE, None) is None
     with pytest.raises(uff.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
         modes([normal(0)], units=None)
+    with pytest.raises(uff.ModalDataError) as refused:
+        modes([normal(0, modal_m=0.0, r1=SHAPES[0])], units=None)
+    for part in ("--units m,N", "--direction: is missing", "--unit-modal-mass"):
+        assert part in str(refused.value)
     # The example in pyuff's documentation: the code of SI with the factors of foot and pound.
     foot = {"type": 164, "units_code": 1, "length": 3.28083989501312, "force": 0.224808943}
     with pytest.raises(uff.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"):
@@ -229,6 +233,21 @@ def test_the_command_refuses_what_it_cannot_mean() -> None:
         done = invoke(["scene", "modes", *words])
         assert done.exit_code == 2, done.output
         assert sentence in done.output
+
+
+def test_contact_and_units_are_missed_together(tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    one = pyuff.prepare_55(
+        model_type=1, id1="NONE", id2="NONE", id3="NONE", id4="NONE", id5="NONE", analysis_type=2,
+        data_ch=2, spec_data_type=8, load_case=0, mode_n=1, freq=100.0, modal_m=1.0,
+        modal_damp_vis=0.01, modal_damp_his=0.0, node_nums=[1, 2], r1=np.zeros(2), r2=np.zeros(2),
+        r3=np.ones(2),
+    )  # fmt: skip
+    pyuff.UFF(str(tmp_path / "a.uff")).write_sets([one], "overwrite")
+    done = invoke(["scene", "modes", "--from", str(tmp_path / "a.uff")])
+    assert done.exit_code == 2
+    assert "--contact: is missing" in done.output
+    assert "Give --units m,N" in done.output
 
 
 def test_a_response_to_predict_without_its_force() -> None:
