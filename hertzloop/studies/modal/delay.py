@@ -32,7 +32,8 @@ _GAIN, _PATIENCE = 0.1, 2  # share of the square that more modes explain, and ro
 _PER_MODE = 3.0  # of ln(rows) over the rows: share of the square that a mode has to explain
 _LEAST = 0.1  # samples: less is no delay
 _WORTH = 0.05  # share of the square that a delay has to explain
-_GOOD, _POOR = 0.05, 0.1  # error: nothing else is looked for; the delay cannot be told
+# Errors: below, nothing else is looked for; above, a delay has to halve it; above, it is not told.
+_GOOD, _POOR, _LOST = 0.05, 0.1, 0.3
 _HALF, _ALIKE = 0.25, 1.1  # ratios of squares: half the error; two delays that fit as well
 
 
@@ -58,10 +59,10 @@ class _Estimate:
         return abs(self.samples) >= _LEAST and explains
 
 
-def advanced(hit: Hit, samples: float) -> Hit:
-    """Return a hit whose force is as late as its response, which is late by so many samples.
+def with_late_force(hit: Hit, samples: float) -> Hit:
+    """Return a hit whose force is moved by the delay of its response, in samples.
 
-    The force is moved, not the response: it ends within the record.
+    The response stays: it does not end within the record, as the force does.
     """
     length = 2 * scipy.fft.next_fast_len(len(hit.force_n), real=True)
     turned = np.exp(-2j * np.pi * samples * np.fft.rfftfreq(length))
@@ -85,7 +86,7 @@ def corrected(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], li
         hits, others = windowed, [hit.of_windowed_force() for hit in others]
         late = delay_of(hits)
     if late:
-        hits, others = ([advanced(hit, late) for hit in some] for some in (hits, others))
+        hits, others = ([with_late_force(hit, late) for hit in some] for some in (hits, others))
     return list(hits), list(others), late
 
 
@@ -117,9 +118,9 @@ def delay_of(hits: Sequence[Hit]) -> float:
     best = _near(fine, best.samples, _PATIENCE)
     if not best.late:
         return 0.0
-    if best.error > _POOR:
-        if best.square > _HALF * at_once.square:
-            return 0.0
+    if best.error > _POOR and best.square > _HALF * best.without:
+        return 0.0
+    if best.error > _LOST:
         raise ModalDataError(
             "--from: the response is not simultaneous with the force, and the hits do not tell its "
             f"delay. A delay of {best.samples:.2f} samples fits best, with an error of "
@@ -140,7 +141,7 @@ _REMEDY = "Record both with a converter that samples them at the same time, or s
 
 def _observed(hits: Sequence[Hit], samples: float) -> MeasuredRows:
     """Hits at a delay. Residues have any sign: positive ones could be had by a wrong delay."""
-    moved = [advanced(hit, samples) if samples else hit for hit in hits]
+    moved = [with_late_force(hit, samples) if samples else hit for hit in hits]
     return replace(observed_hits(moved, True), drive=None)
 
 

@@ -16,7 +16,7 @@ from hertzloop.setup import load
 from hertzloop.studies.fit.records import Measured, Record, read_record
 from hertzloop.studies.modal import delay
 from hertzloop.studies.modal import universal as uff
-from hertzloop.studies.modal.delay import advanced, corrected
+from hertzloop.studies.modal.delay import corrected, with_late_force
 from hertzloop.studies.modal.hits import Hit, hits_of_records, observed_hits, read_hits
 from hertzloop.studies.modal.identify import identified
 from hertzloop.studies.modal.modes import MeasuredModes, modes_of_hits, modes_of_responses
@@ -331,7 +331,7 @@ def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
 
 def delayed(hits: list[Hit], samples: float) -> list[Hit]:
     """The same hits, recorded with the response late by so many samples."""
-    return [replace(advanced(hit, -samples), first=hit.first) for hit in hits]
+    return [replace(with_late_force(hit, -samples), first=hit.first) for hit in hits]
 
 
 def of_known_modes(found: MeasuredModes) -> None:
@@ -373,8 +373,8 @@ def test_no_delay_changes_nothing() -> None:
     [
         ([(0.2, 0.04), (1.0, 1e-5), (-2.0, 1e-5), (1.0, 1e-5)],
          r"1\.00 and -2\.00 samples fit equally well"),
-        ([(0.2, 0.4), (1.0, 0.04), (-2.0, 0.3), (1.0, 0.04)],
-         r"is not simultaneous .* 1\.00 samples fits best, with an error of 20 %"),
+        ([(0.2, 0.9), (1.0, 0.16), (-2.0, 0.8), (1.0, 0.16)],
+         r"is not simultaneous .* 1\.00 samples fits best, with an error of 40 %"),
     ],
 )  # fmt: skip
 def test_a_delay_that_the_hits_do_not_tell_is_refused(

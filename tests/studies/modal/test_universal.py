@@ -235,6 +235,21 @@ def test_the_command_refuses_what_it_cannot_mean() -> None:
         assert sentence in done.output
 
 
+def test_contact_and_units_are_missed_together(tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    one = pyuff.prepare_55(
+        model_type=1, id1="NONE", id2="NONE", id3="NONE", id4="NONE", id5="NONE", analysis_type=2,
+        data_ch=2, spec_data_type=8, load_case=0, mode_n=1, freq=100.0, modal_m=1.0,
+        modal_damp_vis=0.01, modal_damp_his=0.0, node_nums=[1, 2], r1=np.zeros(2), r2=np.zeros(2),
+        r3=np.ones(2),
+    )  # fmt: skip
+    pyuff.UFF(str(tmp_path / "a.uff")).write_sets([one], "overwrite")
+    done = invoke(["scene", "modes", "--from", str(tmp_path / "a.uff")])
+    assert done.exit_code == 2
+    assert "--contact: is missing" in done.output
+    assert "Give --units m,N" in done.output
+
+
 def test_a_response_to_predict_without_its_force() -> None:
     """The sentence names the option that gave the file."""
     hits = Path(__file__).parents[3] / "docs" / "examples" / "hammer"
