@@ -48,8 +48,9 @@ _SHOWN = 25  # kernels in the table
 _KERNELS = """
 import json, sys, tempfile, time
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
-from numba.core import event
+event = import_module("numba.core.event")
 
 class Own(event.Listener):
     running, seconds = [], Counter()
