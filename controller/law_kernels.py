@@ -14,7 +14,6 @@ from llvmlite import ir
 from numba import config, types
 from numba.core.base import BaseContext
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
 from hertzloop.jit import kernel
 
@@ -68,6 +67,10 @@ def _caller(result: str, arrays: int, integers: int) -> Any:
         return call
 
     def codegen(context: BaseContext, builder: Any, signature: Any, values: Any) -> Any:
+        from numba.np.arrayobj import (
+            make_array,
+        )  # 40 ms, which no process needs that compiles nothing
+
         bytes_at, word = ir.IntType(8).as_pointer(), ir.IntType(64)
         back = ir.DoubleType() if result == "double" else word
         c_function = ir.FunctionType(back, [bytes_at] * arrays + [word] * integers)

@@ -21,7 +21,6 @@ from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE
 from hertzloop.studies.sweeps.design import grouped, planned_by
 from hertzloop.studies.sweeps.evaluate import not_run, run_case
-from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
 from hertzloop.studies.sweeps.sweep import (
     check_laws,
     code_version,
@@ -246,6 +245,8 @@ def _verify(
     if header["versions"] != code_version():
         err.say(f"{results}: written by {header['versions']}; bits may differ")
     options.compile_first()
+    from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
+
     found: list[RepeatedCase] = []
     with progress(f"{cases} cases", cases) as advance:
         for checked in replay_cases(rows, header, cases, transport, seed):

@@ -17,7 +17,6 @@ from pydantic import ValidationError
 
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.setup import FitTable, Setup
-from hertzloop.studies.fit.fit import value_of
 from hertzloop.studies.sweeps.design import Design, on_grain
 from hertzloop.text_files import text_of
 
@@ -241,6 +240,8 @@ def _correlated(given: Any, setup: Setup, name: str) -> Part:
 
 def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
     """The keys that a fit identified, with the covariance of their logarithms."""
+    from hertzloop.studies.fit.fit import value_of  # a sweep without such a scene starts faster
+
     n = len(table.keys)
     if not len(table.values) == len(table.verdicts) == n or len(table.covariance_log) != n * n:
         raise SceneError(
