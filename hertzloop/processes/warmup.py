@@ -158,11 +158,12 @@ def _compile_plant(setup: "Setup") -> None:
 def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
     """A process that runs `_compile_beside`. What it fails to compile, `_run` compiles."""
     process = subprocess.Popen(
-        [sys.executable, "-B", "-c", f"from {__name__} import _compile_beside as c; c()"],
+        # -P: a folder of the user's that is called like one of ours must not be imported
+        [sys.executable, "-P", "-c", f"from {__name__} import _compile_beside as c; c()"],
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     assert process.stdin
-    with process.stdin as scene:
+    with suppress(BrokenPipeError), process.stdin as scene:  # it may have failed
         scene.write(to_toml(setup.scene))
     return process
 
