@@ -289,11 +289,14 @@ class _Names(event.Listener):
         pass
 
     def on_end(self, event: Any) -> None:
-        self._tell(event.data["dispatcher"].py_func.__name__.strip("_"))
+        function = event.data["dispatcher"].py_func
+        ours = function.__module__.startswith("hertzloop.") and "<" not in function.__qualname__
+        self._tell(function.__name__.strip("_").replace("_", " ") if ours else "")
 
 
 @contextmanager
 def each_compiled(tell: Callable[[str], None]) -> Iterator[None]:
-    """Call `tell` with the name of every function that this process has compiled meanwhile."""
+    """Call `tell` after every function that this process has compiled meanwhile, with its name in
+    words; that of a part of Numba is empty."""
     with event.install_listener("numba:compile", _Names(tell)):
         yield

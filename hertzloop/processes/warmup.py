@@ -123,12 +123,13 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
     """Compile the kernels of the plant here, and those of figures and controller meanwhile in a
     process of its own, if there is a second core."""
     tell(0.0, "the plant")
-    done = 0
+    done, what = 0, "the plant"
 
     def count(name: str) -> None:
-        nonlocal done
+        nonlocal done, what
         done += 1
-        tell(_PLANT_SHARE * min(done / _PLANT_KERNELS, 1.0), f"the plant: {name}")
+        what = f"the plant: {name}" if name else what
+        tell(_PLANT_SHARE * min(done / _PLANT_KERNELS, 1.0), what)
 
     beside = _start_beside(setup) if len(os.sched_getaffinity(0)) > 1 else None
     try:
