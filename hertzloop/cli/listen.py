@@ -27,7 +27,7 @@ _ENERGIES = {
 
 def listen(
     file: FileArgument,
-    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")],
+    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")] = Path(),
     at: tuple[float, float, float] = (0.0, 0.0, 1.0),
     slow: Annotated[float, typer.Option(min=1.0, max=1000.0)] = 1.0,
     tail: Annotated[float, typer.Option(min=0.0, max=10.0)] = 0.3,
@@ -40,7 +40,7 @@ def listen(
     20 kHz. All files have the same scale.
 
     Args:
-        folder: Write the sounds into this folder.
+        folder: Write the sounds into this folder; default: the working folder.
         at: Place the listener at x, y from the plate centre and this height, m.
         slow: Slow the sound down by this factor.
         tail: Let the plate ring for this time after the run, s.

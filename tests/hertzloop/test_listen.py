@@ -66,13 +66,14 @@ def test_sound_energy_is_that_given_to_the_plate_times_what_radiates(heard: dict
         assert 0.0 < run["by_means_j"] < run["until_rest_j"]
 
 
-def test_nothing_moves_nothing_sounds(tmp_path: Path) -> None:
+def test_nothing_moves_nothing_sounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # the sounds go there
     scene = load("aluminium-20mm", [*SHORT, "run.duration_s=0.0005", "controller.law=off"])
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
-    result = call("listen", tmp_path / "a.mcap", "-o", tmp_path / "x", "--tail", 0)
+    result = call("listen", tmp_path / "a.mcap", "--tail", 0)
     assert result.exit_code == 0, result.output
     assert "Silence" in result.output
-    _, samples = samples_of(str(tmp_path / "x" / "a-without-control.wav"))
+    _, samples = samples_of(str(tmp_path / "a-without-control.wav"))
     assert len(samples)
     assert not samples.any()
 
