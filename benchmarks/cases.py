@@ -1,11 +1,9 @@
 """What a case of a sweep costs on one core, and how much of that is the compiled loop."""
 
 import json
-import resource
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,6 +21,7 @@ from benchmarks.program import (
     check_json,
     compile_first,
     conclude,
+    cost_of,
     environment_of,
     number_table,
     out,
@@ -94,13 +93,7 @@ def _whole_s(root: Path) -> tuple[float, float]:
     over = [word for axis in case_rounds.OVER[case_rounds.LATENCY_MAP] for word in ("--over", axis)]
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         words = [sys.executable, "-m", "hertzloop", "sweep", case_rounds.SCENE, *over]
-        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run(
-            [*words, "--out", str(Path(folder) / "map.parquet")], env=environment_of(root),
-            check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder,
-        )  # fmt: skip
-        wall_s, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    return wall_s, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+        return cost_of([*words, "--out", "map.parquet"], root, Path(folder))
 
 
 def measure(rounds: int, before: Path | None) -> tuple[list[CaseCost], list[ProcessCost]]:

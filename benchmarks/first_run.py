@@ -5,10 +5,8 @@ processes of a command.
 """
 
 import json
-import os
 import subprocess
 import sys
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +20,7 @@ from benchmarks.program import (
     bars,
     check_json,
     conclude,
-    environment_of,
+    cost_of,
     fail,
     median,
     number_table,
@@ -103,20 +101,9 @@ class KernelCost:
 
 
 def take(checkout: Path, words: list[str], folder: Path) -> tuple[float, float]:
-    """Wall time and processor time of a command in a process of its own, s, cache empty.
-
-    Raises:
-        subprocess.CalledProcessError: the command failed.
-    """
-    with TemporaryDirectory(prefix="hertzloop-") as cache, (folder / "said.txt").open("w") as said:
-        environment = environment_of(checkout) | {"NUMBA_CACHE_DIR": cache}
-        used, began = os.times(), time.perf_counter()
-        subprocess.run(
-            words, cwd=folder, env=environment, stdout=said, stderr=subprocess.STDOUT, check=True
-        )
-        wall_s, now = time.perf_counter() - began, os.times()
-    cpu_s = now.children_user + now.children_system - used.children_user - used.children_system
-    return wall_s, cpu_s
+    """Wall time and processor time of a command with an empty cache, s; see `cost_of`."""
+    with TemporaryDirectory(prefix="hertzloop-") as cache:
+        return cost_of(words, checkout, folder, {"NUMBA_CACHE_DIR": cache})
 
 
 def measure(rounds: int, quick: bool, before: Path | None) -> list[First]:

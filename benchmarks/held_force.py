@@ -95,12 +95,13 @@ def random_scene(random: np.random.Generator, theory: str, law: str) -> dict[str
         {"actuator.bandwidth_hz": 10.0 ** random.uniform(4.9, 5.8)},
     ]  # fmt: skip
     keys |= more[random.integers(len(more))]
-    return {key: _typed(value) for key, value in keys.items()}
+    return {key: typed(value) for key, value in keys.items()}
 
 
-def _typed(value: Any) -> Any:
+def typed(value: Any) -> Any:
+    """A value of a key with the digits that a person types."""
     if isinstance(value, list):
-        return [_typed(x) for x in value]
+        return [typed(x) for x in value]
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 

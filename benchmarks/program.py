@@ -8,8 +8,10 @@ import importlib
 import math
 import os
 import statistics
+import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields
 from functools import partial
@@ -162,6 +164,34 @@ def environment_of(checkout: Path) -> dict[str, str]:
         This environment, with another PYTHONPATH.
     """
     return {**os.environ, "PYTHONPATH": str(checkout)}
+
+
+def cost_of(
+    words: Sequence[str], checkout: Path, folder: Path, more: Mapping[str, str] | None = None
+) -> tuple[float, float]:
+    """Run a command that uses the code of a checkout, and measure it.
+
+    Args:
+        words: the command.
+        checkout: folder that holds `hertzloop`.
+        folder: working folder; the output goes to `said.txt` there.
+        more: further variables of its environment.
+
+    Returns:
+        Wall time, and processor time of the command and the children that it waited for, s.
+
+    Raises:
+        subprocess.CalledProcessError: the command failed.
+    """
+    environment = environment_of(checkout) | dict(more or {})
+    with (folder / "said.txt").open("w") as said:
+        used, began = os.times(), time.perf_counter()
+        subprocess.run(
+            words, cwd=folder, env=environment, stdout=said, stderr=subprocess.STDOUT, check=True
+        )
+        wall_s, now = time.perf_counter() - began, os.times()
+    cpu_s = now.children_user + now.children_system - used.children_user - used.children_system
+    return wall_s, cpu_s
 
 
 def tracked(what: str, items: Iterable[Item]) -> Iterator[Item]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.held_force import typed
 from benchmarks.model_order import drawn
 from benchmarks.program import (
     OutDirOption,
@@ -97,14 +98,8 @@ def random_keys(random: np.random.Generator, law: str) -> tuple[dict[str, Any], 
         {}, {"run.step_ns": 500}, {"sensors.every_steps": 2},
         {"actuator.bandwidth_hz": 10.0 ** random.uniform(4.3, 5.8)},
     ]  # fmt: skip
-    chosen = {key: _typed(value) for key, value in more[random.integers(len(more))].items()}
-    return {key: _typed(value) for key, value in keys.items()}, chosen
-
-
-def _typed(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_typed(x) for x in value]
-    return float(f"{value:.4g}") if isinstance(value, float) else value
+    chosen = {key: typed(value) for key, value in more[random.integers(len(more))].items()}
+    return {key: typed(value) for key, value in keys.items()}, chosen
 
 
 def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outcome | None:

@@ -67,9 +67,8 @@ def _caller(result: str, arrays: int, integers: int) -> Any:
         return call
 
     def codegen(context: BaseContext, builder: Any, signature: Any, values: Any) -> Any:
-        from numba.np.arrayobj import (
-            make_array,
-        )  # 40 ms, which no process needs that compiles nothing
+        # It takes 40 ms to import, and only a process that compiles needs it.
+        from numba.np.arrayobj import make_array
 
         bytes_at, word = ir.IntType(8).as_pointer(), ir.IntType(64)
         back = ir.DoubleType() if result == "double" else word

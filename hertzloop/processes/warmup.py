@@ -41,9 +41,6 @@ def anything_compiled() -> bool:
 
 def all_compiled(*scenes: "Setup", paced: bool = False) -> bool:
     """Whether `ensure_compiled` has nothing left to do. Raises SceneError."""
-    # To name the marker of a scene takes its modes: a twentieth of a short sweep.
-    if not scenes and _usual(paced).exists():
-        return True
     return not _missing(scenes, paced)
 
 
@@ -51,8 +48,6 @@ def ensure_compiled(*scenes: "Setup", paced: bool = False, on_progress: Progress
     """Run each of the scenes for a moment without its law, unless that was done for its kernels
     before. Without `scenes` the default one, with each model of its plate; with `paced` the kernels
     of paced mode, too. Raises SceneError."""
-    if not scenes and _usual(paced).exists():
-        return
     missing = _missing(scenes, paced)
     for number, (marker, setup, run) in enumerate(missing):
 
@@ -65,7 +60,7 @@ def ensure_compiled(*scenes: "Setup", paced: bool = False, on_progress: Progress
         with own_folder() as folder:
             run(moment, Path(folder))
         _mark(marker)
-    if not scenes:
+    if not scenes and not _usual(paced).exists():
         _mark(_usual(paced))
 
 
@@ -74,10 +69,13 @@ def _missing(
 ) -> list[tuple[Path, "Setup", Callable[["Setup", Path], None]]]:
     """What is not compiled: the marker, a scene that has it, and what runs all of it."""
     found: dict[Path, tuple[Path, Setup, Callable[[Setup, Path], None]]] = {}
+    # To name the marker of a scene takes its modes: a twentieth of a short sweep.
+    if not scenes and _usual(paced).exists():
+        return []
     for setup in scenes or _default():
-        for of_paced, run in ((False, _run), (True, _run_paced)):
+        for of_paced, run in [(False, _run), (True, _run_paced)][: 1 + paced]:
             marker = _marker(setup, of_paced)
-            if not marker.exists() and (paced or not of_paced):
+            if not marker.exists():
                 found.setdefault(marker, (marker, setup, run))
     return list(found.values())
 

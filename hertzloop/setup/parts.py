@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, LineSpec, mean_latency_steps
 from hertzloop.controller.law import About, Keys
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
@@ -119,6 +119,12 @@ def free_series(setup: Setup) -> Iterator[tuple[int, np.ndarray]]:
     """Simulate the plant alone, without any force of the actuator; its time series in blocks:
     first step, and an array of shape (10, steps of the block)."""
     return ts.free_series(start_plant(setup), setup.steps)
+
+
+def mean_latency_us(setup: Setup) -> float:
+    """Mean latency of the force that acts, us; see `mean_latency_steps`."""
+    steps = mean_latency_steps(setup.line, setup.steps, setup.every_steps, setup.seed)
+    return 1e6 * setup.step_s * steps
 
 
 def about(setup: Setup) -> About:

@@ -21,7 +21,6 @@ from hertzloop.analysis.figures import Figures, Ran, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.bus.messages_pb2 import Books
-from hertzloop.controller.controller import mean_latency_steps
 from hertzloop.controller.loading.registry import NO_CONTROL, shipped
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.impacts import Impact
@@ -862,11 +861,11 @@ def mean_latency_words(setup: Setup) -> str:
     line = setup.line
     if not (line.jitter_steps or line.trace or line.drop_out_probability):
         return ""
-    mean = mean_latency_steps(line, setup.steps, setup.every_steps, setup.seed)
-    if math.isnan(mean):
+    mean_us = parts.mean_latency_us(setup)
+    if math.isnan(mean_us):
         return "no command acts within the run"
     return (
-        f"{mean * setup.step_s * 1e6:.1f} us of the force that acts: commands keep their order, so "
+        f"{mean_us:.1f} us of the force that acts: commands keep their order, so "
         "that a late one delays those behind it"
     )
 

@@ -5,9 +5,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from hertzloop.analysis.cases import OTHER, CaseState, Span
-from hertzloop.controller.controller import mean_latency_steps
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import (
     BudgetLimit,
@@ -304,7 +303,6 @@ def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:
     """Return a limit of the jitter with the mean latency of the force that acts under it."""
     if limit.quantity != "jitter_us" or not limit.value:
         return limit
-    varied = setup.vary({limit.key: limit.value})
-    steps = mean_latency_steps(varied.line, varied.steps, varied.every_steps, varied.seed)
-    said = f"mean latency {steps * varied.step_s * 1e6:.3g} us"
+    mean_us = parts.mean_latency_us(setup.vary({limit.key: limit.value}))
+    said = f"mean latency {mean_us:.3g} us"
     return replace(limit, remark=f"{limit.remark}, {said}" if limit.remark else said)
