@@ -26,7 +26,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal

@@ -40,7 +40,7 @@ from hertzloop.cli.study_frame import resumable
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures, words
 from hertzloop.studies.sweeps.design import KEY as PHASE

@@ -38,7 +38,7 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import load
 from hertzloop.setup.stages import NEAREST
 from hertzloop.studies import pictures

@@ -35,7 +35,7 @@ from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.as_rerun import Shown
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.scene import DEFAULT, shipped
+from hertzloop.scenes.loading import DEFAULT, shipped
 from hertzloop.setup import load
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.words import write_rows

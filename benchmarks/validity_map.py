@@ -45,7 +45,7 @@ from hertzloop.plant.estimates.plate_theory import (
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_rows

@@ -17,9 +17,13 @@ from hertzloop.extras import need
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import Scene, shipped
+from hertzloop.scenes.loading import load as load_scene
+from hertzloop.scenes.loading import parse as parse_scene
+from hertzloop.scenes.loading import shipped
+from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.varying import vary as vary_scene
+from hertzloop.scenes.varying import with_law_as_it_is
 from hertzloop.setup import Setup, model_error, resolve
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
@@ -211,8 +215,8 @@ def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
     Raises:
         SceneError: the file cannot be read, or a key or a value is wrong.
     """
-    scene = scenes.load(str(source))
-    return scenes.vary(scene, changes) if changes else scene
+    scene = load_scene(str(source))
+    return vary_scene(scene, changes) if changes else scene
 
 
 def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
@@ -225,12 +229,12 @@ def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
     Raises:
         SceneError: a key is unknown, or a value is not possible.
     """
-    return scenes.vary(_current(scene), values)
+    return vary_scene(_current(scene), values)
 
 
 def _current(scene: AnyScene) -> Scene:
     """Return a scene with its law as that is now. Raises SceneError."""
-    return scenes.with_law_as_it_is(scene) if isinstance(scene, Scene) else load(scene)
+    return with_law_as_it_is(scene) if isinstance(scene, Scene) else load(scene)
 
 
 def _views() -> Any:
@@ -366,7 +370,7 @@ def read(recording: str | Path) -> Run:
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
         )
     try:
-        scene = scenes.parse(found.scene_toml)
+        scene = parse_scene(found.scene_toml)
     except SceneError as error:
         words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
         raise RecordingError(words) from error

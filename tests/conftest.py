@@ -82,7 +82,7 @@ from tempfile import TemporaryDirectory
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.processes.warmup import ensure_compiled
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import load
 
 collect_rarely()

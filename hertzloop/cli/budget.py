@@ -15,7 +15,7 @@ from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
 from hertzloop.studies.budget.limits import NAMES, Boundary, limit_words

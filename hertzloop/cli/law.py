@@ -17,7 +17,7 @@ from hertzloop.loop.run_options import BusOptions, RunOptions
 from hertzloop.processes.conformance import Broken, Checks, Meeting, Script, play, recorded, scripts
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.scene import setting_of
+from hertzloop.scenes.loading import parse_setting
 from hertzloop.setup import parts
 from hertzloop.views.format import Table
 
@@ -107,7 +107,7 @@ def replay(
     options.check_output(target, overwrite, read=[file])
     options.check_json(json_file, target)
     recording = read(file)
-    keys = dict(setting_of(text) for text in settings or [])
+    keys = dict(parse_setting(text) for text in settings or [])
     setup = law_replay.scene_with(recording, law, keys)
     found = law_replay.law_on(recording, setup)
     for problem in recording.problems:

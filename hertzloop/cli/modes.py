@@ -20,7 +20,7 @@ from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
+from hertzloop.scenes.loading import DEFAULT, shipped, with_modes_file
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.parts import check_reach
 from hertzloop.studies.modal import universal as uff
@@ -305,7 +305,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
     """Write a file of modes, and a scene with them beside it. Returns the scene, and why modes that
     end too low for its striker, or have no residual flexibility, cannot be simulated in it."""
     content = write_modes(target.suffix, table)
-    data = on_modes(scene, settings, target.name, scene_name(target))
+    data = with_modes_file(scene, settings, target.name, scene_name(target))
     base = _named(scene, settings)
     data["shows"] = f"Modes measured, in {target.name}; striker and law of {base}"
     text = f"# Modes by hertzloop scene modes; all else from {base}.\n{tomli_w.dumps(data)}"

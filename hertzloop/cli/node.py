@@ -39,7 +39,7 @@ from hertzloop.processes.signals import (
 )
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.whole_files import write_together, write_whole
 
 if TYPE_CHECKING:

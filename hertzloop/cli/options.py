@@ -21,7 +21,7 @@ from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags, options_of
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.warmup import all_compiled, anything_compiled, ensure_compiled
-from hertzloop.scenes.scene import load as load_scene
+from hertzloop.scenes.loading import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
 from hertzloop.setup.stages import TOLD_S, build_s
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole

@@ -15,7 +15,7 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.reader import recover as recover_file
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import parse
 from hertzloop.whole_files import write_whole
 

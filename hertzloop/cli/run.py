@@ -21,7 +21,7 @@ from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import parts
 from hertzloop.views import run as run_view
 from hertzloop.views.format import unwrapped

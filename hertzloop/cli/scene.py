@@ -10,7 +10,8 @@ from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scenes import keys as all_keys
 from hertzloop.scenes.errors import shown
-from hertzloop.scenes.scene import DEFAULT, possible_name, shipped, shipped_text
+from hertzloop.scenes.loading import DEFAULT, shipped, shipped_text
+from hertzloop.scenes.scene import possible_name
 from hertzloop.setup import load
 from hertzloop.views.format import Table, print_all, unwrapped
 

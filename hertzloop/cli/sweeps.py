@@ -15,7 +15,7 @@ from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS
-from hertzloop.scenes.scene import DEFAULT
+from hertzloop.scenes.loading import DEFAULT
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE

@@ -20,8 +20,8 @@ from hertzloop.extras import need
 from hertzloop.loop.run_options import words_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.scenes.scene import DEFAULT, toml_text
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.loading import DEFAULT
+from hertzloop.scenes.toml import to_toml, toml_text
 from hertzloop.setup import Setup
 from hertzloop.studies.margin.shown import unstable_line
 from hertzloop.studies.requests import TuneRequest

@@ -29,7 +29,7 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import COLUMNS, TRUTH
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, model_error, parts
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it

@@ -23,7 +23,7 @@ from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.recordings.reader import holds_a_run
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, parts
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled

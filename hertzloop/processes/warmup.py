@@ -14,7 +14,7 @@ from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.jit.cache import all_kept, cache_folder, each_compiled, types_digest
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import parts
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 import difflib
 import reprlib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -151,3 +152,8 @@ def _limits(kind: Any) -> Iterator[tuple[str, float]]:
     for inner in (getattr(kind, "annotation", None), *get_args(kind)):
         if inner is not None:
             yield from _limits(inner)
+
+
+def quoted_path(path: Path) -> str:
+    """A path as an error shows it."""
+    return shortened(repr(str(path)))

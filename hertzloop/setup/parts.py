@@ -21,8 +21,8 @@ from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import Structure
+from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import ControllerTable
 from hertzloop.sensors.acquisition import Sensor
 from hertzloop.setup.setup import Setup, resolve
 from hertzloop.setup.stages import KEPT, Bodies
@@ -277,7 +277,7 @@ def _needs_impedance(law: Law, keys: Any, about: About) -> bool:
 def _law_of(table: ControllerTable) -> Law:
     """The law that a scene names. Raises SceneError."""
     try:
-        return table.found
+        return table.loaded_law
     except LawError as error:
         raise SceneError(str(error)) from error
 

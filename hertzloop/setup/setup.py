@@ -25,25 +25,25 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.estimates.model_order import UNDER_LAW
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
+from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import (
+from hertzloop.scenes.loading import load as load_scene
+from hertzloop.scenes.loading import parse as parse_scene
+from hertzloop.scenes.plant_checks import not_in_three_dimensions
+from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,
-    ControllerTable,
     HammerTable,
     MaterialKey,
     MaterialTable,
     PlateTable,
     RunTable,
-    Scene,
     SensorsTable,
     SphereTable,
-    grain_of,
-    not_in_three_dimensions,
 )
-from hertzloop.scenes.scene import load as load_scene
-from hertzloop.scenes.scene import parse as parse_scene
-from hertzloop.scenes.scene import vary as vary_scene
+from hertzloop.scenes.varying import resolution_of
+from hertzloop.scenes.varying import vary as vary_scene
 from hertzloop.sensors.acquisition import SensorSpec
 from hertzloop.setup import stages
 
@@ -148,9 +148,9 @@ class Setup(_Values):
         """
         return resolve(vary_scene(self.scene, values))
 
-    def grain_of(self, key: str) -> float:
-        """Return how far apart the values of a scene key are. See `scenes.scene.grain_of`."""
-        return grain_of(self.scene, key)
+    def resolution_of(self, key: str) -> float:
+        """Return how far apart the values of a scene key are; see `scenes.varying`."""
+        return resolution_of(self.scene, key)
 
     def refusal(self, values: Mapping[str, Any]) -> str:
         """Return why the scene cannot have these values, in a sentence; "" if it can."""
@@ -326,12 +326,12 @@ def _name(material: MaterialKey) -> str:
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:
-    """Read a scene by shipped name or from a file, and resolve it. See `scenes.scene.load`."""
+    """Read a scene by shipped name or from a file, and resolve it. See `scenes.loading.load`."""
     return resolve(load_scene(source, settings, seed))
 
 
 def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
-    """Read a scene from TOML text, and resolve it. See `scenes.scene.parse`."""
+    """Read a scene from TOML text, and resolve it. See `scenes.loading.parse`."""
     return resolve(parse_scene(text, settings, **more))
 
 

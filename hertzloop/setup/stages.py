@@ -42,20 +42,20 @@ from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description, structure
 from hertzloop.plant.structures.structure import Structure, frequencies
+from hertzloop.scenes.attached_files import unpack_modes
+from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.materials import find_material
+from hertzloop.scenes.plant_checks import not_in_three_dimensions
 from hertzloop.scenes.quantities import SENSED, Expected
-from hertzloop.scenes.scene import (
+from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,
-    ControllerTable,
     HammerTable,
     MaterialTable,
     PlateTable,
     SensorsTable,
     Striker,
-    material_called,
-    not_in_three_dimensions,
-    unpacked,
 )
 from hertzloop.sensors.acquisition import Fault, SensorSpec
 
@@ -154,8 +154,8 @@ def bodies_of(
     Raises:
         SceneError: a file of modes does not make a structure.
     """
-    of_plate = material_called(plate.material, materials or ())
-    of_striker = material_called(striker.material, materials or ())
+    of_plate = find_material(plate.material, materials or ())
+    of_striker = find_material(striker.material, materials or ())
     try:
         description = _described(plate, of_plate, accuracy)
     except ValueError as error:
@@ -202,7 +202,7 @@ def bodies_of(
 
 def _described(table: PlateTable, material: Material, accuracy: float) -> Description:
     modes = table.modes
-    content = None if modes is None else unpacked(modes.file, modes.sha256, modes.content)
+    content = None if modes is None else unpack_modes(modes.file, modes.sha256, modes.content)
     return Description(
         material=material,
         size_m=table.size_m,
@@ -673,7 +673,7 @@ def _full_scale(
 def models_yield(table: ControllerTable) -> bool:
     """Whether the law declares that it allows for a permanent dent; false if it is missing."""
     try:
-        return table.found.models_yield
+        return table.loaded_law.models_yield
     except LawError:
         return False
 
@@ -682,7 +682,7 @@ def reach_of(table: ControllerTable) -> Reach:
     """How far the force of the law can go; without limit if the law is not there any more, as that
     of a recording may be. Raises SceneError."""
     try:
-        law = table.found
+        law = table.loaded_law
     except LawError:
         return Reach()
     return _reach_of(table, law)

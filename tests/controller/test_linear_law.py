@@ -12,7 +12,7 @@ from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop import compiled
 from hertzloop.plant.time_series import F_A
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load, parts
 
 FS = 1e6

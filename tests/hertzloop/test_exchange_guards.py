@@ -12,7 +12,7 @@ from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import Envelope, StreamFault, decoded
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces

@@ -21,7 +21,7 @@ from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.report.results import page_of_results

@@ -24,7 +24,7 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import Recorder
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start
 from tests.ports import free_ports

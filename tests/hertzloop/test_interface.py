@@ -13,7 +13,7 @@ import hertzloop
 from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import resolve
 from hertzloop.views.run import run_scene
 

@@ -13,7 +13,7 @@ from hertzloop.analysis.verdict import judge
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import Recording, read
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report

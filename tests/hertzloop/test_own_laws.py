@@ -17,9 +17,9 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
-from hertzloop.scenes import scene as scene_file
+from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load, parse, parts, resolve
 from hertzloop.studies.sweeps.evaluate import run_case
 from hertzloop.views.run import run_scene
@@ -162,8 +162,10 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     run_case(scene, "impact", 0, {"controller.share": 0.3})  # what stays for all cases
     looked, threads = [], []
-    find_law, start = scene_file.find, threading.Thread.start
-    monkeypatch.setattr(scene_file, "find", lambda *words: looked.append(words) or find_law(*words))
+    find_law, start = controller_table.find, threading.Thread.start
+    monkeypatch.setattr(
+        controller_table, "find", lambda *words: looked.append(words) or find_law(*words)
+    )
     monkeypatch.setattr(threading.Thread, "start", lambda t: threads.append(t) or start(t))
     for number in range(3):
         case = {"controller.share": 0.1 + 0.01 * number}
@@ -339,7 +341,7 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     says = "def reach(keys):\n    from hertzloop.law import Reach\n    return Reach(force_n=7.0)\n"
     path.write_text(path.read_text() + says)
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
-    monkeypatch.setattr(scene_file, "_CHECKED", {})  # as in a process that opens a recording
+    monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording
     path.rename(here / "gone.py")
     assert resolve(scene.scene).reach == Reach()
     (here / "gone.py").rename(path)

@@ -21,8 +21,8 @@ from hertzloop.loop.plant_streams import hello
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import shipped
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.loading import shipped
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load
 from tests.recordings.damages import scene_records
 

@@ -12,17 +12,11 @@ from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.listening import radiator_of
 from hertzloop.analysis.trust import check_verifiable
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import (
-    DEFAULT,
-    Scene,
-    SceneError,
-    load,
-    parse,
-    shipped,
-    toml_value,
-    vary,
-)
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.loading import DEFAULT, load, parse, shipped
+from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.toml import to_toml, toml_value
+from hertzloop.scenes.varying import vary
 from hertzloop.setup import model_error, parts, resolve
 
 

@@ -12,8 +12,10 @@ from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.estimates import plate_theory
 from hertzloop.plant.plant import MOST_MODES
-from hertzloop.scenes.errors import _limits
-from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
+from hertzloop.scenes.errors import SceneError, _limits
+from hertzloop.scenes.loading import load, parse, shipped
+from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.toml import toml_value
 from hertzloop.setup import parts, resolve
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}

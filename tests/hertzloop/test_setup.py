@@ -12,8 +12,8 @@ import pytest
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import shipped, toml_text
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.loading import shipped
+from hertzloop.scenes.toml import to_toml, toml_text
 from hertzloop.setup import Setup, load, model_error, parse, parts, resolve
 from hertzloop.setup.stages import Bodies
 from tests.tiers import default

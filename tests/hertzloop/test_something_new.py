@@ -154,7 +154,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.scenes.scene import load
+from hertzloop.scenes.loading import load
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES, step

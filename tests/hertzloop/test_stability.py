@@ -12,7 +12,7 @@ from hertzloop.analysis.meters import UNSTABLE, Stability
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
-from hertzloop.scenes.scene import shipped
+from hertzloop.scenes.loading import shipped
 from hertzloop.setup import Setup, load, parts
 from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_impact_windows import in_blocks

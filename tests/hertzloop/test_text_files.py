@@ -14,7 +14,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, load_anew
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import load, parse, shipped_text
+from hertzloop.scenes.loading import load, parse, shipped_text
 from hertzloop.setup import load as setup_load
 from hertzloop.setup import parts
 from hertzloop.studies.budget.requirements import read_requirements

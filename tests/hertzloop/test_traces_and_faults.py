@@ -17,7 +17,7 @@ from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
 from hertzloop.setup import load, parse

@@ -18,7 +18,7 @@ from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load, parse
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law

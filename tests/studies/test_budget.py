@@ -373,7 +373,7 @@ def test_a_correlated_normal_keeps_its_covariance():
 class _Loose:
     """A setup that accepts any value: the distribution reaches below zero."""
 
-    def grain_of(self, key):
+    def resolution_of(self, key):
         return 0.0
 
     def vary(self, values):

@@ -18,7 +18,7 @@ import pytest
 
 from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.studies.sweeps import pool as crew
 from hertzloop.studies.sweeps.evaluate import Numbered, chunked, scene_of

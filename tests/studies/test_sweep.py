@@ -14,7 +14,7 @@ from hertzloop.analysis.cases import CaseState, figures_of_case
 from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.studies.sweeps import evaluate
 from hertzloop.studies.sweeps import sweep as study

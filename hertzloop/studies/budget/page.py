@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from hertzloop.analysis.cases import Span
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, nearest, search_of

@@ -49,7 +49,7 @@ def grain_us(setup: Setup, key: str) -> float | None:
     """How far apart the values of a key in whole steps are, us; None of another key."""
     table, _, last = key.partition(".")
     if key == "actuator.dead_time_us" or (
-        table == "controller" and last in setup.scene.whole_step_keys()
+        table == "controller" and last in setup.scene.controller.whole_step_keys
     ):
         return setup.step_ns / 1000
     return None

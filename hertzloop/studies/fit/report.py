@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import FitTable
 from hertzloop.studies.fit.fit import Estimate, FitResult
 from hertzloop.studies.fit.verdicts import WIDEST, Model, Verdict

@@ -63,7 +63,7 @@ def on_grain(value: float, grain: float, low: float = 0.0) -> Any:
 
 def fitted(axis: Axis, setup: Setup) -> Axis:
     """The axis with the grain that the scene's key has."""
-    return axis if axis.values else replace(axis, grain=setup.grain_of(axis.key))
+    return axis if axis.values else replace(axis, grain=setup.resolution_of(axis.key))
 
 
 def parse_axis(text: str) -> Axis:

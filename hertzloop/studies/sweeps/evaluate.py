@@ -14,7 +14,7 @@ from hertzloop.analysis.cases import (
     together,
 )
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, parse
 
 _CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work

@@ -28,7 +28,7 @@ from typing import Any
 from hertzloop.analysis.cases import Span
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 

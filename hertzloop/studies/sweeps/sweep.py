@@ -26,7 +26,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
+from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, parts, toml_value
 from hertzloop.studies.margin.margin import growth_of
 from hertzloop.studies.sweeps.design import Design, keys_of, toml_text

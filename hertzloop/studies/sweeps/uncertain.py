@@ -189,7 +189,7 @@ def _checked(parts: tuple[Part, ...], setup: Setup, name: str) -> Uncertain:
 def _part(key: str, given: Any, setup: Setup, name: str) -> Part:
     table = given if isinstance(given, dict) else {}
     kind = table.get("distribution")
-    grains = (setup.grain_of(key),)
+    grains = (setup.resolution_of(key),)
     if kind == "values":
         values = table.get("values", [])
         numbers = _floats(values if isinstance(values, list) else [], len(values), key, name)
@@ -234,7 +234,7 @@ def _correlated(given: Any, setup: Setup, name: str) -> Part:
         ) from None
     return Part(
         keys, "correlated", mean, tuple(tuple(map(float, row)) for row in factor),
-        tuple(setup.grain_of(key) for key in keys),
+        tuple(setup.resolution_of(key) for key in keys),
     )  # fmt: skip
 
 
