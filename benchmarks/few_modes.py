@@ -119,7 +119,7 @@ def few_modes(
              f"plate.loss_factor={of.loss_factor!r}"]  # fmt: skip
     whole = load("aluminium-3mm", [*of.striker, *point])
     known, true = modes_of_scene(whole), _first(whole)
-    contact_s = rigid_impact(whole.sphere, whole.bodies.contact).contact_s
+    contact_s = rigid_impact(whole.sphere, whole.mechanics.contact).contact_s
     loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
     shape, omega, per_mass = known.shape_contact, known.omega_rad_s, known.per_modal_mass_1_kg
     if isinstance(counts, float):

@@ -67,13 +67,13 @@ event.register("numba:compile", Own())
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.model import chosen_model
 from hertzloop.loop.compiled import record_in_process, simulate
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
 scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.006"])
 with tempfile.TemporaryDirectory() as folder:
     for compiled in (False, True):
         record_in_process(scene, Path(folder, f"{compiled}.mcap"), compiled=compiled)
 chosen_model(scene)
-figures_of(scene, parts.free_series(scene))
+figures_of(scene, free_series(scene))
 figures_of(scene, simulate(scene).rows)
 print(json.dumps(Own.seconds))
 """

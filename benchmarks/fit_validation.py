@@ -28,7 +28,8 @@ from benchmarks.program import (
 )
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant
 from hertzloop.studies.fit.model import FrozenModel
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
@@ -86,11 +87,11 @@ def restitution_on_infinite_plate(inelasticity: float) -> float:
         s = setup.vary({"plate.thickness_m": h})
         mass, v = s.sphere.mass_kg, s.sphere.impact_speed_m_s
         t = (mass / (s.contact.stiffness * math.sqrt(v))) ** 0.4
-        return mass / (s.bodies.local_plate.infinite_plate_impedance_n_s_m * t)
+        return mass / (s.mechanics.local_plate.infinite_plate_impedance_n_s_m * t)
 
     h = float(scipy.optimize.brentq(lambda h: lam(h) - inelasticity, 1e-4, 0.05, xtol=1e-14))
     one = setup.vary({"plate.thickness_m": h, "run.duration_s": 4e-4})
-    rows = ts.series_under(parts.start_plant(one), np.zeros(one.steps))
+    rows = ts.series_under(build_plant(one), np.zeros(one.steps))
     ended = int(np.flatnonzero(rows[ts.F_C] > 0.0)[-1]) + 2
     speed = (rows[ts.XI_S, ended + 1] - rows[ts.XI_S, ended]) / one.step_s
     return float(speed) / one.sphere.impact_speed_m_s

@@ -35,7 +35,7 @@ from hertzloop.analysis.trust import against, judged
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.stages import widest_limit_hz
+from hertzloop.setup.plate_model import widest_limit_hz
 from hertzloop.studies import pictures
 
 _LEAD_S = 1e-5
@@ -114,7 +114,7 @@ def outcome(theory: str, law: str, accuracy: float, random: np.random.Generator)
     lasts_s = rigid_contact_time_s(
         spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
     )
-    setup = setup.lasting(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    setup = setup.with_steps(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
     all_hz = _LINES / setup.step_s
     if spec.plate.solid:
         all_hz = widest_limit_hz(spec.plate, spec.sphere, spec.contact)

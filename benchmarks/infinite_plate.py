@@ -35,7 +35,8 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
-from hertzloop.setup import Setup, load, model_error, parts
+from hertzloop.setup import Setup, load, model_error
+from hertzloop.setup.build import build_plant
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds
@@ -114,7 +115,7 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     steps = int((setup.first_touch_s + lasts_s) / setup.step_s)
     if lasts_s == 0.0:
         return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
-    setup = setup.lasting(steps).on_plate("infinite")
+    setup = setup.with_steps(steps).with_plate_model("infinite")
     rows = simulate(setup).rows
     spec = setup.plant
     fine = replace(
@@ -122,7 +123,7 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
         infinite_plate=False, residual_flexibility=True,
     )  # fmt: skip
     plant = built(fine, "modal").at_start()
-    plant.state.body[_START] = parts.start_plant(setup, spec).state.body[_START]
+    plant.state.body[_START] = build_plant(setup, spec).state.body[_START]
     # Up to the last row of the run: the work of its last step shows in no row.
     finer = series_under(plant, np.repeat(rows[F_A], 2)[:-1])
     mine = impacts_in(spec, rows)[0]

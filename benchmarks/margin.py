@@ -32,7 +32,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.build import build_plant
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm
@@ -223,8 +224,8 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
         steps = min(steps, int(_E_FOLDS / (abs(expected_per_s) * setup.step_s)))
     steps = max(steps, 300)
     setup = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
-    setup = setup.on_plate("modal").lasting(steps)
-    plant = parts.start_plant(setup)
+    setup = setup.with_plate_model("modal").with_steps(steps)
+    plant = build_plant(setup)
     size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[pk.STEP] = 0
@@ -325,7 +326,7 @@ def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
             continue
         found += 1
         run = setup.vary({"run.duration_s": max(lasts_s, setup.first_touch_s + 2e-3)})
-        run = run.on_plate("modal")
+        run = run.with_plate_model("modal")
         try:
             rows = simulate(run).rows
         except SceneError as error:

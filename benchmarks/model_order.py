@@ -40,7 +40,7 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup import load
-from hertzloop.setup.stages import NEAREST
+from hertzloop.setup.plate_model import NEAREST
 from hertzloop.studies import pictures
 
 Found = TypeVar("Found")

@@ -141,7 +141,7 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
     spec = setup.plant
     m, s, v = spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
     steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.step_s)
-    short = setup.lasting(min(steps, setup.steps))
+    short = setup.with_steps(min(steps, setup.steps))
     return against(short, simulate(short).rows, best)
 
 

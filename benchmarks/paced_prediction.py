@@ -76,7 +76,7 @@ def paced(setup: Setup, path: Path, pace: float) -> tuple[list[float], bool]:
     recording = read(path)
     latencies = [float(x) for x in latencies_of(recording)]
     again = setup.vary({_TRACE: latencies})
-    repeated = simulate(again.on_plate(setup.plate_model)).rows
+    repeated = simulate(again.with_plate_model(setup.plate_model)).rows
     return latencies, np.array_equal(repeated, rows_of(recording))
 
 

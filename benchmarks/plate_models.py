@@ -239,7 +239,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
         thin_scene, solid_scene = _scenes(name)
         thin, solid = run(thin_scene), run(solid_scene)
         spec = thin_scene.plant
-        plate = thin_scene.bodies.local_plate
+        plate = thin_scene.mechanics.local_plate
         step_us, ratio = math.nan, math.nan
         if timed:
             step_us, ratio = cost_ratios(

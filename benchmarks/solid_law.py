@@ -35,7 +35,7 @@ from hertzloop.analysis.trust import against, judged, stated_error
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.stages import widest_limit_hz
+from hertzloop.setup.plate_model import widest_limit_hz
 from hertzloop.studies import pictures
 
 _LEAD_S = 1e-5
@@ -106,8 +106,8 @@ def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outc
     """A scene by its keys; None if its first impact does not end in time."""
     run = {"run.lead_in_s": _LEAD_S, "run.plate_model": "modal", "run.accuracy": accuracy}
     setup = load("aluminium-3mm").vary(keys | more | run)
-    lasts_s = rigid_impact(setup.sphere, setup.bodies.contact).contact_s
-    setup = setup.lasting(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    lasts_s = rigid_impact(setup.sphere, setup.mechanics.contact).contact_s
+    setup = setup.with_steps(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
     spec = setup.plant
     limit_hz, wide_hz = (
         spec.frequency_limit_hz,
@@ -124,7 +124,7 @@ def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outc
         setup.law_reference, keys["controller.kappa"], accuracy, stated, *both,
         modes_only=_largest(_errors(setup, twice_hz, 1)),
         step_only=_largest(_errors(setup, limit_hz, 2)),
-        no_law=_largest(_errors(setup.uncontrolled(), twice_hz, 2)),
+        no_law=_largest(_errors(setup.without_control(same_plate=True), twice_hz, 2)),
         all_modes=_largest(_errors(setup, wide_hz, 2)),
         more=", ".join(f"{key.split('.')[1]} {value:g}" for key, value in more.items()),
         keys=" ".join(typed),

@@ -154,7 +154,7 @@ def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, 
     if spec.plate.local_plate is None:
         raise SceneError("a map over thickness needs a plate. Remove plate.modes.")
     radii, thicknesses = (np.geomspace(*ends, count) for ends in (RADII_M, THICKNESSES_M))
-    found = setup.bodies.weaker
+    found = setup.mechanics.weaker
     strength = None if found is None else found[1]
     lasts = _zener_table(spec.sphere, spec.plate.local_plate)
     sizes = {name: np.zeros((count, count)) for name, _, _ in EFFECTS}

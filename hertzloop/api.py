@@ -182,7 +182,7 @@ class Run:
         Returns:
             The run without control.
         """
-        return simulate(resolve(self.scene).uncontrolled().scene)
+        return simulate(resolve(self.scene).without_control(same_plate=True).scene)
 
 
 @dataclass(frozen=True)

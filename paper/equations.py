@@ -165,7 +165,7 @@ def main(
     check_json(json_file)
     if quick:
         steps = round((resolved.first_touch_s + _QUICK_S) / resolved.step_s)
-        resolved = resolved.lasting(min(resolved.steps, steps))
+        resolved = resolved.with_steps(min(resolved.steps, steps))
     with results_in(folder, "equations", resolved.scheme) as made:
         try:
             with progress("equations", 1):

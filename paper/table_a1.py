@@ -68,7 +68,7 @@ def model(scheme: str) -> Model:
     impact = first_impact(setup, simulate(setup).rows)
     if impact is None:
         raise ValueError(f"{setup.name}: no impact")
-    about = setup.about_bodies
+    about = setup.about_mechanics
     return Model(impact.contact_n, mobility_force_n(about))
 
 

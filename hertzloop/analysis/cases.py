@@ -32,7 +32,8 @@ from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.setup import Setup, model_error, parts
+from hertzloop.setup import Setup, model_error
+from hertzloop.setup.controller import loaded_law
 
 Span = Literal["impact", "run"]
 # The other span, and both in words.
@@ -161,13 +162,13 @@ def _follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
     "auto" means the infinite plate where it meets the accuracy until the span is over.
     """
     if span == "run":
-        setup = setup.on_plate(setup.plate_model)
+        setup = setup.with_plate_model(setup.plate_model)
         return setup, simulate(setup)
     if setup.scene.run.plate_model == "auto":
         found = _on_infinite_plate(setup)
         if found:
             return found
-        setup = setup.on_plate("modal")
+        setup = setup.with_plate_model("modal")
     return setup, _until_over(setup)
 
 
@@ -182,7 +183,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
         # An impact that lasts a step at least is not over earlier.
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet
         if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
-            infinite = setup.on_plate("infinite")
+            infinite = setup.with_plate_model("infinite")
             found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
             if found.over or steps >= setup.steps:
                 return infinite, found
@@ -193,7 +194,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
 
 def _until_over(setup: Setup) -> SimulatedRun:
     """Simulate until the first impact is over, the run's end at the latest."""
-    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_bodies.rigid_contact_s
+    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_mechanics.rigid_contact_s
     while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
         first *= 4
     steps = round(setup.lead_in_s / setup.step_s) + first
@@ -207,7 +208,7 @@ def _until_over(setup: Setup) -> SimulatedRun:
 
 def latched_us(setup: Setup, run: SimulatedRun) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    first = first_of(run.modes, ACTING) if parts.law_of(setup).latches else -1
+    first = first_of(run.modes, ACTING) if loaded_law(setup).latches else -1
     if first < 0:
         return math.nan
     return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
@@ -282,7 +283,7 @@ def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
 
 def uncontrolled(setup: Setup, span: Span) -> SpanFigures:
     """Return the figures of a span of a scene without control. Raises SceneError."""
-    return _uncontrolled(setup.plain(), span)
+    return _uncontrolled(setup.plant_only(), span)
 
 
 @lru_cache(maxsize=64)

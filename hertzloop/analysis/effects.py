@@ -33,8 +33,9 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, model_error, parts
-from hertzloop.setup.stages import Bodies
+from hertzloop.setup import Setup, model_error
+from hertzloop.setup.controller import law_flight_m
+from hertzloop.setup.mechanics import Mechanics
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory
@@ -61,7 +62,7 @@ class _Standing(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _standing(spec: PlantSpec, bodies: Bodies) -> _Standing:
+def _standing(spec: PlantSpec, bodies: Mechanics) -> _Standing:
     structure, local, sphere = spec.plate, spec.plate.local_plate, spec.sphere
     revival_s, air_share, square = 0.0, math.nan, structure.separable
     if square is not None and not spec.infinite_plate:
@@ -87,7 +88,7 @@ class Facts:
         # From a sample to the force that it causes.
         line_s = setup.step_s + 1e-6 * setup.latency_us
         self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
-        self.standing = _standing(self.spec, setup.bodies)
+        self.standing = _standing(self.spec, setup.mechanics)
         self.local = self.standing.local
         self.end_s = setup.duration_s if end_s is None else end_s
         self.after_touch_s = self.end_s - run.touched_s
@@ -127,7 +128,7 @@ class Facts:
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""
         try:
-            return parts.law_flight_m(self.setup)
+            return law_flight_m(self.setup)
         except SceneError:  # a recording may outlive its law
             return 0.0
 
@@ -514,7 +515,7 @@ def neglected(setup: Setup, run: Extremes) -> Neglected:
 
 def neglected_of_scene(setup: Setup) -> Neglected:
     """The same of a scene, simulated here, the beginning of a very long one."""
-    setup = setup.lasting(min(setup.steps, _MOST_STEPS))
+    setup = setup.with_steps(min(setup.steps, _MOST_STEPS))
     rows = simulate(setup).rows
     stability, extremes = StabilityMeter(setup), ExtremesMeter(setup.plant)
     stability.feed(0, rows)

@@ -13,7 +13,8 @@ from hertzloop.analysis.impacts import Block, impacts_of_blocks
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.build import free_series
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,6 @@ def free_figures(setup: Setup) -> Figures | None:
     """Figures of the same run without control, simulated here; None of a setup without a law."""
     if not setup.has_law:
         return None
-    without = setup.uncontrolled()
+    without = setup.without_control(same_plate=True)
     # `wait` returns True, when it does.
-    return figures_of(without, (block for block in parts.free_series(without) if no_loop.wait()))
+    return figures_of(without, (block for block in free_series(without) if no_loop.wait()))

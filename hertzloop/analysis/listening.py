@@ -32,7 +32,8 @@ from hertzloop.plant.structures.radiation import air_loss_factor, efficiency_wal
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.build import free_series
 from hertzloop.whole_files import write_whole
 
 RATE_HZ = 48_000
@@ -266,7 +267,7 @@ def heard_of(
     recorded = pieces_of(recording)
     runs: dict[str, Iterable[Block]] = {"without-control": recorded}
     if setup.has_law:
-        free = parts.free_series(setup.without_control())
+        free = free_series(setup.without_control())
         runs = {"with-control": recorded, "without-control": free}
     heard: dict[Path, Heard] = {}
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}

@@ -27,7 +27,8 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import loaded_law
 
 
 def control_force_n(setup: Setup, rows: np.ndarray) -> np.ndarray:
@@ -226,7 +227,7 @@ class StabilityMeter(Meter):
     def __init__(self, setup: Setup) -> None:
         self.spec, self.setup = setup.plant, setup
         try:  # without feedback a law may feed in any energy
-            self.closed = not parts.law_of(setup).open_loop
+            self.closed = not loaded_law(setup).open_loop
         except SceneError:  # the law of a recording may not be there any more
             self.closed = True
         sphere = self.spec.sphere

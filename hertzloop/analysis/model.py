@@ -17,7 +17,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, model_error
-from hertzloop.setup.stages import NEAREST, wavelengths_to_edge
+from hertzloop.setup.plate_model import NEAREST, wavelengths_to_edge
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
@@ -174,7 +174,7 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
     if limit is None:
         return None
     given = setup.scene.contact.limiting_pressure_pa is not None
-    found = setup.bodies.weaker
+    found = setup.mechanics.weaker
     by = None if given or found is None else {"body": found[0], **asdict(found[1])}
     return {"pressure_pa": limit.pressure_pa, "given": given, "by": by}
 
@@ -183,8 +183,8 @@ def parts_of(setup: Setup, books: Books) -> PlantParts:
     """What a run that ended took for its plant."""
     away = None
     if setup.plant.damped_tail:
-        away = wavelengths_to_edge(setup.bodies, setup.plant.frequency_limit_hz)
-    faces = setup.bodies.radiating_faces
+        away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
+    faces = setup.mechanics.radiating_faces
     return PlantParts(
         tail=None if away is None else Tail(books.tail_dissipated_j, away, NEAREST),
         theory=_theory(setup),

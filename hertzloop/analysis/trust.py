@@ -27,7 +27,8 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, XI
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, model_error, parse, parts
+from hertzloop.setup import Setup, model_error, parse
+from hertzloop.setup.build import build_plant
 
 _MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
@@ -125,7 +126,7 @@ def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
 def started_as(setup: Setup, fine: PlantSpec) -> Plant:
     """A finer plant at the start of a scene's run."""
     plant = built(fine, setup.scheme).at_start(setup.touch_phase)
-    coarse = parts.start_plant(setup, setup.plant)
+    coarse = build_plant(setup, setup.plant)
     plant.state.body[_START] = coarse.state.body[_START]
     return plant
 
@@ -213,13 +214,13 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     if finer is None:
         return None
     # How long a run lasts may decide about the model of its plate.
-    short = setup.on_plate(setup.plate_model).lasting(steps)
+    short = setup.with_plate_model(setup.plate_model).with_steps(steps)
     try:
         run = simulate(short)
         until = past_first_impact(short, run.rows)
         if until is None:
             return None
-        other = simulate(short.lasting(until), own_plant=started_as(short, finer))
+        other = simulate(short.with_steps(until), own_plant=started_as(short, finer))
     except LawStopped:
         return None
     found = changes(short, run.rows[:, :until], other.rows, finer)
@@ -395,7 +396,7 @@ def predictability(
 ) -> Predictability:
     """How well the impacts of a run can be known; one whose forces were late is judged by the same
     in lock-step. Nothing is said of an unstable loop. `free`: of the run without control."""
-    error, without = ran.expected_error, setup.uncontrolled()
+    error, without = ran.expected_error, setup.without_control(same_plate=True)
 
     def known(of: Setup, figures: Figures, in_lock_step: bool = True) -> list[ImpactErrors] | None:
         assert error is not None

@@ -18,7 +18,7 @@ from hertzloop.processes.conformance import Broken, Checks, Meeting, Script, pla
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.loading import parse_setting
-from hertzloop.setup import parts
+from hertzloop.setup.controller import loaded_law
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
@@ -112,11 +112,11 @@ def replay(
     found = law_replay.law_on(recording, setup)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
-    if note := parts.law_of(setup).identity_note():
+    if note := loaded_law(setup).identity_note():
         err.say(note)
     ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
-    law_replay.draw(found, (f"recorded: {ran}", parts.law_of(setup).name), target)
-    out.say(_difference(found, parts.law_of(setup).name))
+    law_replay.draw(found, (f"recorded: {ran}", loaded_law(setup).name), target)
+    out.say(_difference(found, loaded_law(setup).name))
     out.say(f"written: {target}")
     options.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 

@@ -22,7 +22,7 @@ from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_mode
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import DEFAULT, shipped, with_modes_file
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.parts import check_reach
+from hertzloop.setup.build import check_modes_reach_impact
 from hertzloop.studies.modal import universal as uff
 from hertzloop.studies.modal.hits import read_hits
 from hertzloop.studies.modal.modes import MeasuredModes, Tell, modes_of_hits, modes_of_responses
@@ -316,7 +316,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
         warning = ""
         try:
             setup = load(str(trial))
-            check_reach(setup.plant)
+            check_modes_reach_impact(setup.plant)
         except SceneError as error:
             warning = str(error).rstrip(".")
             setup = load(str(trial), _COMPLETE)  # all else has to be right

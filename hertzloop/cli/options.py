@@ -22,8 +22,9 @@ from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags,
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.warmup import all_compiled, anything_compiled, ensure_compiled
 from hertzloop.scenes.loading import load as load_scene
-from hertzloop.setup import Setup, parts, resolve
-from hertzloop.setup.stages import TOLD_S, build_s
+from hertzloop.setup import Setup, resolve
+from hertzloop.setup.controller import loaded_law
+from hertzloop.setup.plate_model import TOLD_S, build_time_s
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -107,7 +108,7 @@ def scene_from(
 
     if not anything_compiled():
         announce_compilation()
-    takes_s, spec = build_s(setup.plant), setup.plant
+    takes_s, spec = build_time_s(setup.plant), setup.plant
     if takes_s >= TOLD_S:
         count = spec.plate.modes_below(spec.frequency_limit_hz)
         err.say(f"Computing about {count:.2g} modes takes about {takes_s:.0f} s of processor time.")
@@ -141,7 +142,7 @@ def check_law(setup: Setup) -> None:
     """Print what a law says of its keys; try one that is not shipped for a moment, and say so if it
     is slow. Raises SceneError."""
     if setup.law_reference in shipped_laws():
-        if said := parts.law_of(setup).note(setup.scene.controller.keys):
+        if said := loaded_law(setup).note(setup.scene.controller.keys):
             err.say(said)
         return
 

@@ -22,7 +22,7 @@ from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoin
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import parts
+from hertzloop.setup.controller import check_buildable, loaded_law
 from hertzloop.views import run as run_view
 from hertzloop.views.format import unwrapped
 
@@ -86,7 +86,7 @@ def run(
     request = replace(request, endpoints=endpoints, name=name)
     started_s = time.time()
     if request.transport is Transport.ZENOH:
-        parts.check(resolved)  # so that the roles inherit what it loads
+        check_buildable(resolved)  # so that the roles inherit what it loads
         fork_server.prepare()  # before anything starts a thread
     with (
         if_interrupted(lambda: what_is_kept(recording, started_s)),
@@ -97,7 +97,7 @@ def run(
         report = run_view.run_of(resolved, recording, request, advance)
     growth = warning = None
     if (
-        resolved.has_law and not parts.law_of(resolved).not_linear and not request.controller
+        resolved.has_law and not loaded_law(resolved).not_linear and not request.controller
     ):  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of
         from hertzloop.studies.margin.shown import unstable_line

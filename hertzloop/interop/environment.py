@@ -47,7 +47,7 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         scale: float | None = None,
     ) -> None:  # fmt: skip
         setup = load(str(scene)) if isinstance(scene, str | Path) else resolve(scene)
-        about = setup.about_bodies
+        about = setup.about_mechanics
         if scale is None and setup.quantity != "xi":
             raise SceneError(
                 f"sensors.quantity = {setup.quantity!r} needs a scale for its "

@@ -22,7 +22,8 @@ from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors.acquisition import NOISE_STREAM
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.build import build_plant, build_sensor
 from hertzloop.setup.setup import PHASE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
@@ -50,7 +51,7 @@ class Image:
 
 def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
+    plant, sensor = build_plant(setup), build_sensor(setup)
     if not is_known(plant.model):
         raise SceneError(
             f"run.scheme = {setup.scheme!r} cannot be exported. Use 'modal' or 'discrete_gradient'."

@@ -29,7 +29,9 @@ from hertzloop.plant.time_series import COLUMNS
 from hertzloop.recordings.writer import Recorder, RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.build import build_plant, build_sensor
+from hertzloop.setup.controller import build_controller
 
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
 _LEAST_STEPS = 2  # in which a rebound is seen
@@ -109,9 +111,9 @@ def simulate(
     Raises LawStopped when the law fails.
     """
     most = steps or setup.steps
-    plant = own_plant or parts.start_plant(setup, steps=most)
-    sensor = parts.start_sensor(setup, most)
-    controller = parts.start_controller(setup, ahead=impact_only, steps=most)
+    plant = own_plant or build_plant(setup, steps=most)
+    sensor = build_sensor(setup, most)
+    controller = build_controller(setup, ahead=impact_only, steps=most)
     samples = len(controller.law_state.history)
     window = empty_window(most, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
@@ -146,8 +148,8 @@ def simulate(
 def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
     """Rows of truth of a scene with its law in blocks: first step, rows of shape (10, steps); the
     sphere starts faster by `disturbance`, relative. Raises SceneError when the law fails."""
-    plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
-    controller = parts.start_controller(setup, ahead=False)
+    plant, sensor = build_plant(setup), build_sensor(setup)
+    controller = build_controller(setup, ahead=False)
     plant.state.body[pk.FLIGHT_V] *= 1.0 + disturbance
     modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
     counts = np.zeros(loop_k.WINDOW_COUNTS, np.int64)
@@ -180,7 +182,7 @@ def run_compiled(
     run_id = new_run_id()
     streams = PlantStreams(setup, Publisher(plant_port, run_id), every_s=EVERY_S)
     publisher = Publisher(controller_port, run_id)
-    controller = parts.start_controller(setup, ahead=False)
+    controller = build_controller(setup, ahead=False)
     events = ControllerEvents(setup)
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
     advance = partial(
@@ -235,8 +237,8 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     Samples, forces and what is drawn by chance belong to the steps of the scene; a force is held
     over one. Raises SceneError when the law fails.
     """
-    sensor = parts.start_sensor(setup, steps)
-    controller = parts.start_controller(setup, ahead=False, steps=steps)
+    sensor = build_sensor(setup, steps)
+    controller = build_controller(setup, ahead=False, steps=steps)
     truth = np.zeros((COLUMNS, steps * parts_of_step))
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         loop_k.loop_in_parts(

@@ -25,8 +25,8 @@ from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse, parts
-from hertzloop.setup.parts import idle
+from hertzloop.setup import Setup, parse
+from hertzloop.setup.controller import build_controller, build_idle_controller, loaded_law
 
 # Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
 _BLOCK, _EVERY_S = 1000, 0.01
@@ -72,7 +72,7 @@ class ControllerNode:
         self._next_block_s = 0.0
         self._samples = 0  # of which the answers are published
         # Loads the kernels before anybody waits for an answer.
-        LaneAnswers(idle(), lane.closed(), look_ahead).serve(0)
+        LaneAnswers(build_idle_controller(), lane.closed(), look_ahead).serve(0)
 
     @property
     def samples(self) -> int:
@@ -120,11 +120,11 @@ class ControllerNode:
         scene = self._scene or block.header.scene_toml
         try:
             setup = parse(scene, law=self._law)
-            setup = setup.announced(block.header.stiffness)
+            setup = setup.with_stiffness(block.header.stiffness)
             announced = block.header.law_digest
-            law = parts.law_of(setup)
+            law = loaded_law(setup)
             check_digest(str(law.path), law.digest, announced or None)
-            self._controller = parts.start_controller(setup)
+            self._controller = build_controller(setup)
         except (SceneError, LawError) as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.law_reference  # as the plant calls it, wherever this side has it

@@ -12,7 +12,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.controller.law import ACTING, IDLE
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import loaded_law
 
 _SPAN = 1000  # steps
 MOST = 10_000  # events of one publisher that are listed
@@ -129,7 +130,7 @@ class ControllerEvents(_Listed):
     def __init__(self, setup: Setup) -> None:
         super().__init__("controller", setup.steps, setup.step_ns)
         self._every = setup.every_steps
-        self._latches = parts.law_of(setup).latches
+        self._latches = loaded_law(setup).latches
         self._mode = IDLE
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Event]:

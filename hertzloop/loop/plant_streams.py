@@ -30,7 +30,9 @@ from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import COLUMNS, TRUTH
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, model_error, parts
+from hertzloop.setup import Setup, model_error
+from hertzloop.setup.build import build_plant, build_sensor
+from hertzloop.setup.controller import loaded_law
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
@@ -55,8 +57,8 @@ def hello(setup: Setup, stiffness: float) -> Hello:
         step_ns=setup.step_ns,
         seed=setup.seed,
         stiffness=stiffness,
-        law=parts.law_of(setup).name,
-        law_digest=parts.law_of(setup).digest,
+        law=loaded_law(setup).name,
+        law_digest=loaded_law(setup).digest,
     )
 
 
@@ -74,8 +76,8 @@ def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
     return SetUp(
         scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
         stiffness=setup.stiffness,
-        law=parts.law_of(setup).name,
-        law_digest=parts.law_of(setup).digest,
+        law=loaded_law(setup).name,
+        law_digest=loaded_law(setup).digest,
         versions=versions_here(),
     )
 
@@ -122,8 +124,8 @@ class PlantStreams:
     ) -> None:
         """`held`: by how many steps each step's command is too old, where some may be."""
         self.setup, self.publisher, self._held = setup, publisher, held
-        self.plant = parts.start_plant(setup)
-        self.sensor = parts.start_sensor(setup)
+        self.plant = build_plant(setup)
+        self.sensor = build_sensor(setup)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
         self.hello = hello(setup, self.plant.model.stiffness)
         spec = self.sensor.spec
@@ -160,7 +162,7 @@ class PlantStreams:
         """Announce the run. The law's text goes to the recorder alone: it would be most of a hello,
         which has to fit into the memory of a microcontroller."""
         announce(self.publisher, self.setup, self.hello)
-        if source := parts.law_of(self.setup).source:
+        if source := loaded_law(self.setup).source:
             self.publisher.send("law", LawText(source=source))
 
     def samples_waiting(self) -> int:

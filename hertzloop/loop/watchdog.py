@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import loaded_law
 
 PATIENCE_S = 20.0
 _LOOKS = 4  # in that time
@@ -64,7 +65,7 @@ def watching(
     """Watch a run of a scene; those of shipped laws need no watching."""
     if setup.law_is_shipped:
         return nullcontext()
-    return watched(parts.law_of(setup).name, progress, on_stuck, what, patience_s)
+    return watched(loaded_law(setup).name, progress, on_stuck, what, patience_s)
 
 
 @contextmanager

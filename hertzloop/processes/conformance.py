@@ -34,7 +34,9 @@ from hertzloop.loop.controller_node import physical_values
 from hertzloop.loop.plant_streams import ROOM_STEPS, announce, hello
 from hertzloop.processes.program import filled_in
 from hertzloop.recordings.reader import Recording
-from hertzloop.setup import Setup, load, parse, parts
+from hertzloop.setup import Setup, load, parse
+from hertzloop.setup.build import build_sensor
+from hertzloop.setup.controller import build_controller
 
 _SCENE = "aluminium-3mm"
 _SPEED_M_S = 1.0
@@ -98,9 +100,9 @@ def _script(
     """A script from a gap; raises SceneError for a law or setting that cannot be."""
     duration = f"run.duration_s={steps * 1e-6:.9f}"
     fixed = (duration, "run.lead_in_s=0", "run.accuracy=0.1", "run.plate_model=modal")
-    setup = load(_SCENE, [*settings, *fixed]).renamed(f"conformance-{name}")
+    setup = load(_SCENE, [*settings, *fixed]).with_name(f"conformance-{name}")
     values = gap_m(steps, contacts)[:: setup.every_steps]
-    model = parts.start_sensor(setup).model
+    model = build_sensor(setup).model
     flags = np.zeros(len(values), np.uint8)
     script = Script(
         name, setup, values, flags, model.scale, model.offset,
@@ -148,7 +150,7 @@ def scripts(law: str | None = None, settings: Sequence[str] = ()) -> list[Script
 
 def _with_law(script: Script, law: str) -> Script:
     """The script with the forces that our own law of this name answers to it."""
-    answering = parts.start_controller(script.setup)
+    answering = build_controller(script.setup)
     answering.process(script.values())
     return replace(script, expected=answering.forces.copy(), expected_of=f"law '{law}'")
 

@@ -24,7 +24,8 @@ from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.recordings.reader import holds_a_run
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import check_buildable, loaded_law
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _CONNECTS_S = 30.0  # for a program of the user's to connect
@@ -218,7 +219,7 @@ class Launcher:
                 deadline = min(deadline, clock.now() + (0.0 if in_vain else _GRACE_S))
         if failed:
             own = not self._setup.law_is_shipped and not self._program
-            law = parts.law_of(self._setup).name if own else ""
+            law = loaded_law(self._setup).name if own else ""
             raise RunFailed(_cause(failed, set(running), silent, law))
         if self._program and running.keys() == {CONTROLLER}:  # it might serve another run
             program = running.pop(CONTROLLER)
@@ -319,7 +320,7 @@ def record(
     Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
     parts that cannot be built, before there is a file.
     """
-    parts.check(setup)
+    check_buildable(setup)
     if options.transport is Transport.ZENOH:
         with Launcher(setup, recording, options) as processes:
             return processes.wait(on_progress)

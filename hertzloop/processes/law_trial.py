@@ -24,8 +24,8 @@ from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial
-from hertzloop.setup import Setup, parts
-from hertzloop.setup.parts import idle
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import bound_law, build_idle_controller, law_context, loaded_law
 
 _SAMPLES = 2000
 _PATIENCE_S = 10.0
@@ -36,10 +36,10 @@ _PREPARED_S = 60.0  # what a law prepares may take kernels that have to be compi
 def try_law(setup: Setup) -> str:
     """Let the scene's law answer an impact on a rigid plate; a line on what it costs if it is not
     compiled, else nothing. Raises SceneError if it fails or does not answer."""
-    law = parts.law_of(setup)
+    law = loaded_law(setup)
     if law.name in shipped():
         return ""
-    about = parts.about(setup)
+    about = law_context(setup)
     try:
         with given_up_in_time(_PREPARED_S):
             _check_prepared(law, setup, about)
@@ -49,7 +49,7 @@ def try_law(setup: Setup) -> str:
             "loop."
         ) from None
     with compiled_abreast():
-        bound = parts.bound_law(setup, True)
+        bound = bound_law(setup, True)
     samples = impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:
@@ -99,13 +99,13 @@ def _numbers(constants: Any) -> list[np.ndarray]:
 def check_repeatable(setup: Setup) -> None:
     """Refuse a law that answers the same samples with other commands the second time, in this
     process. Raises SceneError."""
-    law = parts.law_of(setup)
+    law = loaded_law(setup)
     if law.name in shipped():
         return
-    about = parts.about(setup)
+    about = law_context(setup)
     _check_prepared(law, setup, about)
     samples = impact_samples(setup, about)
-    bound = parts.bound_law(setup, True)
+    bound = bound_law(setup, True)
     first = _forces(bound, samples, setup.step_s, 0.0)
     if said := _unrepeatable(first, bound, samples, setup.step_s):
         raise SceneError(said)
@@ -186,7 +186,7 @@ def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) 
 def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -> str:
     """What a law does wrong with these samples, in a sentence; empty if nothing. `folder`: for
     its temporary files."""
-    idle()  # what is compiled here is no time of the law's
+    build_idle_controller()  # what is compiled here is no time of the law's
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

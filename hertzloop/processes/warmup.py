@@ -15,7 +15,8 @@ from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.jit.cache import all_kept, cache_folder, each_compiled, types_digest
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_plant, build_sensor, free_series
+from hertzloop.setup.controller import build_controller
 
 if TYPE_CHECKING:
     from hertzloop.setup import Setup
@@ -94,7 +95,7 @@ def _usual(paced: bool) -> Path:
 def _marker(setup: "Setup", paced: bool) -> Path:
     """A file that is there once all is compiled for a scene: it is named after the types that
     kernels are compiled for. Those of a controller are the same for every law and line."""
-    plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
+    plant, sensor = build_plant(setup), build_sensor(setup)
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
     return cache_folder() / f".compiled-{types}{'-paced' * paced}"
 
@@ -111,10 +112,10 @@ def _moment_of(setup: "Setup") -> "Setup":
     from hertzloop.setup import parse
 
     # How long a run lasts may decide about the model of its plate.
-    setup = setup.without_control().on_plate(setup.plate_model)
+    setup = setup.without_control().with_plate_model(setup.plate_model)
     setup = parse(to_toml(setup.scene))  # without what other laws have to be told
     steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.step_s)
-    return setup.lasting(max(1, min(steps, setup.steps, _MOST_STEPS)))
+    return setup.with_steps(max(1, min(steps, setup.steps, _MOST_STEPS)))
 
 
 def _compile_at_once(setup: "Setup", tell: Progress) -> None:
@@ -149,7 +150,7 @@ def _compile_plant(setup: "Setup") -> None:
     from hertzloop.setup import model_error
 
     PlantNode(setup, InProcessPort(InProcessBus(), PLANT))
-    next(parts.free_series(setup))
+    next(free_series(setup))
     simulate(setup)
     model_error.infinite_plate_lasts_s(setup)
 
@@ -175,7 +176,7 @@ def _compile_beside() -> None:
 
     setup = parse(sys.stdin.read())
     ControllerNode(InProcessPort(InProcessBus(), CONTROLLER))
-    parts.start_controller(setup, ahead=False).process(np.ones(2))
+    build_controller(setup, ahead=False).process(np.ones(2))
     figures_of(setup, _made_up_contact(setup))
 
 
@@ -207,7 +208,7 @@ def _run(setup: "Setup", folder: Path) -> None:
     record_in_process(setup, folder / "a.mcap", compiled=False)
     record_in_process(setup, folder / "b.mcap", compiled=True)
     chosen_model(setup)
-    figures_of(setup, parts.free_series(setup))
+    figures_of(setup, free_series(setup))
     figures_of(setup, simulate(setup).rows)
 
 

@@ -9,18 +9,17 @@ from hertzloop.plant.estimates.model_order import (
     share_at_once,
     velocity_share,
 )
-from hertzloop.plant.estimates.model_order import (
-    expected_error as error_of_modes,
-)
-from hertzloop.setup import stages
+from hertzloop.plant.estimates.model_order import expected_error as error_of_modes
+from hertzloop.setup import infinite_plate
+from hertzloop.setup.plate_model import widest_limit_hz
 from hertzloop.setup.setup import Setup
 
 
 def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
     """Return the error that an infinite plate is expected to have in a run that ends at `end_s`, s,
     relative to the penetration or the plate energy; inf where it is not known."""
-    return stages.infinite_plate_error(
-        setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
+    return infinite_plate.infinite_plate_error(
+        setup.mechanics, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
         end_s - setup.first_touch_s,
     )  # fmt: skip
 
@@ -28,8 +27,8 @@ def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
 def infinite_plate_lasts_s(setup: Setup, at_most_s: float = math.inf) -> float:
     """Return how long after the first touch an infinite plate meets the accuracy, s, or `at_most_s`
     if that is longer; zero where it does not do so for a whole contact."""
-    return stages.infinite_plate_lasts_s(
-        setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
+    return infinite_plate.infinite_plate_lasts_s(
+        setup.mechanics, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
         setup.accuracy, at_most_s,
     )  # fmt: skip
 
@@ -45,7 +44,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
     if spec.plate.solid:
         found = expected_solid_error(*bodies, spec.frequency_limit_hz)
         found *= UNDER_LAW if setup.has_law else 1.0
-        until_hz = min(until_hz, stages.widest_limit_hz(spec.plate, spec.sphere, spec.contact))
+        until_hz = min(until_hz, widest_limit_hz(spec.plate, spec.sphere, spec.contact))
     else:
         found = error_of_modes(
             *bodies, spec.frequency_limit_hz,

@@ -1,13 +1,12 @@
-"""The resolved scene: everything that a run is made of.
+"""A run in SI units: everything that follows from a scene before anything runs.
 
-`resolve` computes the stages in one order: bodies -> line -> reach of the law -> plate model ->
-plant -> sensor -> what the law may know. Every stage is a plain function of the tables and numbers
-that it reads, in `stages`, and keeps its latest results by these. So a `Setup` that differs in one
-key shares all stages that do not read this key.
+`resolve` reads a scene from top to bottom. Each step is a function of the tables and numbers that
+it needs, in a file of its own, and keeps its latest results by these. So setups that differ in one
+key share what does not depend on that key.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,10 +17,7 @@ from hertzloop.controller.law import About, Reach
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
-from hertzloop.plant.contact.hertz import (
-    Contact,
-    Sphere,
-)
+from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.estimates.model_order import UNDER_LAW
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
@@ -45,107 +41,185 @@ from hertzloop.scenes.tables import (
 from hertzloop.scenes.varying import resolution_of
 from hertzloop.scenes.varying import vary as vary_scene
 from hertzloop.sensors.acquisition import SensorSpec
-from hertzloop.setup import stages
+from hertzloop.setup.infinite_plate import Smoothness, infinite_plate_error
+from hertzloop.setup.law_context import about_mechanics, law_models_yield, law_reach
+from hertzloop.setup.mechanics import Mechanics, resolve_mechanics
+from hertzloop.setup.plate_model import check_modes, describe_plant, on_infinite_plate
+from hertzloop.setup.sensor import resolve_sensor
+from hertzloop.setup.signal_path import resolve_line, resolve_smoothness
 
 PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
-_KEPT_TABLES = 64
 _PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
 
 
-class _Values:
-    """What `resolve` computes."""
-
-    # What the scene says in numbers.
-    name: str
-    step_ns: int
-    step_s: float
-    steps: int
-    duration_s: float
-    lead_in_s: float
-    """flight before the first contact, s"""
-    accuracy: float
-    """relative error that the choice of the plate's model may cause"""
-    seed: int
-    """of noise, jitter, drop-outs and a random touch phase"""
-    scheme: str
-    """a key of SCHEMES"""
-    quantity: str
-    """sampled quantity, a key of SENSED"""
-    every_steps: int
-    """steps between two samples"""
-    size_m: tuple[float, float] | None
-    """length and width of the plate; None where modes stand for it"""
-    law_reference: str
-    """the law as the scene names it: a shipped name, a file, or a module"""
-    has_law: bool
-    """whether there is control at all"""
-    law_is_shipped: bool
-    """whether the law comes with hertzloop"""
-    touch_phase: float
-    """part of a step from the last sample above the plate to the first touch: the scene's, or drawn
-    by its seed"""
-
-    # The stages.
-    bodies: stages.Bodies
-    sphere: Sphere
-    structure: Structure
-    contact: Contact
-    stiffness: float
-    """contact stiffness that a law works with, N/m^1.5"""
-    actuator: Actuator
-    why_not_solid: str | None
-    """why the plate cannot be in three dimensions; None if it can"""
-    theory: str
-    """theory of the plate: "kirchhoff" or "3d", as `plate.theory` comes to"""
-    first_touch_s: float
-    """when the sphere first touches the structure, from the start of the run, s"""
-    line: LineSpec
-    plate_material: str
-    """name of the plate's material; "" for numbers without a name"""
-    striker_material: str
-    """that of the sphere or the hammer's tip"""
-    latency_us: float
-    """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
-    reach: Reach
-    """how far the law's force can go"""
-    law_models_yield: bool
-    """whether the law declares that it allows for a permanent dent; false if it is missing"""
-    line_smoothness: stages.Smoothness
-    with_edges: PlantSpec
-    """the plant with modes, whether or not these are used"""
-    plate_model: str
-    """model of the plate, "modal" or "infinite", that `run.plate_model` comes to"""
-    plant: PlantSpec
-    sensor: SensorSpec
-    converter_step: float
-    """distance of two levels of the sensor's converter; zero of an ideal one"""
-    about_bodies: About
-    """what a law may know without a simulation and without the range of the converter"""
-
-
 @dataclass(frozen=True)
-class Setup(_Values):
-    """A run in SI units, resolved from a scene by `resolve`. Reading a value computes nothing.
+class Setup:
+    """A run in SI units, resolved from a scene by `resolve`.
 
-    Two setups are equal if their scenes are, and if they were announced the same stiffness.
+    Two setups are equal if their scenes are, and if the plant announced the same stiffness.
     """
 
     scene: Scene
     announced_stiffness: float | None
-    """contact stiffness that the plant of a run announced, N/m^1.5; a law then works with it. On
-    another processor its last digit may differ from ours."""
+    """contact stiffness that the plant of a run announced, N/m^1.5; the law then works with it. On
+    another processor its last digit may differ from ours"""
+    touch_phase: float = field(compare=False)
+    """part of a step from the last sample above the plate to the first touch"""
+    first_touch_s: float = field(compare=False)
+    """when the sphere first touches the structure, from the start of the run, s"""
+    mechanics: Mechanics = field(compare=False)
+    why_not_solid: str | None = field(compare=False)
+    """why the plate cannot be in three dimensions; None if it can"""
+    line: LineSpec = field(compare=False)
+    latency_us: float = field(compare=False)
+    """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
+    line_smoothness: Smoothness = field(compare=False)
+    reach: Reach = field(compare=False)
+    """bound on the law's force"""
+    law_models_yield: bool = field(compare=False)
+    """whether the law declares that it allows for a permanent dent; false if it is missing"""
+    with_edges: PlantSpec = field(compare=False)
+    """the plant with modes, whether or not these are used"""
+    plate_model: str = field(compare=False)
+    """model of the plate, "modal" or "infinite", that `run.plate_model` comes to"""
+    plant: PlantSpec = field(compare=False)
+    sensor: SensorSpec = field(compare=False)
+    about_mechanics: About = field(compare=False)
+    """what a law may know without a simulation and without the range of the converter"""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The scene alone travels: stages may hold compiled code."""
+        """The scene alone travels to other processes: a law may hold compiled code."""
         return resolve, (self.scene, self.announced_stiffness)
+
+    # What the scene says in numbers.
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.scene.name
+
+    @property
+    def step_ns(self) -> int:
+        """Length of a step, ns."""
+        return self.scene.run.step_ns
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.scene.run.step_s
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return self.scene.run.steps
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the run, s."""
+        return self.scene.run.duration_s
+
+    @property
+    def lead_in_s(self) -> float:
+        """Flight before the first contact, s."""
+        return self.scene.run.lead_in_s
+
+    @property
+    def accuracy(self) -> float:
+        """Relative error that the choice of the plate's model may cause."""
+        return self.scene.run.accuracy
+
+    @property
+    def seed(self) -> int:
+        """Seed of noise, jitter, drop-outs and a random touch phase."""
+        return self.scene.run.seed
+
+    @property
+    def scheme(self) -> str:
+        """Numerical scheme, a key of SCHEMES."""
+        return self.scene.run.scheme
+
+    @property
+    def quantity(self) -> str:
+        """Sampled quantity, a key of SENSED."""
+        return self.scene.sensors.quantity
+
+    @property
+    def every_steps(self) -> int:
+        """Steps between two samples."""
+        return self.scene.sensors.every_steps
+
+    @property
+    def size_m(self) -> tuple[float, float] | None:
+        """Length and width of the plate, m; None where modes stand for it."""
+        return self.scene.plate.size_m
+
+    @property
+    def law_reference(self) -> str:
+        """The law as the scene names it: a shipped name, a file, or a module."""
+        return self.scene.controller.law
+
+    @property
+    def has_law(self) -> bool:
+        """Whether there is control at all."""
+        return self.scene.controller.law != NO_CONTROL
+
+    @property
+    def law_is_shipped(self) -> bool:
+        """Whether the law comes with hertzloop."""
+        return self.scene.controller.law in shipped_laws()
+
+    @property
+    def plate_material(self) -> str:
+        """Name of the plate's material; "" for numbers without a name."""
+        return _name(self.scene.plate.material)
+
+    @property
+    def striker_material(self) -> str:
+        """Name of the material of the sphere or the hammer's tip; "" for numbers without a name."""
+        return _name(self.scene.striker.material)
+
+    # What collides, and the sensor.
+
+    @property
+    def sphere(self) -> Sphere:
+        """The sphere or the hammer."""
+        return self.mechanics.sphere
+
+    @property
+    def structure(self) -> Structure:
+        """The plate, or the structure that a file of modes describes."""
+        return self.mechanics.structure
+
+    @property
+    def contact(self) -> Contact:
+        """The contact."""
+        return self.mechanics.contact
+
+    @property
+    def actuator(self) -> Actuator:
+        """The actuator."""
+        return self.mechanics.actuator
+
+    @property
+    def theory(self) -> str:
+        """Theory of the plate, "kirchhoff" or "3d", that `plate.theory` comes to."""
+        return self.mechanics.theory
+
+    @property
+    def stiffness(self) -> float:
+        """Contact stiffness that the law works with, N/m^1.5."""
+        return self.announced_stiffness or self.contact.stiffness
+
+    @property
+    def converter_step(self) -> float:
+        """Distance of two levels of the sensor's converter; zero of an ideal one."""
+        return self.sensor.converter_step
 
     # Other setups.
 
     def vary(self, values: Mapping[str, Any]) -> "Setup":
-        """Return the setup with other values of some scene keys, "table.key": value.
-
-        Only stages that read these keys are evaluated again. Raises SceneError.
-        """
+        """Return the setup with other values of some scene keys, "table.key": value. Raises
+        SceneError."""
         return resolve(vary_scene(self.scene, values))
 
     def resolution_of(self, key: str) -> float:
@@ -160,50 +234,46 @@ class Setup(_Values):
             return str(error)
         return ""
 
-    def without_control(self) -> "Setup":
-        """Return the same setup with the law switched off."""
-        return resolve(self.scene.without_control())
-
-    def uncontrolled(self) -> "Setup":
-        """Return the setup without control on the same model of the plate; itself if it has no
-        law."""
+    def without_control(self, *, same_plate: bool = False) -> "Setup":
+        """Return the setup with the law switched off; with `same_plate` on the model of the plate
+        that this setup has, which is otherwise chosen anew."""
+        if not same_plate:
+            return resolve(self.scene.without_control())
         if not self.has_law:
             return self
         return resolve(self._scene_with_run("plate_model", self.plate_model).without_control())
 
-    def on_plate(self, plate_model: str) -> "Setup":
+    def with_plate_model(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
         scene = self._scene_with_run("plate_model", plate_model)
         alike = plate_model == self.plate_model and self.announced_stiffness is None
         if not alike or (plate_model == "infinite" != self.scene.run.plate_model):
             return resolve(scene)
-        found = object.__new__(Setup)  # "auto" came to it: no stage differs
-        found.__dict__.update(vars(self), scene=scene)
-        return found
+        return replace(self, scene=scene)  # "auto" came to it: nothing else differs
 
-    def lasting(self, steps: int) -> "Setup":
+    def with_steps(self, steps: int) -> "Setup":
         """Return the setup with a run of so many steps."""
         return resolve(self._scene_with_run("duration_s", steps * self.step_s))
 
-    def _scene_with_run(self, key: str, value: str | float) -> Scene:
-        return self.scene.replaced(run=_run_with(self.scene.run, key, value))
-
-    def announced(self, stiffness: float) -> "Setup":
+    def with_stiffness(self, stiffness: float) -> "Setup":
         """Return the setup with the stiffness, N/m^1.5, that the plant of a run announced."""
         return resolve(self.scene, stiffness)
 
-    def renamed(self, name: str) -> "Setup":
+    def with_name(self, name: str) -> "Setup":
         """Return the same setup under another name."""
         return resolve(self.scene.replaced(name=name))
 
-    def plain(self) -> "Setup":
-        """Return the setup without control, converters, seed and names: one for all setups whose
-        plant alone behaves in the same way."""
+    def plant_only(self) -> "Setup":
+        """Return the setup without control, converters, seed and names: the same for all setups
+        whose plant alone behaves in the same way."""
         scene = self.scene
-        return _plain(
+        return _plant_only(
             scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator,
             scene.materials, scene.run, self.touch_phase, _felt(scene.sensors),
         )  # fmt: skip
+
+    def _scene_with_run(self, key: str, value: str | float) -> Scene:
+        return self.scene.replaced(run=_run_with(self.scene.run, key, value))
 
 
 Resolvable = Scene | Setup  # what a user may hand over
@@ -217,112 +287,63 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         announced_stiffness: contact stiffness that the plant of a run announced, N/m^1.5.
 
     Raises:
-        SceneError: a stage refuses the scene.
+        SceneError: the scene cannot be run.
     """
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    step_ns, touch_phase = run.step_ns, _touch_phase(run)
-    step_s = step_ns * 1e-9
-    striker = scene.sphere or scene.hammer
-    assert striker is not None  # a scene has one
-    materials = _name(scene.plate.material), _name(striker.material)
-    sensed = sensors.point_m, sensors.mass_kg or 0.0
-    bodies = stages.bodies_of(
-        striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
-        scene.plate.theory == "auto" and run.plate_model == "infinite", run.accuracy, sensed,
+    mechanics = resolve_mechanics(
+        scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
+        scene.plate.theory == "auto" and run.plate_model == "infinite", run.accuracy,
+        (sensors.point_m, sensors.mass_kg or 0.0),
     )  # fmt: skip
-    why_not_solid = bodies.why_not_solid
-    if run.plate_model == "infinite":
-        why_not_solid = not_in_three_dimensions(
-            striker, scene.plate, scene.contact, scene.actuator, run.scheme, run.plate_model,
-            False, sensors.mass_kg,
-        )[0]  # fmt: skip
-    first_touch_s = run.lead_in_s
-    if gravity := bodies.sphere.gravity_m_s2:
-        first_touch_s = min(first_touch_s, bodies.sphere.impact_speed_m_s / gravity)
+    first_touch_s = _first_touch_s(run, mechanics.sphere)
 
-    line = stages.line_of(control, scene.actuator, step_ns)
+    line = resolve_line(control, scene.actuator, run.step_ns)
     latency_us = control.latency_us
     if control.latency_trace is not None:
-        latency_us = line.latency_steps * step_ns / 1000
-    smoothness = stages.smoothness_of(control, sensors, line, latency_us)
-    reach, law_models_yield = stages.reach_of(control), stages.models_yield(control)
+        latency_us = line.latency_steps * run.step_ns / 1000
+    smoothness = resolve_smoothness(control, sensors, line, latency_us)
+    reach = law_reach(control)
 
-    controlled = bodies.structure.solid and control.law != NO_CONTROL
-    with_edges = stages.described(
-        bodies, scene.plate.tail, run.scheme, step_ns, run.lead_in_s,
+    controlled = mechanics.structure.solid and control.law != NO_CONTROL
+    with_edges = describe_plant(
+        mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s,
         run.accuracy / (UNDER_LAW if controlled else 1.0),
     )  # fmt: skip
     plate_model = run.plate_model
     if plate_model == "auto":
         until_s = run.duration_s - first_touch_s
-        error = stages.infinite_plate_error(bodies, run.scheme, reach, smoothness, step_s, until_s)
+        error = infinite_plate_error(
+            mechanics, run.scheme, reach, smoothness, run.step_s, until_s
+        )  # fmt: skip
         plate_model = "infinite" if error <= run.accuracy else "modal"
     if plate_model == "infinite":
-        plant = stages.without_edges(with_edges, step_ns)
+        plant = on_infinite_plate(with_edges, run.step_ns)
     else:
-        plant = stages.with_modes(with_edges, step_ns, run.scheme, run.accuracy)
+        plant = check_modes(with_edges, run.step_ns, run.scheme, run.accuracy)
 
-    sensor = stages.sensor_of(sensors, bodies, step_s, latency_us)
-    stiffness = announced_stiffness or bodies.contact.stiffness
-    # The constructor of a frozen class takes 11 us to this one's 1 us, and a case of a sweep makes
-    # several setups.
-    found = object.__new__(Setup)
-    found.__dict__.update(
+    stiffness = announced_stiffness or mechanics.contact.stiffness
+    return Setup(
         scene=scene,
         announced_stiffness=announced_stiffness,
-        name=scene.name,
-        step_ns=step_ns,
-        step_s=step_s,
-        steps=run.steps,
-        duration_s=run.duration_s,
-        lead_in_s=run.lead_in_s,
-        accuracy=run.accuracy,
-        seed=run.seed,
-        scheme=run.scheme,
-        quantity=sensors.quantity,
-        every_steps=sensors.every_steps,
-        size_m=scene.plate.size_m,
-        law_reference=control.law,
-        has_law=control.law != NO_CONTROL,
-        law_is_shipped=control.law in shipped_laws(),
-        touch_phase=touch_phase,
-        bodies=bodies,
-        sphere=bodies.sphere,
-        structure=bodies.structure,
-        contact=bodies.contact,
-        stiffness=stiffness,
-        actuator=bodies.actuator,
-        why_not_solid=why_not_solid,
-        theory=bodies.theory,
-        plate_material=materials[0],
-        striker_material=materials[1],
+        touch_phase=_touch_phase(run),
         first_touch_s=first_touch_s,
+        mechanics=mechanics,
+        why_not_solid=_why_not_solid(scene, mechanics),
         line=line,
         latency_us=latency_us,
-        reach=reach,
-        law_models_yield=law_models_yield,
         line_smoothness=smoothness,
+        reach=reach,
+        law_models_yield=law_models_yield(control),
         with_edges=with_edges,
         plate_model=plate_model,
         plant=plant,
-        sensor=sensor,
-        converter_step=sensor.converter_step,
-        about_bodies=stages.about_bodies(bodies, stiffness, line, step_ns, sensors.every_steps),
+        sensor=resolve_sensor(sensors, mechanics, run.step_s, latency_us),
+        about_mechanics=about_mechanics(
+            mechanics, stiffness, line, run.step_ns, sensors.every_steps
+        ),
     )
-    return found
-
-
-def _touch_phase(run: RunTable) -> float:
-    if run.touch_phase != "random":
-        return run.touch_phase
-    key = [run.seed, PHASE_STREAM]
-    return float(np.random.Generator(np.random.Philox(key=key)).random())
-
-
-def _name(material: MaterialKey) -> str:
-    return material if isinstance(material, str) else material.name or ""
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:
@@ -335,6 +356,32 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     return resolve(parse_scene(text, settings, **more))
 
 
+def _first_touch_s(run: RunTable, sphere: Sphere) -> float:
+    if gravity := sphere.gravity_m_s2:
+        return min(run.lead_in_s, sphere.impact_speed_m_s / gravity)
+    return run.lead_in_s
+
+
+def _touch_phase(run: RunTable) -> float:
+    if run.touch_phase != "random":
+        return run.touch_phase
+    key = [run.seed, PHASE_STREAM]
+    return float(np.random.Generator(np.random.Philox(key=key)).random())
+
+
+def _why_not_solid(scene: Scene, mechanics: Mechanics) -> str | None:
+    if scene.run.plate_model != "infinite":
+        return mechanics.why_not_solid
+    return not_in_three_dimensions(
+        scene.striker, scene.plate, scene.contact, scene.actuator, scene.run.scheme,
+        scene.run.plate_model, False, scene.sensors.mass_kg,
+    )[0]  # fmt: skip
+
+
+def _name(material: MaterialKey) -> str:
+    return material if isinstance(material, str) else material.name or ""
+
+
 def _felt(sensors: SensorsTable) -> SensorsTable:
     """A sensor of which the plant feels as much as of another: its mass and where that is."""
     if sensors.mass_kg is None:
@@ -342,8 +389,8 @@ def _felt(sensors: SensorsTable) -> SensorsTable:
     return _PLAIN_SENSORS.replaced(point_m=sensors.point_m, mass_kg=sensors.mass_kg)
 
 
-@lru_cache(maxsize=_KEPT_TABLES)
-def _plain(
+@lru_cache(maxsize=64)
+def _plant_only(
     sphere: SphereTable | None,
     hammer: HammerTable | None,
     plate: PlateTable,
@@ -370,7 +417,7 @@ def _plain(
     return resolve(scene)
 
 
-@lru_cache(maxsize=_KEPT_TABLES)
+@lru_cache(maxsize=64)
 def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
     """One table for all cases that ask for the same: what is kept by tables is found faster."""
     return run.replaced(**{key: value})

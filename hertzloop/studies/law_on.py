@@ -8,7 +8,8 @@ import numpy as np
 from hertzloop.analysis.effects import time_words
 from hertzloop.analysis.recorded import SHARES, Pacing, Responses
 from hertzloop.recordings.reader import Recording
-from hertzloop.setup import Setup, parse, parts
+from hertzloop.setup import Setup, parse
+from hertzloop.setup.controller import build_controller
 from hertzloop.studies import pictures, words
 
 _AROUND_STEPS = 100  # shown before and after the first difference
@@ -33,7 +34,7 @@ def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> S
 
 def law_on(recording: Recording, setup: Setup) -> ForceComparison:
     """Feed the recorded samples to the scene's law and line. Raises SceneError, LawFault."""
-    controller = parts.start_controller(setup)
+    controller = build_controller(setup)
     other = controller.process(recording.daq_values).forces
     recorded = recording.force.arrays.get("force_n", np.empty(0))
     count = min(len(other), len(recorded))

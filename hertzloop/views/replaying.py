@@ -21,7 +21,8 @@ from hertzloop.recordings.replay.spectrum import spectrum
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse, parts
+from hertzloop.setup import Setup, parse
+from hertzloop.setup.build import free_series
 from hertzloop.views import provenance
 from hertzloop.views.run import pacing_sentences
 
@@ -108,7 +109,7 @@ def without_control(
 ) -> tuple[replay_data.Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
     free = setup.without_control()
-    found = overlay(free, parts.free_series(free), _OF_TWIN, free.steps)
+    found = overlay(free, free_series(free), _OF_TWIN, free.steps)
     twin, _ = _twin(recording, contacts, free, found, "", "no control")
     return twin, found
 
@@ -196,7 +197,7 @@ def _told(
         more_plots=[_energies(setup, own, twin[0] if twin else None, until_ns < LAST_NS)],
         spectra=[one for one in spectra if one is not None],
         twin=twin[0] if twin else None,
-        actuator_m=None if not setup.has_law else setup.bodies.actuator_point_m,
+        actuator_m=None if not setup.has_law else setup.mechanics.actuator_point_m,
         controlled=setup.has_law,
         until_ns=until_ns,
     )

@@ -32,7 +32,8 @@ from hertzloop.processes.launcher import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import check_buildable, mean_latency_us
 from hertzloop.views.format import Table, print_all, unwrapped
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
@@ -555,7 +556,7 @@ def _compared_beside(
     if options.transport is not Transport.ZENOH or options.pace:
         yield on_progress
         return
-    parts.check(setup)
+    check_buildable(setup)
     fork_server.prepare()  # before there is a thread
     with suppress(AttributeError):  # of another C library than glibc
         # A heap of the thread's own would keep its largest size, beside that of this thread.
@@ -861,7 +862,7 @@ def mean_latency_words(setup: Setup) -> str:
     line = setup.line
     if not (line.jitter_steps or line.trace or line.drop_out_probability):
         return ""
-    mean_us = parts.mean_latency_us(setup)
+    mean_us = mean_latency_us(setup)
     if math.isnan(mean_us):
         return "no command acts within the run"
     return (

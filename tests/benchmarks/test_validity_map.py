@@ -13,7 +13,7 @@ from hertzloop.setup import load
 
 def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:
     scene = load("aluminium-3mm")
-    spec, found = scene.plant, scene.bodies.weaker
+    spec, found = scene.plant, scene.mechanics.weaker
     plate = spec.plate.local_plate
     assert plate is not None
     assert found is not None

@@ -13,7 +13,8 @@ from hertzloop.loop import compiled
 from hertzloop.plant.time_series import F_A
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import bound_law, law_context, loaded_law
 
 FS = 1e6
 
@@ -24,9 +25,7 @@ def setup_of(*keys: str) -> Setup:
 
 def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     count = len(samples)
-    controller = Controller(
-        parts.bound_law(setup, False), LineSpec(), setup.step_s, count + 2, 1, 0
-    )
+    controller = Controller(bound_law(setup, False), LineSpec(), setup.step_s, count + 2, 1, 0)
     return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
 
 
@@ -38,7 +37,7 @@ CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
 @pytest.mark.parametrize("more", [[], CONVERTERS], ids=["ideal", "converters"])
 def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
     other = load("aluminium-3mm", [*SHORT, *more, "controller.law=velocity_feedback"])
-    gain = -other.scene.controller.keys.kappa * parts.about(other).impedance_n_s_m
+    gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
     mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
                                   f"controller.numerator=[{gain!r}]"])  # fmt: skip
     one, two = compiled.simulate(other), compiled.simulate(mine)
@@ -51,7 +50,7 @@ def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
 def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) -> None:
     law = ["controller.law=acceleration_feedback", f"controller.leak_hz={leak_hz}"]
     other = load("aluminium-3mm", [*SHORT, *law])
-    known = parts.about(other)
+    known = law_context(other)
     keep = float(np.exp(-2.0 * np.pi * leak_hz * known.sample_s))
     gain = -other.scene.controller.keys.kappa * known.impedance_n_s_m
     rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
@@ -207,7 +206,7 @@ def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: 
         said.append(tmp_path / "filter.mat")
     for path in said:
         with pytest.raises(SceneError) as error:
-            parts.bound_law(setup_of(f"filter_file={path}"))
+            bound_law(setup_of(f"filter_file={path}"))
         assert words in str(error.value)
 
 
@@ -242,9 +241,9 @@ def test_every_quantity_is_sensed() -> None:
 
 def test_a_filter_that_is_unstable_by_itself_is_noted() -> None:
     unstable = setup_of("numerator=[1.0]", "denominator=[1.0, -1.5]")
-    assert "poles outside the unit circle: 1; largest magnitude 1.5" in parts.law_of(unstable).note(
+    assert "poles outside the unit circle: 1; largest magnitude 1.5" in loaded_law(unstable).note(
         unstable.scene.controller.keys
     )
     for keys in (["denominator=[1.0, -1.0]"], ["denominator=[1.0, -0.9]"]):
         setup = setup_of("numerator=[1.0]", *keys)
-        assert parts.law_of(setup).note(setup.scene.controller.keys) == ""
+        assert loaded_law(setup).note(setup.scene.controller.keys) == ""

@@ -19,7 +19,8 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import Recorder
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import build_controller
 from tests.hertzloop.exchange import Heard
 from tests.hertzloop.processes import EVENTUALLY_S
 
@@ -65,7 +66,7 @@ class Pair:
     stats: LoopStats | None = None
 
     def __post_init__(self) -> None:
-        parts.start_controller(self.scene)  # compiles the law: some tests wait for 2 s
+        build_controller(self.scene)  # compiles the law: some tests wait for 2 s
         self.ports = {role: QueuePort(role, self.heard) for role in (PLANT, CONTROLLER)}
         for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
             self.ports[role].other = self.ports[other]

@@ -15,7 +15,8 @@ from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.build import build_plant
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -176,13 +177,13 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
     (tmp_path / "m.csv").write_text("\n".join(["# residual_flexibility_m_n = 1e-9", header, *rows]))
     scene = load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"])
     with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
-        parts.start_plant(scene)
+        build_plant(scene)
 
 
 def test_a_mass_on_a_plate_that_moves_freely_is_refused() -> None:
     scene = load("aluminium-3mm", ["plate.edges=ffff", "actuator.mass_kg=0.001"])
     with pytest.raises(SceneError, match=r"is not supported for a free plate"):
-        parts.start_plant(scene)
+        build_plant(scene)
 
 
 def test_a_mass_of_nothing_is_none() -> None:

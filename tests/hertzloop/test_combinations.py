@@ -7,7 +7,9 @@ import pytest
 
 from hertzloop.controller.law import LawError
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.build import build_plant
+from hertzloop.setup.controller import check_buildable
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "combinations.md").read_text()
@@ -48,7 +50,7 @@ PAIRS = [
 @pytest.fixture(scope="session")
 def modes_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Modes of the default plate, as a file."""
-    table = parts.start_plant(load("aluminium-3mm")).modes
+    table = build_plant(load("aluminium-3mm")).modes
     path = tmp_path_factory.mktemp("combined") / "modes.csv"
     lines = ["frequency_hz,loss_factor,shape_contact,modal_mass_kg"]
     for omega, shape in zip(table.omega, table.contact, strict=True):
@@ -70,10 +72,10 @@ def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path
         for setting in FEATURES[name]
     ]  # fmt: skip
     if verdict == "works":
-        parts.check(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
+        check_buildable(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
         return
     with pytest.raises((SceneError, LawError)) as found:
-        parts.check(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
+        check_buildable(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
     sentence = str(found.value)
     print(sentence)
     # The sentence names a key of each, and begins its remedy with a verb.

@@ -13,7 +13,8 @@ from hertzloop.interop.fmu import description, variables
 from hertzloop.interop.image import image
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant
 from hertzloop.studies.budget.limits import quantities_of
 from tests.commands import invoke
 from tests.hertzloop.interop import needs_cc
@@ -44,7 +45,7 @@ def command(p, s, samples, i):
 @pytest.fixture(scope="module")
 def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file of modes of three points."""
-    table = parts.start_plant(load("aluminium-3mm")).modes
+    table = build_plant(load("aluminium-3mm")).modes
     rng, count = np.random.default_rng(2), len(table.omega)
     path = tmp_path_factory.mktemp("modes") / "modes.csv"
     own = ModeTable(

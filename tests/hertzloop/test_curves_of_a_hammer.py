@@ -5,7 +5,7 @@ import numpy as np
 from hertzloop.analysis.curves import ledgers
 from hertzloop.plant.time_series import XI
 from hertzloop.setup import load
-from hertzloop.setup.parts import free_series
+from hertzloop.setup.build import free_series
 
 
 def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:

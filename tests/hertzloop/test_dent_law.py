@@ -50,7 +50,7 @@ def test_on_an_elastic_plate_it_is_the_published_law(settings: tuple[str, ...]) 
     )
     assert published.any()
     assert np.allclose(knowing, published, rtol=1e-9, atol=1e-9)
-    assert scene().about_bodies.yield_depth_m == math.inf
+    assert scene().about_mechanics.yield_depth_m == math.inf
 
 
 # dB against no control on a plate of 1.05 GPa, at a touch in the middle of a step.

@@ -17,7 +17,7 @@ from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import series_under
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_plant
 from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
@@ -110,7 +110,7 @@ def test_it_starts_anew_from_another_height(plant: InC) -> None:
     start = plant.run(np.zeros(1000))
     spec = scene.plant
     higher = replace(spec, sphere=replace(spec.sphere, drop_height_m=0.2))
-    rows = series_under(parts.start_plant(scene, higher), np.zeros(1000))
+    rows = series_under(build_plant(scene, higher), np.zeros(1000))
     assert plant.reset(0.2, 5) == 0
     assert plant.run(np.zeros(1000))["contact_force_n"].tobytes() == rows[4].tobytes()
     assert plant.reset(scene.sphere.drop_height_m, scene.seed) == 0

@@ -11,7 +11,8 @@ from hertzloop.analysis.effects import EffectState, neglected_of_scene
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, model_error, parts
+from hertzloop.setup import Setup, load, model_error
+from hertzloop.setup.build import build_plant
 from tests.commands import invoke
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
@@ -35,7 +36,9 @@ def six(tmp_path: Path, *settings: str) -> Setup:
 
 def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
     setup = six(tmp_path, "plate.thickness_m=0.003")
-    assert rigid_impact(setup.sphere, setup.bodies.contact).contact_s == pytest.approx(41e-6, 0.02)
+    assert rigid_impact(setup.sphere, setup.mechanics.contact).contact_s == pytest.approx(
+        41e-6, 0.02
+    )
     assert setup.plant.damped_tail
     assert model_error.expected_error(setup) == 0.15
     [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
@@ -52,7 +55,7 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
 def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Path) -> None:
     known = f"plate.residual_flexibility_m_n={flexibility}"
     with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
-        parts.start_plant(six(tmp_path, known))
+        build_plant(six(tmp_path, known))
     setup = six(tmp_path, known, "plate.tail=spring")
     assert model_error.expected_error(setup) == 1.0
     [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]

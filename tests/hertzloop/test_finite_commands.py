@@ -18,7 +18,8 @@ from hertzloop.controller.law import WHOLE_STEPS, About
 from hertzloop.controller.laws._local_model import acceleration, look_ahead
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import law_context, loaded_law
 
 LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
@@ -45,7 +46,7 @@ def known(scene: Setup) -> tuple[float, About]:
     """The contact's stiffness, and what a law may know."""
     stiffness = scene.plant.contact.stiffness
     pulse = np.sin(np.linspace(0.0, np.pi, 40))
-    about = replace(parts.about(scene), uncontrolled_force_n=lambda: pulse)
+    about = replace(law_context(scene), uncontrolled_force_n=lambda: pulse)
     return stiffness, about
 
 
@@ -58,7 +59,7 @@ def samples_of(scene: Setup, scale: float, noise: float, seed: int) -> np.ndarra
 
 def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     """What the scene's law commands after each sample. Raises LawFault."""
-    law = parts.law_of(scene)
+    law = loaded_law(scene)
     bound = law.bind(scene.scene.controller.keys, known(scene)[1])
     made = Controller(bound, LineSpec(), scene.step_s, len(samples) + 1, 1, 1)
     return made.process(samples).forces
@@ -113,7 +114,7 @@ def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
 ) -> None:
     scene = load(name, ["controller.law=predicted", f"sensors.every_steps={every}",
                         "controller.window_samples=2"])  # fmt: skip
-    p = parts.law_of(scene).constants(scene.scene.controller.keys, known(scene)[1])
+    p = loaded_law(scene).constants(scene.scene.controller.keys, known(scene)[1])
     speed = -known(scene)[1].impact_speed_m_s
     xi = speed * -2e-6  # the contact begins 2 us later
     samples = np.array([xi - 0.5 * speed * p.sample_s, xi + 0.5 * speed * p.sample_s])
@@ -139,5 +140,5 @@ def test_no_law_reads_a_sample_that_it_is_not_given(law: str) -> None:
         "aluminium-3mm",
         [*own.get(law, []), f"controller.law={law}", "controller.latency_us=10"],
     )
-    bound = parts.law_of(scene).bind(scene.scene.controller.keys, known(scene)[1])
+    bound = loaded_law(scene).bind(scene.scene.controller.keys, known(scene)[1])
     assert bound.reads_unknown(samples_of(scene, 1.0, 0.0, 0)[:300]) == ""

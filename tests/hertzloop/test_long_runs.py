@@ -10,17 +10,18 @@ from hertzloop.analysis import impacts as impact_windows
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.impacts import impacts_of_rows, through_first_contact
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.build import free_series
 from tests.hertzloop.test_impact_windows import in_blocks
 
 FIGURES = """
 import sys
 from hertzloop.analysis import impacts as impact_windows
 from hertzloop.analysis.figures import figures_of
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
-figures_of(scene, parts.free_series(scene))
+figures_of(scene, free_series(scene))
 # Of this program alone: `resource` counts what the one before it in this process had.
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
@@ -40,7 +41,7 @@ def test_figures_of_a_long_run_take_no_more_memory() -> None:
 def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
     for name in ("aluminium-20mm", "offcentre-6mm", "thesis-aluminium"):
         scene = load(name, ["controller.law=off"])
-        firsts, pieces = zip(*parts.free_series(scene), strict=True)
+        firsts, pieces = zip(*free_series(scene), strict=True)
         assert list(firsts) == [n * pieces[0].shape[1] for n in range(len(pieces))]
         assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).rows.tobytes()
 

@@ -10,7 +10,8 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse, parts
+from hertzloop.setup import Setup, load, parse
+from hertzloop.setup.build import build_plant
 
 MINE = """
 [mine]
@@ -127,7 +128,7 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: str) -> None:
     with pytest.raises(SceneError) as caught:
-        parts.start_plant(load("aluminium-3mm", [setting]))
+        build_plant(load("aluminium-3mm", [setting]))
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 700

@@ -20,7 +20,8 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse, parts, resolve
+from hertzloop.setup import Setup, load, parse, resolve
+from hertzloop.setup.controller import loaded_law
 from hertzloop.studies.sweeps.evaluate import run_case
 from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
@@ -89,7 +90,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: st
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
-    assert law_ran(mine) == ("mine.py", parts.law_of(scene).digest)
+    assert law_ran(mine) == ("mine.py", loaded_law(scene).digest)
     assert mine.law_source == (here / "mine.py").read_text()
 
 
@@ -239,9 +240,9 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     )
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
-    assert parts.law_of(load("scenes/mine.toml")).path == folder / "mine.py"
+    assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
     write_law(here, "s.largest_n += 0.0")
-    assert parts.law_of(load("scenes/mine.toml")).path == folder / "mine.py"
+    assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
 
 
 def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:

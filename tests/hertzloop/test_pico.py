@@ -65,7 +65,7 @@ def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
     modes.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm"))))
     trace.write_text("\n".join(str(i % 7) for i in range(2000)))
     settings = (f"plate.modes={modes}", f"controller.latency_trace={trace}")
-    return [load("aluminium-3mm", [setting]).lasting(1500) for setting in settings]
+    return [load("aluminium-3mm", [setting]).with_steps(1500) for setting in settings]
 
 
 def test_a_scene_with_files_is_as_large_as_stated_and_its_hello_is_small(

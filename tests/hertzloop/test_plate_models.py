@@ -18,8 +18,9 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load, model_error, parts
-from hertzloop.setup.stages import widest_limit_hz
+from hertzloop.setup import load, model_error
+from hertzloop.setup.build import build_plant
+from hertzloop.setup.plate_model import widest_limit_hz
 from hertzloop.views.run import error_words, what_limits
 from tests.commands import invoke
 
@@ -58,7 +59,7 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
         )
         assert load("aluminium-3mm", by_file).plant.damped_tail is damped, share
     with pytest.raises(SceneError, match=r"below zero, as for a solid\. Use 'spring'"):
-        parts.start_plant(load("aluminium-3mm", [*by_file, TAIL]))
+        build_plant(load("aluminium-3mm", [*by_file, TAIL]))
 
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
@@ -204,10 +205,10 @@ def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
     assert np.array_equal(simulate(load("aluminium-3mm", by_file)).rows, simulate(scene).rows)
     with pytest.raises(SceneError, match="do not fit contact"):
-        parts.start_plant(load("aluminium-3mm", [*by_file, *DAMPER]))
+        build_plant(load("aluminium-3mm", [*by_file, *DAMPER]))
     heavy = ["sphere.drop_height_m=100", "sphere.radius_m=0.025"]
     with pytest.raises(SceneError, match="too stiff"):
-        parts.start_plant(load("aluminium-3mm", [*by_file, *heavy]))
+        build_plant(load("aluminium-3mm", [*by_file, *heavy]))
 
 
 def test_the_example_of_a_thick_plate() -> None:
@@ -259,7 +260,7 @@ def test_a_solid_under_a_law_has_more_modes() -> None:
     free = scene.vary({"controller.law": "off"})
     assert scene.plant.frequency_limit_hz > 1.4 * free.plant.frequency_limit_hz
     assert model_error.expected_error(scene) == pytest.approx(1e-3, rel=0.01)
-    all_hz = widest_limit_hz(scene.structure, scene.sphere, scene.bodies.contact)
+    all_hz = widest_limit_hz(scene.structure, scene.sphere, scene.mechanics.contact)
     fine = replace(scene.plant, step_s=0.5 * scene.step_s, frequency_limit_hz=all_hz)
     found = against(scene, simulate(scene).rows, fine)
     assert found is not None

@@ -6,15 +6,17 @@ import pytest
 from hertzloop.controller.laws.precomputed import SHAPES, mobility_force_n, shaped
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import bound_law, law_context, loaded_law
+from hertzloop.setup.uncontrolled import uncontrolled_force_n
 
 PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
 
 
 def profile_of(scene: Setup) -> np.ndarray:
     """Forces that the scene's law plays, N, one a sample."""
-    about = parts.about(scene)
-    profile: np.ndarray = parts.law_of(scene).constants(scene.scene.controller.keys, about).profile
+    about = law_context(scene)
+    profile: np.ndarray = loaded_law(scene).constants(scene.scene.controller.keys, about).profile
     return profile
 
 
@@ -35,7 +37,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
         "controller.lead_us=1",
     ]  # fmt: skip
     scene = load(source, settings)
-    contact = parts.uncontrolled_force_n(scene)
+    contact = uncontrolled_force_n(scene)
     rows = simulate(scene).rows
     start = int(np.flatnonzero(rows[0] <= 0.0)[0])
     acted = rows[5, start + delay : start + delay + len(contact)]
@@ -44,7 +46,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
 
 
 def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None:
-    contact = parts.uncontrolled_force_n(load("thesis-aluminium"))
+    contact = uncontrolled_force_n(load("thesis-aluminium"))
     rows = simulate(load("thesis-aluminium", ["controller.law=off"])).rows
     s = load("thesis-aluminium").plant.contact.stiffness
     np.testing.assert_allclose(contact, s * np.maximum(-rows[0, : len(contact)], 0) ** 1.5)
@@ -54,7 +56,7 @@ def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None
 def test_mobility_force_solves_its_equation(source: str) -> None:
     scene = load(source, ["run.step_ns=1000"])
     spec = scene.plant
-    force, h = mobility_force_n(parts.about(scene)), scene.step_s
+    force, h = mobility_force_n(law_context(scene)), scene.step_s
     slope, bend = np.gradient(force, h), np.gradient(np.gradient(force, h), h)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
     from hertzloop.plant.contact.hertz import rigid_contact_time_s
@@ -78,4 +80,4 @@ def test_every_name_makes_a_force() -> None:
 def test_a_contact_without_end_is_refused_with_a_sentence() -> None:
     settings = [*PRECOMPUTED, "contact.viscous_n_s_m=5"]
     with pytest.raises(SceneError, match="first contact does not end within"):
-        parts.bound_law(load("thesis-sylomer", settings))
+        bound_law(load("thesis-sylomer", settings))

@@ -17,7 +17,8 @@ from hertzloop.scenes.loading import DEFAULT, load, parse, shipped
 from hertzloop.scenes.scene import Scene
 from hertzloop.scenes.toml import to_toml, toml_value
 from hertzloop.scenes.varying import vary
-from hertzloop.setup import model_error, parts, resolve
+from hertzloop.setup import model_error, resolve
+from hertzloop.setup.build import build_plant
 
 
 def test_the_scenes_that_come_with_it() -> None:
@@ -29,7 +30,7 @@ def test_the_scenes_that_come_with_it() -> None:
         scene = load(name)
         assert scene.name == name
         assert scene.shows
-        parts.start_plant(resolve(scene))
+        build_plant(resolve(scene))
     for name in ("aluminium-3mm", "aluminium-20mm"):
         assert load(name).contact.damping == "none"
     default = load(DEFAULT)
@@ -127,7 +128,7 @@ def test_the_keys_that_others_rely_on() -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     with pytest.raises(SceneError) as caught:
-        parts.start_plant(resolve(load(DEFAULT, [setting])))
+        build_plant(resolve(load(DEFAULT, [setting])))
     for word in words:
         assert word in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
@@ -255,7 +256,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
 
 def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
     with pytest.raises(SceneError, match="thicker plate"):
-        parts.start_plant(resolve(
+        build_plant(resolve(
             load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
                                    "plate.thickness_m=1e-4"])
         ))  # fmt: skip

@@ -16,7 +16,8 @@ from hertzloop.scenes.errors import SceneError, _limits
 from hertzloop.scenes.loading import load, parse, shipped
 from hertzloop.scenes.scene import Scene
 from hertzloop.scenes.toml import toml_value
-from hertzloop.setup import parts, resolve
+from hertzloop.setup import resolve
+from hertzloop.setup.build import build_plant
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
 KEYS = [
@@ -182,7 +183,7 @@ def test_what_takes_long_to_build_is_refused_or_quick(
     plate_theory._zener.cache_clear()
     scene = load("aluminium-3mm", ["run.plate_model=modal", *keys])
     try:
-        modes = parts.start_plant(resolve(scene)).modes
+        modes = build_plant(resolve(scene)).modes
     except SceneError as error:
         said = str(error)
     else:

@@ -7,7 +7,8 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import Contact, Limit
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.controller import law_flight_m
 
 PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 
@@ -40,7 +41,7 @@ def test_the_flight_fits_into_the_range(latency_us: int) -> None:
     scene = load("aluminium-3mm", settings)
     found = scene.sensor.full_scale
     assert found is not None
-    assert 0.0 < parts.law_flight_m(scene) < found[1]
+    assert 0.0 < law_flight_m(scene) < found[1]
     # And the law is quiet before, so that it costs no exchange a sample.
     run = simulate(scene)
     assert np.all(run.modes[: 980 - 2 * latency_us] == 0)

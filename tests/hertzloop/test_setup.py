@@ -14,19 +14,20 @@ from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import shipped
 from hertzloop.scenes.toml import to_toml, toml_text
-from hertzloop.setup import Setup, load, model_error, parse, parts, resolve
-from hertzloop.setup.stages import Bodies
+from hertzloop.setup import Setup, load, model_error, parse, resolve
+from hertzloop.setup.controller import check_buildable, law_context, loaded_law
+from hertzloop.setup.mechanics import Mechanics
 from tests.tiers import default
 
 SCENES = shipped()
 STAGES = (
-    "steps", "step_s", "bodies", "touch_phase", "first_touch_s", "reach", "plate_model",
+    "steps", "step_s", "mechanics", "touch_phase", "first_touch_s", "reach", "plate_model",
     "with_edges", "plant", "sensor", "latency_us", "converter_step", "line",
 )  # fmt: skip
 FOLLOWING = {
     "infinite_plate_lasts_s": model_error.infinite_plate_lasts_s,
     "expected_error": model_error.expected_error,
-    "about": parts.about,
+    "about": law_context,
 }
 # Values to try of keys that are not plain numbers, beside those that a key's kind names.
 TRIED: dict[str, list[Any]] = {
@@ -138,11 +139,11 @@ def stages(setup: Setup) -> dict[str, Any]:
             value = FOLLOWING[stage](setup) if stage in FOLLOWING else getattr(setup, stage)
         except SceneError as error:
             value = str(error)
-        if isinstance(value, Bodies):  # modes of a file are compared as what they are read from
+        if isinstance(value, Mechanics):  # modes of a file are compared as what they are read from
             value = {part.name: getattr(value, part.name) for part in fields(value)}
         found[stage] = value
     try:
-        constants = parts.law_of(setup).constants(setup.scene.controller.keys, parts.about(setup))
+        constants = loaded_law(setup).constants(setup.scene.controller.keys, law_context(setup))
         found["constants"] = repr(
             [getattr(part, "tolist", lambda p=part: p)() for part in constants]
         )
@@ -199,10 +200,10 @@ def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
     for key, value in (("plate.residual_flexibility_m_n", 1e-8), ("run.accuracy", 0.05)):
         varied = base.vary({key: value})
         found = stages(varied)
-        del found["bodies"]["structure"]  # equal by identity only
+        del found["mechanics"]["structure"]  # equal by identity only
         forget()
         other = stages(parse(to_toml(varied.scene)))
-        del other["bodies"]["structure"]
+        del other["mechanics"]["structure"]
         for stage in ("with_edges", "plant"):
             other[stage] = replace(other[stage], plate=found["plant"].plate)
         assert found == other, key
@@ -210,30 +211,32 @@ def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
 
 def test_a_setup_is_known_by_its_scene() -> None:
     setup = load("aluminium-3mm")
-    parts.check(setup)
+    check_buildable(setup)
     again = pickle.loads(pickle.dumps(setup))
     assert (again, hash(again)) == (setup, hash(setup))
     assert setup.__reduce__()[1] == (setup.scene, None)  # no stage travels
     assert setup.vary({"run.seed": 7}) != setup
-    assert setup.lasting(17).steps == 17
-    assert setup.uncontrolled().uncontrolled() == setup.uncontrolled()
-    fixed = setup.on_plate(setup.plate_model)
+    assert setup.with_steps(17).steps == 17
+    assert setup.without_control(same_plate=True).without_control(
+        same_plate=True
+    ) == setup.without_control(same_plate=True)
+    fixed = setup.with_plate_model(setup.plate_model)
     assert (fixed, stages(fixed)) == (resolve(fixed.scene), stages(resolve(fixed.scene)))
 
 
 def test_a_stage_is_evaluated_again_only_if_what_it_reads_has_changed() -> None:
     setup = load("aluminium-3mm")
-    bodies = setup.bodies
+    bodies = setup.mechanics
     for key, value in (("controller.latency_us", 5.0), ("sensors.bits", 12), ("run.seed", 3)):
         varied = setup.vary({key: value})
-        assert varied.bodies is bodies, key
+        assert varied.mechanics is bodies, key
         assert varied.plant is setup.plant, key
-    assert setup.vary({"sphere.radius_m": 0.004}).bodies is not bodies
+    assert setup.vary({"sphere.radius_m": 0.004}).mechanics is not bodies
 
 
 def test_a_law_works_with_the_stiffness_that_the_plant_announced() -> None:
     setup = load("aluminium-3mm")
-    told = setup.announced(2.0 * setup.stiffness)
-    assert parts.about(told).stiffness == 2.0 * parts.about(setup).stiffness
-    assert parts.about(told).rigid_peak_n != parts.about(setup).rigid_peak_n
+    told = setup.with_stiffness(2.0 * setup.stiffness)
+    assert law_context(told).stiffness == 2.0 * law_context(setup).stiffness
+    assert law_context(told).rigid_peak_n != law_context(setup).rigid_peak_n
     assert told.plant is setup.plant

@@ -13,7 +13,8 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
 from hertzloop.scenes.loading import shipped
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import loaded_law
 from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_impact_windows import in_blocks
 
@@ -181,5 +182,5 @@ def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) 
         path.write_text(f"{declared}\n\ndef command(p, s, samples, i):\n    return 3000.0\n")
         scene = load("aluminium-3mm", [SHORT, "run.accuracy=0.1", f"controller.law={path}"])
         found.append(stability_of(scene, simulate(scene).rows).unstable)
-        assert bool(parts.law_of(scene).not_linear) is bool(declared)
+        assert bool(loaded_law(scene).not_linear) is bool(declared)
     assert found == [True, False]

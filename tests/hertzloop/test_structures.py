@@ -22,7 +22,9 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import shipped
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse, parts
+from hertzloop.setup import Setup, load, parse
+from hertzloop.setup.build import build_plant
+from hertzloop.setup.controller import build_controller
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.views.run import run_scene
 
@@ -208,7 +210,7 @@ def test_what_does_not_go_with_a_file_of_modes(
     rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
     (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
     with pytest.raises(SceneError) as caught:
-        parts.start_plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
+        build_plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -236,11 +238,11 @@ def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_pat
     with pytest.raises(
         SceneError, match=r"reach up to 4,000 Hz.*give modes up to ([\d,]+) Hz"
     ) as e:
-        parts.start_plant(up_to(4000.0))
+        build_plant(up_to(4000.0))
     advice = float(str(e.value).partition("modes up to ")[2].split()[0].replace(",", ""))
-    parts.start_plant(up_to(advice))
+    build_plant(up_to(advice))
     with pytest.raises(SceneError, match="too low for an impact"):
-        parts.start_plant(up_to(0.99 * advice))
+        build_plant(up_to(0.99 * advice))
     assert len(hertzloop.linear(up_to(4000.0)).poles) >= 5
     assert margin_of(up_to(4000.0)).applicable
 
@@ -249,11 +251,11 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
     file = modes_alone(tmp_path)
     scene = load(file)
-    parts.start_controller(scene)
+    build_controller(scene)
     for law in ("shifted_threshold", "predicted", "velocity_feedback"):
         with pytest.raises(SceneError, match=r"Give plate\.thickness_m"):
-            parts.start_controller(load(file, [f"controller.law={law}"]))
-        parts.start_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
+            build_controller(load(file, [f"controller.law={law}"]))
+        build_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
 
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])

@@ -16,7 +16,7 @@ from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import load, parse, shipped_text
 from hertzloop.setup import load as setup_load
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_plant
 from hertzloop.studies.budget.requirements import read_requirements
 from hertzloop.studies.fit.records import read_records
 from hertzloop.text_files import python_text, text_of
@@ -197,7 +197,7 @@ def test_a_mass_on_the_modes_of_a_free_structure(tmp_path: Path) -> None:
     for key in ("actuator.mass_kg", "sensors.mass_kg"):
         scene = setup_load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", f"{key}=0.001"])
         with pytest.raises(SceneError, match=r"give plate\.modes of the structure that carries"):
-            parts.start_plant(scene)
+            build_plant(scene)
 
 
 ODD = "it's $x y"

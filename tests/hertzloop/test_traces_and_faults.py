@@ -137,7 +137,7 @@ def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
     setup = load("aluminium-3mm", short)
     run_scene(setup, path, RunOptions(pace=0.01), lambda step: None)
     again = load("aluminium-3mm", [*short, f"controller.latency_trace={path}"])
-    rows = simulate(again.on_plate(setup.plate_model)).rows
+    rows = simulate(again.with_plate_model(setup.plate_model)).rows
     assert np.array_equal(rows, rows_of(read_recording(path)))
 
 

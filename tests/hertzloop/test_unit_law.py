@@ -15,7 +15,8 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import bound_law, loaded_law
 from hertzloop.views.run import run_scene
 from tests.commands import invoke
 
@@ -135,7 +136,7 @@ def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: 
 
 
 def test_its_parameters_are_scene_keys(unit: Path) -> None:
-    law = parts.law_of(scene_of(unit))
+    law = loaded_law(scene_of(unit))
     assert law.senses == "xi"
     assert law.keys.model_fields["gain"].description == "force by depth"
     assert scene_of(unit, "controller.gain=3").scene.controller.keys.gain == 3.0
@@ -172,7 +173,7 @@ def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
         scene_of(bare)
     second = 'self.register_variable(Real("kept", causality=Fmi2Causality.input))'
     two = built(tmp_path, more=second)
-    assert parts.law_of(scene_of(two)).senses == "xi"  # the one of a known name
+    assert loaded_law(scene_of(two)).senses == "xi"  # the one of a known name
     other = built(tmp_path, more=second, name="depth")
     with pytest.raises(SceneError, match=r"has the real inputs depth, kept\. Keep one"):
         scene_of(other)
@@ -208,7 +209,7 @@ def changed(unit: Path, folder: Path, given: str = "", made: str = "", **texts: 
 
 def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None:
     def forces(path: Path) -> np.ndarray:
-        bound = parts.bound_law(scene_of(path))
+        bound = bound_law(scene_of(path))
         controller = Controller(bound, LineSpec(), 1e-6, 20, 1, 0)
         return np.asarray(controller.process(np.linspace(-1e-3, 0.0, 10)).forces)
 
@@ -217,7 +218,7 @@ def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None
     assert plain.max() > 100.0
     assert forces(changed(unit, tmp_path, "m", "N")) == pytest.approx(plain, rel=0.0, abs=0.0)
     speed = changed(unit, tmp_path, "mm/s", **{'"xi"': '"depth"'})
-    assert parts.law_of(scene_of(speed)).senses == "v_p"
+    assert loaded_law(scene_of(speed)).senses == "v_p"
 
 
 @pytest.mark.parametrize(
@@ -240,11 +241,11 @@ def test_what_would_be_misread_is_refused(
 def test_of_several_outputs_only_force_is_the_command(unit: Path, tmp_path: Path) -> None:
     more = "self.power = 1.0; self.register_variable(Real('power', causality=Fmi2Causality.output))"
     two = built(tmp_path, more=more)
-    laws = [parts.law_of(scene_of(path)) for path in (unit, two)]
+    laws = [loaded_law(scene_of(path)) for path in (unit, two)]
     assert [law.ports[1].name for law in laws] == ["force", "force"]
     samples = np.linspace(-1e-3, 0.0, 10)
     one, other = (
-        np.asarray(Controller(parts.bound_law(scene_of(path)), LineSpec(), 1e-6, 20, 1, 0)
+        np.asarray(Controller(bound_law(scene_of(path)), LineSpec(), 1e-6, 20, 1, 0)
                    .process(samples).forces)
         for path in (unit, two)
     )  # fmt: skip
@@ -261,7 +262,7 @@ def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit: Path, tmp_path: Path
         "<ModelVariables>": '<DefaultExperiment stepSize="5e-6"/><ModelVariables>',
     })  # fmt: skip
     with pytest.raises(SceneError, match="has a fixed step of 5 us, but the scene samples every 1"):
-        parts.bound_law(scene_of(fixed))
-    assert parts.bound_law(scene_of(fixed, "sensors.every_steps=5"))
+        bound_law(scene_of(fixed))
+    assert bound_law(scene_of(fixed, "sensors.every_steps=5"))
     words = ["run", "aluminium-3mm", "--set", f"controller.law={fixed}", "--set", SHORT]
     assert invoke([*words, "-o", str(tmp_path / "a.mcap")]).exit_code == 2

@@ -12,7 +12,8 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, F_C, XI, series_under
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
@@ -56,7 +57,7 @@ LINES = {
 @pytest.mark.parametrize("name", LINES)
 def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
-    plant = parts.start_plant(scene)
+    plant = build_plant(scene)
     assert isinstance(plant, Plant)
     rows = finer_loop(scene, plant, scene.steps, 1)
     assert rows[F_A].any()
@@ -69,7 +70,7 @@ def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
     spec = scene.plant
     plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
-    plant.state.body[_START] = parts.start_plant(scene, spec).state.body[_START]
+    plant.state.body[_START] = build_plant(scene, spec).state.body[_START]
     finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).rows
     assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
     assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
@@ -83,7 +84,7 @@ def test_the_law_answers_the_finer_plant() -> None:
     closed = verify(scene, run.rows)
     assert closed is not None
     plant = built(fine, "modal").at_start()
-    plant.state.body[_START] = parts.start_plant(scene).state.body[_START]
+    plant.state.body[_START] = build_plant(scene).state.body[_START]
     forces = np.repeat(run.forces, 2)
     (free,) = impacts_in(fine, series_under(plant, forces))
     (coarse,) = impacts_in(scene.plant, run.rows)

@@ -14,11 +14,13 @@ from numba.core import event
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.controller.controller import Controller
+from hertzloop.loop import controller_node
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.processes import warmup
 from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.recordings.reader import read
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import build_controller
 from tests.bus.meshes import PATIENCE_S, url
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
@@ -69,7 +71,8 @@ from hertzloop.processes import warmup
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.views.run import run_scene
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.controller import build_controller
 from hertzloop.jit.cache import noticed
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
@@ -82,7 +85,7 @@ def noticed_run(scene, folder):
 warmup._run = noticed_run
 ensure_compiled(scene)
 print(told)  # all is compiled at once
-parts.start_controller(scene)  # its law
+build_controller(scene)  # its law
 told = []
 with noticed(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
@@ -109,14 +112,14 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 ) -> None:
     """It takes three times as long as the others wait for anything else."""
     timeout_s, urls, path = 2.0, [url(port) for port in free_ports(3)], tmp_path / "run.mcap"
-    build = parts.start_controller
+    build = build_controller
 
     def compiled_long(*arguments: Any) -> Controller:
         with event.trigger_event("numba:compile"):
             time.sleep(3 * timeout_s)
         return build(*arguments)
 
-    monkeypatch.setattr(parts, "start_controller", compiled_long)
+    monkeypatch.setattr(controller_node, "build_controller", compiled_long)
 
     def address(place: int) -> BusAddress:
         return BusAddress(

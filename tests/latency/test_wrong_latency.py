@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 
 from hertzloop.controller.controller import Controller
+from hertzloop.loop import controller_node
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import build_controller
 
 LATENCY_US = 3
 
@@ -25,13 +27,13 @@ def run(scene: Setup, path: Path) -> Recording:
 
 def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     """Make the controller's line longer by `steps` (of 1 us); the plant is honest."""
-    honest = parts.start_controller
+    honest = build_controller
 
     def dishonest(scene: Setup, ahead: bool = True) -> Controller:
         longer = {"controller.latency_us": scene.latency_us + steps}
         return honest(scene.vary(longer), ahead)
 
-    monkeypatch.setattr(parts, "start_controller", dishonest)
+    monkeypatch.setattr(controller_node, "build_controller", dishonest)
 
 
 @pytest.mark.parametrize("steps", [-3, -1, 1, 2, 10])

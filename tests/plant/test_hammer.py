@@ -19,7 +19,8 @@ from hertzloop.plant.figures.impacts import impacts
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant
 from hertzloop.studies.sweeps.evaluate import run_case
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -98,7 +99,7 @@ def test_closed_forms_of_a_power_of_the_penetration() -> None:
 def on_plate(*settings: str) -> tuple[Setup, Plant, np.ndarray]:
     """The default plate under a hammer: its setup, plant and rows."""
     setup = load("aluminium-3mm", [*ON_PLATE, "hammer.speed_m_s=0.5", *settings])
-    plant = parts.start_plant(setup)
+    plant = build_plant(setup)
     return setup, plant, ts.series_under(plant, np.zeros(setup.steps))
 
 
@@ -121,7 +122,7 @@ def test_a_tip_by_radius_is_the_contact_of_a_sphere_of_that_radius() -> None:
     plate = setup.scene.material("plate")
     assert setup.contact.stiffness == hertz_stiffness(0.006, MATERIALS["steel"], plate)
     same = setup.vary({"hammer.tip_stiffness": setup.contact.stiffness, "hammer.tip_exponent": 1.5})
-    a, b = (ts.series_under(parts.start_plant(s), np.zeros(3000)) for s in (setup, same))
+    a, b = (ts.series_under(build_plant(s), np.zeros(3000)) for s in (setup, same))
     assert np.array_equal(a, b)
 
 

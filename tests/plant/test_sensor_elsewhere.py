@@ -15,7 +15,9 @@ from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant
+from hertzloop.setup.controller import check_buildable
 from hertzloop.studies.fit.fit import _placed
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.records import Measured, Record, RecordError
@@ -31,7 +33,7 @@ def plate(*settings: str) -> Setup:
 
 def seen(setup: Setup, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and acceleration that the state has where the sensor is, after every step."""
-    plant = parts.start_plant(setup, flight=True)
+    plant = build_plant(setup, flight=True)
     found = np.empty((2, len(forces)))
     for i, force in enumerate(forces):
         k.step(plant.model, plant.state, force)
@@ -46,7 +48,7 @@ def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
         "plate.actuator_point_m": setup.scene.plate.points_m[1],
         "sensors.point_m": None,
     })  # fmt: skip
-    plant = parts.start_plant(turned, flight=True)
+    plant = build_plant(turned, flight=True)
     found = np.empty(len(forces))
     for i, force in enumerate(forces):
         k.step(plant.model, plant.state, force)
@@ -97,7 +99,7 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say() -> None:
         delta = 0.5 * modes.eta * o
         answer = np.exp(-delta * late) * (np.cos(w * late) - delta / w * np.sin(w * late))
         velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
-    plant = parts.start_plant(setup)
+    plant = build_plant(setup)
     ts.series_under(plant, np.zeros(steps))
     assert plant.state.body[pk.V_S] == pytest.approx(velocity, rel=1e-9)
 
@@ -255,7 +257,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
         setup = load("aluminium-3mm", [*settings, SENSOR])
     point = _placed(velocity_record(), setup).measured.point_m
     frozen = FrozenModel(setup, 5e-4, 1e-3, point)
-    plant, seen_m_s = parts.start_plant(setup), np.empty(setup.steps)
+    plant, seen_m_s = build_plant(setup), np.empty(setup.steps)
     for i in range(setup.steps):
         k.step(plant.model, plant.state, 0.0)
         seen_m_s[i] = plant.state.body[pk.V_S]
@@ -288,4 +290,4 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> N
 ])  # fmt: skip
 def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
-        parts.check(plate(SENSOR, *settings))
+        check_buildable(plate(SENSOR, *settings))

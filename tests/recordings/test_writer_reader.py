@@ -20,7 +20,8 @@ from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.reader import McapRecord, Recording, Walk, read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from hertzloop.setup import parse, parts
+from hertzloop.setup import parse
+from hertzloop.setup.controller import loaded_law
 from tests.recordings.rewriting import messages, record, rewrite, scene
 
 STEPS, STEP_NS = 2500, 1000
@@ -123,7 +124,7 @@ class TestByTheMcapLibrary:
         # No clock of the day: two runs of a scene have the same bytes.
         assert {(a.log_time, a.create_time) for a in attachments.values()} == {(0, 0)}
         assert parse(attachments["scene.toml"].data.decode()) == scene(*SETTINGS)
-        assert attachments["law"].data.decode() == parts.law_of(scene(*SETTINGS)).source
+        assert attachments["law"].data.decode() == loaded_law(scene(*SETTINGS)).source
         run = metadata["run"]
         assert (run["seed"], run["steps"], run["step_ns"]) == ("77", "2500", "1000")
         assert json.loads(run["versions"])["numpy"] == np.__version__

@@ -12,7 +12,8 @@ from hertzloop.plant.time_series import COLUMNS, series_under
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Sensor, SensorSpec
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant, build_sensor
 
 STEP_S = 1e-6
 
@@ -29,7 +30,7 @@ def record(spec: SensorSpec, signal: np.ndarray) -> np.ndarray:
 
 def run(scene: Setup, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of truth, values and flags of a scene without control, in blocks of `block` steps."""
-    plant, sensor, steps = parts.start_plant(scene), parts.start_sensor(scene), scene.steps
+    plant, sensor, steps = build_plant(scene), build_sensor(scene), scene.steps
     window = hk.Window(
         truth=np.zeros((COLUMNS, block)),
         codes=np.zeros(block, np.int64),
@@ -109,7 +110,7 @@ def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(
     )
     # A sphere so large that its contact would be long enough for this mode.
     settings = ["sphere.radius_m=0.02", "run.step_ns=5000", f"run.scheme={scheme}"]
-    plant = parts.start_plant(scene(f"plate.modes='{file}'", *settings))
+    plant = build_plant(scene(f"plate.modes='{file}'", *settings))
     omega = 2.0 * math.pi * hertz
     t = step_s * np.arange(13)
     at_ends, moved = force_n / omega * np.sin(omega * t), 1.0 - np.cos(omega * t)

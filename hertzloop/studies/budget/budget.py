@@ -6,7 +6,8 @@ from typing import Any
 
 from hertzloop.analysis.cases import OTHER, CaseState, Span
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parts
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import mean_latency_us
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import (
     BudgetLimit,
@@ -303,6 +304,6 @@ def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:
     """Return a limit of the jitter with the mean latency of the force that acts under it."""
     if limit.quantity != "jitter_us" or not limit.value:
         return limit
-    mean_us = parts.mean_latency_us(setup.vary({limit.key: limit.value}))
+    mean_us = mean_latency_us(setup.vary({limit.key: limit.value}))
     said = f"mean latency {mean_us:.3g} us"
     return replace(limit, remark=f"{limit.remark}, {said}" if limit.remark else said)

@@ -508,7 +508,7 @@ def _placed(record: Record, setup: Setup) -> Record:
 
     Raises RecordError for a point that the simulation does not know.
     """
-    given, at_sensor = record.measured.point_m, setup.bodies.sensor_point_m
+    given, at_sensor = record.measured.point_m, setup.mechanics.sensor_point_m
     if record.quantity not in OF_PLATE:
         return record
     if given is not None and setup.structure.mode_table is not None:
@@ -518,7 +518,7 @@ def _placed(record: Record, setup: Setup) -> Record:
         )
     at = given or at_sensor
     mass_kg = setup.actuator.mass_kg
-    if at is not None and mass_kg and at != setup.bodies.actuator_point_m:
+    if at is not None and mass_kg and at != setup.mechanics.actuator_point_m:
         raise RecordError(
             f"actuator.mass_kg = {mass_kg:g}: not supported with {record.name} at "
             "another point than contact and actuator. Leave out the mass, or the record."
@@ -1117,7 +1117,7 @@ def _elastic_pressure(problem: Problem, f: Free) -> float:
     values = {g.key: g.start for g in problem.free if not of_loop(g.key)}
     run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
     force = float(np.max(run.force_n(run.time_s)))
-    bodies = model.setup.vary(values).bodies
+    bodies = model.setup.vary(values).mechanics
     radius = bodies.sphere.radius_m
     modulus = 0.75 * run.contact.stiffness / math.sqrt(radius)
     a = (0.75 * force * radius / modulus) ** (1.0 / 3.0)

@@ -117,7 +117,7 @@ class LoopModel(FrozenModel):
     ) -> None:
         self.parts = math.ceil(setup.step_ns / plant_ns)
         # The plant alone: times of the loop need not be whole steps of the plant.
-        alone = setup.plain().scene
+        alone = setup.plant_only().scene
         ideal = alone.actuator.replaced(dead_time_us=None)
         super().__init__(
             resolve(alone.replaced(actuator=ideal)), duration_s, accuracy,
@@ -147,7 +147,7 @@ class LoopModel(FrozenModel):
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
-        return self.spec_with(self.loop.vary(values).bodies if values else self.loop.bodies)
+        return self.spec_with(self.loop.vary(values).mechanics if values else self.loop.mechanics)
 
     def run(self, values: Mapping[str, float], until_s: float, phase: float = 0.5) -> Simulated:
         """Simulate the drop with other values of some keys until `until_s` after the touch.
@@ -162,7 +162,7 @@ class LoopModel(FrozenModel):
     def _looped(self, values: Mapping[str, float], until_s: float, phase: float) -> Simulated:
         self.simulations += 1
         loop = self.loop.vary(values) if values else self.loop
-        spec = self.spec_with(loop.bodies)
+        spec = self.spec_with(loop.mechanics)
         horizon = 1 + loop.line.latency_steps + loop.line.most_added_steps
         samples = _LEAD_SAMPLES + int(getattr(loop.scene.controller.keys, "window_samples", 0))
         lead = loop.every_steps * (samples + math.ceil(_HORIZONS * horizon / loop.every_steps))

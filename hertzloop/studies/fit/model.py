@@ -25,8 +25,8 @@ from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from hertzloop.setup.parts import check_reach
-from hertzloop.setup.stages import Bodies
+from hertzloop.setup.build import check_modes_reach_impact
+from hertzloop.setup.mechanics import Mechanics
 
 LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
 PHASE = 0.5
@@ -244,7 +244,7 @@ class FrozenModel:
         self.setup = free.vary(changed)
         self.elsewhere = point_m is not None
         self.spec = self._turned(self.setup.plant)
-        check_reach(self.spec)
+        check_modes_reach_impact(self.spec)
         if velocity_error is not None and not self.spec.plate.solid:
             self._refine(velocity_error, changed["run.duration_s"])
         self.velocity_error = self._velocity_error(self.step_ns, self.spec.frequency_limit_hz)
@@ -290,9 +290,9 @@ class FrozenModel:
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
-        return self.spec_with(self.setup.vary(values).bodies if values else self.setup.bodies)
+        return self.spec_with(self.setup.vary(values).mechanics if values else self.setup.mechanics)
 
-    def spec_with(self, bodies: Bodies) -> PlantSpec:
+    def spec_with(self, bodies: Mechanics) -> PlantSpec:
         """Return the plant with other bodies, at the frozen model of the plate."""
         spec = replace(
             self.spec,
@@ -308,7 +308,7 @@ class FrozenModel:
         spec = self._turned(spec)
         limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
         spec = replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
-        check_reach(spec)
+        check_modes_reach_impact(spec)
         return spec
 
     def run(self, values: Mapping[str, float], until_s: float) -> Simulated:

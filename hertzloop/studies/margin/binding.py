@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.structures.modes import NO_PARTICIPATION
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_plant
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.linear import plant_in_flight
 
@@ -46,7 +46,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
         frequency_hz: the binding frequency, Hz.
     """
     form = plant_in_flight(setup)
-    modal = parts.start_plant(setup.on_plate("modal"), flight=True)
+    modal = build_plant(setup.with_plate_model("modal"), flight=True)
     count = modal.model.table.shape[1]
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
     weights = np.abs(form.residues / (z - form.poles))[:count]

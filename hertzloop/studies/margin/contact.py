@@ -17,7 +17,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_sensor, free_series
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import (
@@ -92,9 +92,9 @@ class ImpactFacts:
 
 def first_touch(setup: Setup) -> Touch:
     """Return the first contact of a setup without control. Raises SceneError for a run without."""
-    free = setup.uncontrolled()
+    free = setup.without_control(same_plate=True)
     began, peak, step_s = None, 0.0, setup.step_s
-    for first, rows in parts.free_series(free):
+    for first, rows in free_series(free):
         force = rows[ts.F_C]
         touching = force > 0.0
         if began is None:
@@ -229,7 +229,7 @@ def plant_in_contact(setup: Setup, force_n: float) -> tuple[PoleForm, float]:
     if np.abs(rest - found[0] / z - found[1] / z**2).max() > 1e-6 * np.abs(full).max():
         raise SceneError("the response of the structure in contact was not found")
     form = PoleForm(own, residues, found)
-    return through_sensor(form, parts.start_sensor(setup).model), stiffness
+    return through_sensor(form, build_sensor(setup).model), stiffness
 
 
 def _with_sphere(

@@ -17,7 +17,7 @@ from hertzloop.controller.law import Response
 from hertzloop.controller.laws import linear
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.watchdog import watching
-from hertzloop.setup import parts
+from hertzloop.setup.controller import bound_law, law_constants, loaded_law
 from hertzloop.setup.setup import Setup
 
 _SAMPLES = 1500
@@ -124,7 +124,7 @@ def law_filter(setup: Setup) -> LawFilter:
     Raises:
         NotLinearError: the law, or the line behind it, is not linear.
     """
-    if why := parts.law_of(setup).not_linear:
+    if why := loaded_law(setup).not_linear:
         raise NotLinearError(why)
     line = setup.line
     for why, given in (
@@ -140,7 +140,7 @@ def law_filter(setup: Setup) -> LawFilter:
             raise NotLinearError(why)
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     # A law that refuses the run when it is prepared has no margin in it either.
-    declared = parts.law_of(setup).response(setup.scene.controller.keys, parts.law_constants(ideal))
+    declared = loaded_law(setup).response(setup.scene.controller.keys, law_constants(ideal))
     if declared is None:
         return probe(ideal)
     if declared.stages:
@@ -157,7 +157,7 @@ def probe(setup: Setup) -> LawFilter:
 
 
 def _probe(setup: Setup, answered: list[int]) -> LawFilter:
-    bound = parts.bound_law(setup, ahead=False)
+    bound = bound_law(setup, ahead=False)
 
     def answer(samples: np.ndarray) -> np.ndarray:
         count = len(samples)
@@ -215,7 +215,7 @@ def _probe(setup: Setup, answered: list[int]) -> LawFilter:
 
 
 def _amplitude(setup: Setup) -> float:
-    known = setup.about_bodies
+    known = setup.about_mechanics
     speed = known.impact_speed_m_s
     if setup.quantity == "xi":
         return max(speed * known.rigid_contact_s, 1e-9)

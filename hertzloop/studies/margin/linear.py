@@ -13,7 +13,7 @@ from hertzloop.plant.actuator import LinearActuator, linear_form
 from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.scenes.errors import SceneError
 from hertzloop.sensors.kernels import SensorModel
-from hertzloop.setup import parts
+from hertzloop.setup.build import build_plant, build_sensor
 from hertzloop.setup.setup import Setup
 
 _CHUNK = 1 << 21  # complex numbers at a time
@@ -174,13 +174,13 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
         )
     model = linear_model(setup)
     form = by_command(model, gap=quantity == "xi")
-    form = through_sensor(form, parts.start_sensor(setup).model)
+    form = through_sensor(form, build_sensor(setup).model)
     return form.difference(model.step_s) if quantity == "acceleration" else form
 
 
 def linear_model(setup: Setup) -> modal_k.CollocationModel:
     """Return the compiled plant with its modes. Raises SceneError for another scheme."""
-    model = parts.start_plant(setup.on_plate("modal"), flight=True).model
+    model = build_plant(setup.with_plate_model("modal"), flight=True).model
     if not isinstance(model, modal_k.CollocationModel):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."

@@ -9,7 +9,7 @@ import numpy as np
 
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import parts
+from hertzloop.setup.controller import loaded_law
 from hertzloop.setup.setup import Setup, resolve
 from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
@@ -197,7 +197,7 @@ def _of_loop(setup: Setup, **control: Any) -> Setup:
 
 def _digest(setup: Setup) -> str:
     """Return what tells two versions of a user's law apart."""
-    return "" if setup.law_is_shipped else parts.law_of(setup).digest
+    return "" if setup.law_is_shipped else loaded_law(setup).digest
 
 
 @lru_cache(maxsize=16)

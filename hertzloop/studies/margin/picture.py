@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from hertzloop.setup import parts
+from hertzloop.setup.controller import loaded_law
 from hertzloop.setup.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_name
@@ -77,7 +77,7 @@ def draw(setup: Setup, margin: Margin) -> Figure:
     sheet, axes = pictures.sheet(2, 2, width=12.0, height=4.2)
     state = "stable" if margin.stable else "unstable"
     sheet.suptitle(
-        f"{setup.name}, law {parts.law_of(setup).name}: loop in flight, {state} at a latency of "
+        f"{setup.name}, law {loaded_law(setup).name}: loop in flight, {state} at a latency of "
         f"{margin.latency_us:g} us"
     )
     _gain(axes[0, 0], drawn)

@@ -56,7 +56,7 @@ def _digest(
 ) -> str:
     """Digest of a row's case, run once more. Raises what a run raises."""
     varied = setup.vary({key: row[key] for key in keys})
-    case = varied.on_plate(row["plate_model"]).lasting(int(row["steps"]))
+    case = varied.with_plate_model(row["plate_model"]).with_steps(int(row["steps"]))
     path = folder / "case.mcap"
     run_scene(case, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)

@@ -27,7 +27,8 @@ from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, parts, toml_value
+from hertzloop.setup import Setup, toml_value
+from hertzloop.setup.controller import law_constants
 from hertzloop.studies.margin.margin import growth_of
 from hertzloop.studies.sweeps.design import Design, keys_of, toml_text
 from hertzloop.studies.sweeps.evaluate import (
@@ -106,7 +107,7 @@ def _constants_digest(setup: Setup, law: str) -> str:
     """Digest of the constants that a law prepares, perhaps from files; empty if it refuses the
     scene, which its cases say."""
     try:
-        found = parts.law_constants(setup.vary({"controller.law": law}))
+        found = law_constants(setup.vary({"controller.law": law}))
     except SceneError:
         return ""
     values = found.values() if isinstance(found, Mapping) else found

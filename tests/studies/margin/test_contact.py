@@ -8,7 +8,8 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.build import build_plant
 from hertzloop.studies.margin.contact import contact_margin, impact_facts, plant_in_contact
 from tests.commands import invoke
 
@@ -28,7 +29,7 @@ def test_a_resting_sphere_answers_as_the_frozen_contact(
     scene: str, settings: list[str], rest_s: float
 ) -> None:
     setup = load(scene, [*FORCE, *settings])
-    plant = parts.start_plant(setup.on_plate("modal"))
+    plant = build_plant(setup.with_plate_model("modal"))
     for _ in range(int(rest_s * 10)):
         ts.series_under(plant, np.zeros(100_000))
     kept = [part.copy() for part in plant.state]

@@ -7,7 +7,8 @@ import pytest
 import scipy.signal as sg
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.setup import load, parts
+from hertzloop.setup import load
+from hertzloop.setup.controller import law_context
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import margin_of
@@ -166,7 +167,7 @@ def test_poles_at_zero_are_exact(taps: int, denominator: list[float]) -> None:
 
 def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
     other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
-    gain = -other.scene.controller.keys.kappa * parts.about(other).impedance_n_s_m
+    gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
     mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
     found, expected = asdict(margin_of(mine)), asdict(margin_of(other))
     for name, value in expected.items():  # of a product of stages they are found another way

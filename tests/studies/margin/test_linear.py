@@ -10,7 +10,8 @@ from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.sensors import kernels as sk
-from hertzloop.setup import Setup, load, parts
+from hertzloop.setup import Setup, load
+from hertzloop.setup.build import build_plant, build_sensor
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import loop_of, margin_of
@@ -67,7 +68,7 @@ VARIANTS = [
 
 def samples_under(setup: Setup, forces: np.ndarray) -> np.ndarray:
     """Values that the channel of a setup samples at the end of each step, by the kernels."""
-    plant, sensor = parts.start_plant(setup.on_plate("modal")), parts.start_sensor(setup)
+    plant, sensor = build_plant(setup.with_plate_model("modal")), build_sensor(setup)
     seen = np.zeros(len(forces))
     for i, force in enumerate(forces):
         sk.follow(sensor.model, sensor.state, plant.state.body[setup.sensor.of_state])
