@@ -4,7 +4,7 @@ from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.jit import kernel
 
 
-@kernel(released=True)
+@kernel
 def ask(lane, first, count):
     """One sample out, one force back, `count` times; the first sample that was not answered in
     time."""
@@ -16,7 +16,7 @@ def ask(lane, first, count):
     return first + count
 
 
-@kernel(released=True)
+@kernel
 def echo(lane, first, count):
     """The other end: samples answered until the first one that does not come in time."""
     for i in range(first, first + count):

@@ -18,14 +18,14 @@ from hertzloop.plant.state_kernels import XI
 GRAVITY = 9.81
 
 
-@kernel
+@kernel(allocates=True)
 def hertz(stiffness, gap):
     """Contact force at a gap."""
     p = max(-gap, 0.0)
     return stiffness * p * math.sqrt(p)
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def slope(t, y, omega2, drive, stiffness, mass, eta=0.0):
     """Right-hand side for y = (q, q', x_s, v_s), shape (2 modes + 2,)."""
     n = omega2.size
@@ -45,7 +45,7 @@ def slope(t, y, omega2, drive, stiffness, mass, eta=0.0):
     return out
 
 
-@kernel
+@kernel(allocates=True)
 def jacobian(y, omega2, drive, stiffness, mass):
     """Derivative of `slope` by y, shape (2 modes + 2, 2 modes + 2)."""
     n = omega2.size
@@ -66,7 +66,7 @@ def jacobian(y, omega2, drive, stiffness, mass):
     return out
 
 
-@kernel
+@kernel(allocates=True)
 def energy(y, omega2, drive, stiffness, mass):
     """Total energy of a state, J."""
     n = omega2.size
@@ -80,7 +80,7 @@ def energy(y, omega2, drive, stiffness, mass):
     return total + mass * (0.5 * y[2 * n + 1] * y[2 * n + 1] + GRAVITY * y[2 * n])
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps, eta=0.0):
     """Stoermer-Verlet, velocity form, the damping with the mean of the velocities half a step
     before and after, as in central differences; stable below w h = 2 whatever the damping."""
@@ -112,7 +112,7 @@ def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps, eta=0.0):
             gaps[(k + 1) // every - 1] = gap
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def leapfrog_lagged(y, omega2, drive, stiffness, mass, h, steps, every, gaps, eta):
     """Stoermer-Verlet with the velocities half a step behind, and the damping with those, as
     explicit finite-element codes take it; stable below w h = sqrt(4 + eta^2) - eta, where
@@ -136,7 +136,7 @@ def leapfrog_lagged(y, omega2, drive, stiffness, mass, h, steps, every, gaps, et
             gaps[(k + 1) // every - 1] = y[2 * n] - plate
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def rk4(y, omega2, drive, stiffness, mass, h, steps, every, gaps, eta=0.0):
     """Classical Runge-Kutta; stable below w h = 2.83, with damping 2.62 to 2.96."""
     n = omega2.size
@@ -154,7 +154,7 @@ def rk4(y, omega2, drive, stiffness, mass, h, steps, every, gaps, eta=0.0):
             gaps[(k + 1) // every - 1] = y[2 * n] - plate
 
 
-@kernel
+@kernel(allocates=True)
 def _meet(stiffness, free, gain):
     """Force with F = s max(-(free + gain F), 0)^1.5, by Newton inside a bracket."""
     if free >= 0.0:
@@ -178,7 +178,7 @@ def _meet(stiffness, free, gain):
     return force
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def alpha_method(y, omega2, drive, stiffness, mass, h, steps, every, gaps, alpha):
     """Hilber-Hughes-Taylor done properly, -1/3 <= alpha <= 0; alpha = 0 is Newmark's average
     acceleration. The force is taken at the same weighted time as the spring."""
@@ -236,14 +236,14 @@ def alpha_method(y, omega2, drive, stiffness, mass, h, steps, every, gaps, alpha
             gaps[(k + 1) // every - 1] = y[2 * n] - plate
 
 
-@kernel(borrowed=True)
+@kernel(allocates=True)
 def plant_steps(model, state, f_a, count):
     """`count` plant steps under the same actuator force."""
     for _ in range(count):
         step(model, state, f_a)
 
 
-@kernel
+@kernel(allocates=True)
 def two_pass_steps(z, turn, grown, count):
     """The obvious loop, as a yardstick: predict with one pass over all oscillators, then
     apply the force with a second one. Arrays are complex, shape (frequencies,)."""
@@ -259,7 +259,7 @@ def two_pass_steps(z, turn, grown, count):
     return x
 
 
-@kernel(borrowed=True)
+@kernel(allocates=True)
 def plant_gaps(model, state, every, gaps):
     """Step without control; the gap after every `every` steps."""
     for i in range(gaps.size):
@@ -268,7 +268,7 @@ def plant_gaps(model, state, every, gaps):
         gaps[i] = state.body[XI]
 
 
-@kernel
+@kernel(allocates=True)
 def many_slopes(y, omega2, drive, stiffness, mass, count):
     """The right-hand side of the modal equations, `count` times."""
     total = 0.0
@@ -285,13 +285,13 @@ def many_slopes(y, omega2, drive, stiffness, mass, count):
 # `gaps`.
 
 
-@kernel(inline=True)
+@kernel(inline=True, allocates=True)
 def _root_slope(stiffness, gap):
     """Slope of psi = sqrt(2 V), V = 2/5 s p^(5/2), by the gap."""
     return -1.25 * math.sqrt(0.8 * stiffness * math.sqrt(max(-gap, 0.0)))
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _turn(z, table, force):
     """Fold the force of the last step in and propagate by one; displacement at the point."""
     x = 0.0
@@ -306,7 +306,7 @@ def _turn(z, table, force):
     return x
 
 
-@kernel
+@kernel(allocates=True)
 def quadratised(z, body, table, gain, stiffness, mass, h, every, gaps):
     """Non-iterative contact by a quadratised potential (Ducceschi and Bilbao 2019).
 
@@ -336,7 +336,7 @@ def quadratised(z, body, table, gain, stiffness, mass, h, every, gaps):
         z[1, i] -= table[3, i] * force
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _weighed(kernel, force, count, offset):
     total = 0.0
     for j in range(count):
@@ -344,7 +344,7 @@ def _weighed(kernel, force, count, offset):
     return total
 
 
-@kernel
+@kernel(allocates=True)
 def convolution(response, force, speed, stiffness, h, every, gaps):
     """Gap as a direct sum over all past forces, by the trapezoidal rule.
 
@@ -363,7 +363,7 @@ def convolution(response, force, speed, stiffness, h, every, gaps):
             gaps[k // every - 1] = gap
 
 
-@kernel
+@kernel(allocates=True)
 def sampled_response(omega, drive, mass, h, response):
     """The convolution's response at (n - 1) h ... 0 into `response`, m/(N s)."""
     n = response.size
@@ -378,7 +378,7 @@ def sampled_response(omega, drive, mass, h, response):
             x, y = c * x - s * y, c * y + s * x
 
 
-@kernel
+@kernel(allocates=True)
 def state_after(omega, drive, force, h, mass, speed, y):
     """State at the end of `convolution`: y = (q, q', x_s, v_s), by the same trapezoidal rule."""
     n, modes = force.size, omega.size
@@ -414,7 +414,7 @@ _NEWTON_MOST = 50
 _BETA = 2.0 / 3.0
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _ahead(z, turn):
     """Displacement at the point after the free turn `turn`, (2, modes)."""
     x = 0.0
@@ -423,7 +423,7 @@ def _ahead(z, turn):
     return x
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _advance(z, turn):
     for i in range(z.shape[1]):
         c = turn[0, i] * z[0, i] - turn[1, i] * z[1, i]
@@ -431,14 +431,14 @@ def _advance(z, turn):
         z[0, i] = c
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _push(z, change, force):
     for i in range(z.shape[1]):
         z[0, i] -= change[0, i] * force
         z[1, i] -= change[1, i] * force
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _speed(z, omega):
     v = 0.0
     for i in range(z.shape[1]):
@@ -446,7 +446,7 @@ def _speed(z, omega):
     return v
 
 
-@kernel
+@kernel(allocates=True)
 def _meet_of_stages(free, gain, stiffness, force, gap, work):
     """Forces (s,) at the nodes, F_i = s max(-gap_i, 0)^1.5, gap = free + gain F, by Newton; `gap`
     (s + 1,) out. `work`: (s, s + 1)."""
@@ -483,7 +483,7 @@ def _meet_of_stages(free, gain, stiffness, force, gap, work):
             gap[i] += gain[i, j] * force[j]
 
 
-@kernel
+@kernel(allocates=True)
 def collocation(
     z, body, omega, times, turns, changes, gains, speed_gains, stiffness, scale_s, every, gaps
 ):  # fmt: skip
@@ -587,7 +587,7 @@ for _i in range(EXTENDED):
 _USED = np.count_nonzero(_AA, axis=1)
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _stage_3(q, v, omega2, drive, out, a, b, c, wa, wb, wc, t, push):
     """out = q + t v - omega2 (wa a + wb b + wc c) - push drive; its sum, and that of omega2 out."""
     x = 0.0
@@ -601,7 +601,7 @@ def _stage_3(q, v, omega2, drive, out, a, b, c, wa, wb, wc, t, push):
     return x, f
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _stage_6(q, v, omega2, drive, out, a, b, c, d, e, g, w, t, push):
     """The same of six stages, weights `w`."""
     x = 0.0
@@ -616,7 +616,7 @@ def _stage_6(q, v, omega2, drive, out, a, b, c, d, e, g, w, t, push):
     return x, f
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _stage_10(q, v, omega2, drive, out, k, w, t, push, terms):
     """The same of ten stages, rows `terms` of k."""
     x = 0.0
@@ -635,7 +635,7 @@ def _stage_10(q, v, omega2, drive, out, k, w, t, push, terms):
     return x, f
 
 
-@kernel
+@kernel(allocates=True)
 def _stage(s, y_v, omega2, drive, k, h, force):
     """Stage `s` of the plate: sums of its displacements and of omega2 times them. `force`:
     contact forces of the stages so far, N."""
@@ -657,7 +657,7 @@ def _stage(s, y_v, omega2, drive, k, h, force):
     return _stage_10(k[0], y_v, omega2, drive, k[s], k, w, t, push, terms)
 
 
-@kernel(fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"}, allocates=True)
 def _end(v, omega2, drive, k, v1, h, weights, push, rtol, atol):
     """State at the end of a step into k[12], v1. Sums of displacement, velocity and omega2
     times displacement, and of the squares of both weighed error estimates over h."""
@@ -721,7 +721,7 @@ def _end(v, omega2, drive, k, v1, h, weights, push, rtol, atol):
     return x, u, f, five, three
 
 
-@kernel
+@kernel(allocates=True)
 def _interpolate(x, h, gap, gap_1, rates):
     """Gap at the part x of a step, from the gap at its ends and its rates at all stages."""
     change = gap_1 - gap
@@ -744,7 +744,7 @@ def _interpolate(x, h, gap, gap_1, rates):
     return gap + y
 
 
-@kernel
+@kernel(allocates=True)
 def dop853(y, omega2, drive, stiffness, mass, every_s, gaps, rtol, atol, first_step_s, same_step):
     """Integrate over gaps.size times `every_s` s; gap at the end of each into `gaps` (m).
 

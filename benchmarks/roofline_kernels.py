@@ -7,7 +7,7 @@ from hertzloop.plant.schemes.registry import step
 MULTIPLY_ADDS = 8  # per number and round of `multiply_adds`
 
 
-@kernel(fused=True)
+@kernel(fastmath={"contract"})
 def multiply_adds(numbers, rounds):
     """MULTIPLY_ADDS in a chain on every number of a small array; chains overlap."""
     for _ in range(rounds):
@@ -23,7 +23,7 @@ def multiply_adds(numbers, rounds):
             numbers[i] = 0.4 * y + 0.5
 
 
-@kernel(borrowed=True, reordered=True)
+@kernel(fastmath={"reassoc"})
 def _sum(numbers):
     """Two sums, so that additions do not wait for each other."""
     half = numbers.size // 2
@@ -35,7 +35,7 @@ def _sum(numbers):
     return one + other
 
 
-@kernel(borrowed=True)
+@kernel
 def loads(table, losses, z, rounds):
     """Read what a pass reads, flat, where it lies."""
     most = 0.0
@@ -46,7 +46,7 @@ def loads(table, losses, z, rounds):
     return most
 
 
-@kernel(borrowed=True)
+@kernel
 def drifts(model, z, rounds):
     """The pass of a step without force, alone."""
     total = 0.0
@@ -56,7 +56,7 @@ def drifts(model, z, rounds):
     return total
 
 
-@kernel(borrowed=True)
+@kernel
 def pushes(model, z, f0, f1, booked, rounds):
     """The pass of a step with force, alone; with the loss of the step if `booked`."""
     total = 0.0
@@ -69,7 +69,7 @@ def pushes(model, z, f0, f1, booked, rounds):
     return total
 
 
-@kernel(borrowed=True)
+@kernel
 def repeated_steps(model, state, kept, count, rounds):
     """`count` steps from the same state `kept`, again and again."""
     for _ in range(rounds):

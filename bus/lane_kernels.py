@@ -45,7 +45,7 @@ class Lane(NamedTuple):
     rest_us: int
 
 
-@kernel(borrowed=True)
+@kernel
 def _wait_slowly(lane, at, expected, yield_ns, rest_us):
     """Wait for `expected` in word `at`, letting others run for `yield_ns` and then sleeping for
     `rest_us` at a time; False after `wait_ns`, or once a side has left."""
@@ -61,7 +61,7 @@ def _wait_slowly(lane, at, expected, yield_ns, rest_us):
     return True
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _wait(lane, at, expected):
     """Wait until word `at`, which grows, has reached `expected`; False if it did not in time."""
     for _ in range(lane.spins):
@@ -70,18 +70,18 @@ def _wait(lane, at, expected):
     return _wait_slowly(lane, at, expected, lane.yield_ns, _SLEEP_US)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _sample_slot(lane, i):
     return SAMPLE_RING + (i & (lane.slots - 1)) * SAMPLE_WORDS
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _answer_slot(lane, i):
     ring = SAMPLE_RING + lane.slots * SAMPLE_WORDS
     return ring + (i & (lane.slots - 1)) * ANSWER_WORDS
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def put_sample(lane, i, value):
     """The plant: write sample `i`; the one a lap before must have been answered."""
     at = _sample_slot(lane, i)
@@ -89,13 +89,13 @@ def put_sample(lane, i, value):
     store_release(lane.words, at, i + 1)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def sample_is_there(lane, i):
     """Whether sample `i` can be taken."""
     return load_acquire(lane.words, _sample_slot(lane, i)) >= i + 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def wait_for_sample(lane, i):
     """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
     under a promise for a while, it does not wait for the answer, and the core is left to others."""
@@ -105,19 +105,19 @@ def wait_for_sample(lane, i):
     return _wait_slowly(lane, at, i + 1, 0, lane.rest_us)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def sample_number(lane, i):
     """What stands as number in the place of sample `i`: i + 1, or something was lost."""
     return lane.words[_sample_slot(lane, i)]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def sample_value(lane, i):
     """Sample `i`, which is there."""
     return lane.numbers[_sample_slot(lane, i) + 1]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def wait_for_room(lane):
     """The controller: wait until the next record may be written; False if not in time."""
     own = lane.own
@@ -129,7 +129,7 @@ def wait_for_room(lane):
     return True
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def put_answer(lane, samples, force, level):
     """The controller: write the next record, for which there is room."""
     i = lane.own[PUT]
@@ -141,21 +141,21 @@ def put_answer(lane, samples, force, level):
     lane.own[PUT] = i + 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def answer_is_there(lane):
     """Whether the next record of an answer can be taken."""
     i = lane.own[TAKEN]
     return load_acquire(lane.words, _answer_slot(lane, i)) >= i + 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def wait_for_answer(lane):
     """Wait for the next record of an answer; False if it did not come in time."""
     i = lane.own[TAKEN]
     return _wait(lane, _answer_slot(lane, i), i + 1)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def take_answer(lane):
     """The next record, which is there: its number less the expected one, samples, force, level."""
     i = lane.own[TAKEN]

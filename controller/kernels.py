@@ -40,7 +40,7 @@ class LineState(NamedTuple):
     values: np.ndarray
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def convert_force(model, force):
     """Force that the actuator's converter puts out: clipped, on the nearest level.
 
@@ -55,7 +55,7 @@ def convert_force(model, force):
     return code * model.lsb_n
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _schedule(line, state, index, command):
     """Enter the command of sample `index` into the line."""
     if line.dropped.size > 0 and line.dropped[index]:
@@ -72,7 +72,7 @@ def _schedule(line, state, index, command):
         state.scheduled[acts] = force
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _emit(line, state, end, forces):
     """Write the actuator force of all steps before `end` that are still open."""
     values, counts = state.values, state.counts
@@ -89,7 +89,7 @@ def _emit(line, state, end, forces):
     counts[EMITTED] = max(counts[EMITTED], end)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def control_sample(law, law_state, line, line_state, value, forces):
     """One sample through law and line; `forces` is final up to the line's EMITTED step."""
     index = law_state.counts[laws.SAMPLES]
@@ -100,7 +100,7 @@ def control_sample(law, law_state, line, line_state, value, forces):
     _emit(line, line_state, (index + 1) * line.every_steps + 1 + line.latency_steps, forces)
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def control_block(law, law_state, line, line_state, values, forces, modes, delays):
     """Samples of a block through law and line; writes mode and delay after each."""
     for i in range(values.size):
@@ -109,7 +109,7 @@ def control_block(law, law_state, line, line_state, values, forces, modes, delay
         delays[i] = law_state.record[laws.DELAY]
 
 
-@kernel(borrowed=True)
+@kernel
 def grant_ahead(law, law_state, line, line_state, forces):
     """Extend the forces by what the law already knows about samples to come."""
     index = law_state.counts[laws.SAMPLES]
@@ -122,7 +122,7 @@ def grant_ahead(law, law_state, line, line_state, forces):
         _emit(line, line_state, end, forces)
 
 
-@kernel(borrowed=True)
+@kernel
 def is_quiet(line_state):
     """Whether no force acts, and none is on its way."""
     quiet = line_state.values[HELD] == 0.0 and line_state.values[OUTPUT] == 0.0

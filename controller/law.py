@@ -26,8 +26,8 @@ Force = Annotated[float, Field(ge=-1e6, le=1e6)]  # N, far beyond what a laborat
 def kernel(function: Callable[..., Any]) -> Any:
     """Mark a helper function that the functions of a law call, so that Numba compiles it.
 
-    The compiler inserts it into its callers. A call would count references to the samples, which
-    costs time. Kept code goes by the digest of the law and of all files that it imports.
+    It becomes part of its callers, whose kept code goes by the digest of the law and of all files
+    that it imports.
 
     Args:
         function: a function of numbers and arrays.
@@ -35,9 +35,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Returns:
         The compiled function.
     """
-    code = getattr(function, "__code__", None)
-    calls_itself = code is not None and code.co_name in code.co_names
-    return compiled_function(function, inline=True, kept=False, spliced=not calls_itself)
+    return compiled_function(function, inline=True, allocates=True)
 
 
 class LawError(ValueError):

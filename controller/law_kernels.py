@@ -109,7 +109,7 @@ _call_command_ahead = _caller("double", 3, 2)
 _call_quiet_level = _caller("double", 2, 0)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _number(counts, index, command):
     """The command, or zero, with the sample noted, where it is no number."""
     if math.isfinite(command):
@@ -119,7 +119,7 @@ def _number(counts, index, command):
     return 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def take_sample(model, state, value):
     """Feed the next sample to the law; returns its command (N)."""
     counts, history = state.counts, state.history
@@ -130,7 +130,7 @@ def take_sample(model, state, value):
     return _number(counts, index, command)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def known_ahead(model, state):
     """Number of samples to come whose command no longer depends on them."""
     last = state.counts[SAMPLES] - 1
@@ -139,7 +139,7 @@ def known_ahead(model, state):
     return _call_known_ahead(model.known_ahead, model.parameters, state.record, state.history, last)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def command_ahead(model, state, index):
     """Command of the future sample `index`, which `known_ahead` has vouched for."""
     last = state.counts[SAMPLES] - 1
@@ -149,7 +149,7 @@ def command_ahead(model, state, index):
     return _number(state.counts, index, command)
 
 
-@kernel(borrowed=True)
+@kernel
 def quiet_level(model, state):
     """Level above which samples leave the law at zero from now on; inf without such a promise."""
     if model.quiet_level == 0:

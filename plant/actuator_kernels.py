@@ -42,17 +42,17 @@ class SecondOrder(NamedTuple):
     limit_n: float
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _ideal(actuator, body, command):
     return command, 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _limited(actuator, body, command):
     return max(-actuator.limit_n, min(actuator.limit_n, command)), 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _second_order(actuator, body, command):
     f, d = body[pk.ACTUATOR_F], body[pk.ACTUATOR_RATE]
     if command == 0.0 and abs(f) + abs(d) < _REST_N:

@@ -13,7 +13,7 @@ _BLOCK = 256  # numbers that are followed together, in the processor's nearest m
 RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
 
-@kernel(borrowed=True)
+@kernel
 def series(x_re, x_im, terms, re, im):
     """Sum of terms[i] x^i by Horner's rule for complex x, shape (numbers,), into `re` and `im`;
     products are rounded as NumPy rounds those of complex numbers."""

@@ -39,7 +39,7 @@ LOOK_EVERY = 64  # steps
 GRAVITY_M_S2 = 9.81
 
 
-@kernel
+@kernel(allocates=True)  # where Python calls it with arrays
 def dissipation(theta, rho, duration, yr, yi, er, ei):
     """2 * integral of 2 delta v^2 over `duration`, v = Theta Re((1 + i rho) y exp(s t)).
 
@@ -63,7 +63,7 @@ def dissipation(theta, rho, duration, yr, yi, er, ei):
     return theta * theta * (steady + 2.0 * delta * (qr * ir - qi * ii))
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def flight(model, body, counts):
     """Height (m) and velocity (m/s) at the start and, free of contact, at the end of the step;
     ballistic since FLIGHT_STEP."""
@@ -76,7 +76,7 @@ def flight(model, body, counts):
     return sphere_0, sphere_v + gravity * h, sphere, sphere_v
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
     """Let the contact force F_0 + F_1 (2 t/h - 1) of the step act, of which damping takes `lost`
     (J): the height and velocity at its end, from where flight goes on, with the balance."""
@@ -122,12 +122,12 @@ class Hand(NamedTuple):
     speed_m_s: float
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _is_withdrawn(hand, counts):
     return counts[WITHDRAWN] == 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _withdraw(hand, model, state):
     body, counts = state.body, state.counts
     if body[XI] >= 0.0 and counts[CONTACT_STEPS] > 0:

@@ -29,7 +29,7 @@ XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = range(COLUMNS)
 _PIECE_STEPS = 1 << 16
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def record_step(plant, plant_state, command, truth, row):
     """One plant step under a commanded force; writes its row of the time series.
 
@@ -50,7 +50,7 @@ def record_step(plant, plant_state, command, truth, row):
         truth[8, row] = body[pk.F_A1]
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def plant_alone(plant, plant_state, forces, truth):
     """The plant under commanded actuator forces, one a step, without sensor and controller."""
     for i in range(forces.size):

@@ -35,14 +35,14 @@ class SensorModel(NamedTuple):
     fault_size: float
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def quantise(value, scale, offset, first_code, last_code):
     """Nearest code of a converter, ties upwards, clipped to its codes."""
     code = math.floor((value - offset) / scale + 0.5)
     return min(max(code, first_code), last_code)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def follow(model, state, value):
     """Filters, stepped at every simulation step, and each exact for an input that is linear over a
     step. All start at rest at their first input.
@@ -66,7 +66,7 @@ def follow(model, state, value):
     state[FILTERED] = value
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def sample(model, state, index):
     """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped."""
     value = state[FILTERED]

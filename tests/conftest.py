@@ -140,7 +140,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 @contextmanager
 def _alone(name: str) -> Iterator[None]:
     """One process of tests at a time."""
-    from hertzloop.jit.cache import cache_folder
+    from hertzloop.jit.folder import cache_folder
 
     with (cache_folder() / name).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -31,8 +31,9 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.jit import kernel
-from hertzloop.jit.cache import cache_folder, keep, kept_in, stored
+from hertzloop.jit.folder import cache_folder
 from hertzloop.jit.object_code import array_at
+from hertzloop.jit.storage import keep, kept_in, stored
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.
@@ -192,7 +193,7 @@ class Entries:
         for function in self._names:
             called = getattr(home, function)
             if not isinstance(called, Dispatcher):
-                called = kernel(called, inline=True, bare=True, kept=False)
+                called = kernel(called, inline=True, allocates=True)
             module.__dict__[f"law_{function}"] = called
         # Numba looks for the module of what it loads by name.
         sys.modules[module.__name__] = module

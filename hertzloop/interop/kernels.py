@@ -45,7 +45,7 @@ def is_known(model: Any) -> bool:
     return type(model) in _STORED
 
 
-@kernel(borrowed=True)
+@kernel
 def release(unit, drop_height_m, touch_phase):
     """Put the sphere where it is at the start of a run."""
     model, body = unit.plant, unit.plant_state.body
@@ -57,7 +57,7 @@ def release(unit, drop_height_m, touch_phase):
     body[pk.FLIGHT_V] = unit.start[1] = velocity
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def advance(unit, command, steps):
     """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
     once, also with no steps at all."""
@@ -66,7 +66,7 @@ def advance(unit, command, steps):
     )
 
 
-@kernel(borrowed=True)
+@kernel
 def balance(unit):
     """The energies at the present step. It closes the books: the run goes on from a copy of the
     state from before."""

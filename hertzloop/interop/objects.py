@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as ll
 from numba import float64, intp, typeof
 
-from hertzloop.jit.cache import cache_folder, keep
+from hertzloop.jit.folder import cache_folder
+from hertzloop.jit.storage import keep
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit

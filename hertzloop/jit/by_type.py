@@ -73,25 +73,25 @@ def _class_of(part: Any) -> Any:
 # Choices that are settled by the type alone.
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def yes(part, *others):
     """True."""
     return True
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def no(part, *others):
     """False."""
     return False
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def zero(part, *others):
     """0.0, what something that is not there adds."""
     return 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def nothing(part, *others):
     """Does nothing."""
 
@@ -132,7 +132,7 @@ def apart(kernel: Callable[..., Any]) -> Callable[..., Any]:
     def called(*arguments: Any) -> Any:
         return kernel(*arguments)
 
-    # As @kernel(inline=True, borrowed=True).
+    # As @kernel(inline=True).
     @overload(called, jit_options={"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True})
     def _compiled(*arguments: Any) -> Any:
         # Numba wants the same names and annotations as those of the function above.

@@ -27,7 +27,7 @@ def object_code(functions: Mapping[str, tuple[Callable[..., None], tuple[Any, ..
     that they are given by: position independent, no other name to be seen."""
     whole, found = None, {}
     for name, (function, arguments) in functions.items():
-        dispatcher = kernel(function, borrowed=True, bare=True, kept=False)
+        dispatcher = kernel(function)
         dispatcher.compile(arguments)
         compiled = dispatcher.overloads[arguments]
         found[compiled.fndesc.llvm_func_name] = name

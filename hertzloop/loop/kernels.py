@@ -3,7 +3,7 @@
 `advance` runs the plant process's side up to what it was granted, or, in the fast lane, takes
 what `serve` puts there from the controller's; `closed_loop` runs all three in one call. All take
 the same steps through the same kernels in the same order, so the samples are the same bits.
-Nothing allocates: arrays are `borrowed`.
+Nothing allocates.
 """
 
 import math
@@ -55,7 +55,7 @@ class Grant(NamedTuple):
     lead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def observe(plant_state, sensor, sensor_state, window):
     """Let the sensor see the present step, once; returns whether it took a sample."""
     counts = window.counts
@@ -76,7 +76,7 @@ def observe(plant_state, sensor, sensor_state, window):
     return True
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def step_and_record(plant, plant_state, command, window):
     """One plant step under a commanded force; writes its row of truth into the window."""
     row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
@@ -84,7 +84,7 @@ def step_and_record(plant, plant_state, command, window):
     window.counts[TRUTH_END] += 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def held(plant, plant_state, sensor, sensor_state, window, command, steps):
     """`steps` steps under one command for a caller elsewhere; the sensor sees every step up to the
     one reached. The window, of one row each, keeps what came last."""
@@ -99,7 +99,7 @@ def held(plant, plant_state, sensor, sensor_state, window, command, steps):
         step_and_record(plant, plant_state, command, window)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _hear(step, samples, force, level, forces, window, grant):
     """One record of an answer; `force` may be NaN, and `level`, where nothing is promised."""
     counts = grant.counts
@@ -133,7 +133,7 @@ def _hear(step, samples, force, level, forces, window, grant):
     return REACHED
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def take_answer(lane, step, forces, window, grant):
     """The next record of an answer, which is there."""
     excess, samples, force, level = lane_k.take_answer(lane)
@@ -142,7 +142,7 @@ def take_answer(lane, step, forces, window, grant):
     return _hear(step, samples, force, level, forces, window, grant)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def weigh_promise(step, value, window, grant):
     """End a promise with a sample of `step`, taken just now, that fell to its level."""
     counts = grant.counts
@@ -155,7 +155,7 @@ def weigh_promise(step, value, window, grant):
             counts[GRANTED_END] = max(counts[GRANTED_END], step + grant.lead_steps)
 
 
-@kernel(borrowed=True)
+@kernel
 def _exchange(step, until, forces, window, grant, lane):
     """Wait in the lane until the force of `step` is known and `until` samples are answered."""
     counts = grant.counts
@@ -170,14 +170,14 @@ def _exchange(step, until, forces, window, grant, lane):
     return REACHED
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def settle(plant_state, forces, window, grant, lane):
     """Wait in the lane until all samples are answered, with all forces of steps that are over."""
     step = plant_state.counts[pk.STEP]
     return _exchange(step - 1, window.counts[SAMPLES_END], forces, window, grant, lane)
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def advance(
     plant, plant_state, sensor, sensor_state, forces, commands, window, grant, lane, end
 ):  # fmt: skip
@@ -214,7 +214,7 @@ def advance(
     return REACHED
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _answer(law, law_state, line, line_state, forces, lane, value):
     """Put the forces that became known after a sample of this value into the lane; False if there
     was no room in time."""
@@ -246,7 +246,7 @@ def _answer(law, law_state, line, line_state, forces, lane, value):
     return True
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def serve(
     law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
 ):  # fmt: skip
@@ -280,7 +280,7 @@ def serve(
             line_k.grant_ahead(law, law_state, line, line_state, forces)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _pushes(forces, step, end):
     """Whether there is a force after `step` and before `end`."""
     for j in range(step + 1, min(end, forces.size)):
@@ -289,7 +289,7 @@ def _pushes(forces, step, end):
     return False
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, window, modes, delays, end, impact,
@@ -325,7 +325,7 @@ def closed_loop(
     return False
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def loop_in_parts(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, truth, parts, means,

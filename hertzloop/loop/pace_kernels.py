@@ -1,6 +1,6 @@
 """Compiled kernels of paced mode: the plant follows the wall clock and waits for no force.
 
-See docs/how-to/paced.md. Nothing allocates: arrays are `borrowed`.
+See docs/how-to/paced.md. Nothing allocates.
 """
 
 from typing import NamedTuple
@@ -46,13 +46,13 @@ class Pace(NamedTuple):
     step_ns: float  # wall time of a step
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def due_ns(pace, step):
     """When a step is due."""
     return pace.counts[START_NS] + np.int64(step * pace.step_ns)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def class_of(ns):
     """Class of the histogram that a time belongs to."""
     shift = 0
@@ -61,7 +61,7 @@ def class_of(ns):
     return min(max(0, shift * CLASSES_AN_OCTAVE + (ns >> shift)), CLASSES - 1)
 
 
-@kernel(borrowed=True)
+@kernel
 def note_answers(pace, now, first, end):
     """Samples `first` to `end` - 1 were answered."""
     for i in range(first, end):
@@ -70,7 +70,7 @@ def note_answers(pace, now, first, end):
         pace.counts[RESPONSE_MAX_NS] = max(pace.counts[RESPONSE_MAX_NS], took)
 
 
-@kernel(borrowed=True)
+@kernel
 def note_forces(pace, now, first, end):
     """Forces of steps `first` to `end` - 1 came, some of them perhaps late."""
     for at in range(first, end):
@@ -80,7 +80,7 @@ def note_forces(pace, now, first, end):
             return  # the oldest is the latest
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _hear(now, step, forces, window, grant, lane, pace):
     """Take the answers that are in the lane."""
     counts = grant.counts
@@ -96,7 +96,7 @@ def _hear(now, step, forces, window, grant, lane, pace):
     return loop_k.REACHED
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _put(window, grant, lane, pace):
     """Put samples into the lane, as far as there is room."""
     end = min(window.counts[loop_k.SAMPLES_END], grant.counts[loop_k.SEEN] + lane.slots)
@@ -105,7 +105,7 @@ def _put(window, grant, lane, pace):
         pace.counts[PUT] = i + 1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _wait(left_ns, quiet, lane):
     """Let some time pass before a step that is due in `left_ns`; `quiet`: nothing is awaited."""
     if quiet and left_ns > _SOON_NS:
@@ -114,7 +114,7 @@ def _wait(left_ns, quiet, lane):
         yield_core()
 
 
-@kernel(borrowed=True, released=True)
+@kernel
 def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane, pace, end):
     """Take the steps before `end` when they are due, each under its force if that has come, else
     under the newest that has. Ends as SILENT when it is time to look at the bus: without a lane

@@ -20,7 +20,7 @@ from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.foreign import visible
-from hertzloop.jit.cache import noticed
+from hertzloop.jit.progress import report_compiling
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
 from hertzloop.loop.compiled import recorder_of
@@ -111,7 +111,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         port.abort(Interrupted())
         overdue.start()
 
-    with ending_signals(react), noticed(port.compiling):
+    with ending_signals(react), report_compiling(port.compiling):
         try:
             yield port
         except BaseException as error:

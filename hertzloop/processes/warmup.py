@@ -13,7 +13,9 @@ import numpy as np
 from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT
-from hertzloop.jit.cache import all_kept, cache_folder, each_compiled, types_digest
+from hertzloop.jit.folder import cache_folder
+from hertzloop.jit.progress import report_functions
+from hertzloop.jit.storage import all_written, types_digest
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup.build import build_plant, build_sensor, free_series
 from hertzloop.setup.controller import build_controller
@@ -103,7 +105,7 @@ def _marker(setup: "Setup", paced: bool) -> Path:
 def _mark(marker: Path) -> None:
     """Note that all is in the cache, if the disk has taken it."""
     with suppress(OSError):
-        if all_kept():
+        if all_written():
             marker.touch()
 
 
@@ -132,7 +134,7 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
 
     beside = _start_beside(setup) if len(os.sched_getaffinity(0)) > 1 else None
     try:
-        with each_compiled(count):
+        with report_functions(count):
             _compile_plant(setup)
         tell(_PLANT_SHARE, "figures and controller")
     except BaseException:

@@ -80,7 +80,7 @@ class ContactModel(NamedTuple):
     gains: np.ndarray
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def contact_of(model, stiffness):
     """The contact of a plant's model, or its curve of another stiffness."""
     return ContactModel(
@@ -94,7 +94,7 @@ def contact_of(model, stiffness):
     )
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _power_penetration(n, contact, gap):
     """p of p + k s p^n = -gap, a modal gap < 0: Newton's method, as in `root_penetration`."""
     share = contact.flexibility_m_n * contact.stiffness
@@ -110,7 +110,7 @@ def _power_penetration(n, contact, gap):
     return p
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _power_elastic(power, contact, gap):
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
@@ -120,19 +120,19 @@ def _power_elastic(power, contact, gap):
     return force, force * (p / (n + 1.0) + 0.5 * contact.flexibility_m_n * force), p
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _power_near(power, contact, gap, root):
     return _power_elastic(power, contact, gap)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _power_slope(power, contact, p):
     n = power.exponent
     rise = n * contact.stiffness * p ** (n - 1.0)
     return -rise / (1.0 + contact.flexibility_m_n * rise)
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _power_damped(power, contact, gap, rate):
     n = power.exponent
     p = _power_penetration(n, contact, gap)
@@ -144,7 +144,7 @@ def _power_damped(power, contact, gap, rate):
     return spring + factor * rate, factor * rate, by_gap, factor
 
 
-@kernel(borrowed=True, fused=True)
+@kernel(fastmath={"contract"})
 def _power_chord(power, contact, x0, x1):
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
@@ -168,7 +168,7 @@ def _power_chord(power, contact, x0, x1):
     return force + damping, damping
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def root_penetration(contact, gap):
     """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
 
@@ -193,7 +193,7 @@ def root_penetration(contact, gap):
     return y
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _hertz_elastic(power, contact, gap):
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
@@ -202,7 +202,7 @@ def _hertz_elastic(power, contact, gap):
     return force, force * (0.4 * y * y + 0.5 * contact.flexibility_m_n * force), y
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _hertz_near(power, contact, gap, root):
     if root == 0.0 or gap >= 0.0:
         return _hertz_elastic(power, contact, gap)
@@ -217,13 +217,13 @@ def _hertz_near(power, contact, gap, root):
     return force, force * (0.4 * y * y + 0.5 * contact.flexibility_m_n * force), y
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _hertz_slope(power, contact, root):
     s, spring = contact.stiffness, contact.flexibility_m_n
     return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _hertz_damped(power, contact, gap, rate):
     s = contact.stiffness
     y = root_penetration(contact, gap)
@@ -243,7 +243,7 @@ def _hertz_damped(power, contact, gap, rate):
     )
 
 
-@kernel(borrowed=True, fused=True)
+@kernel(fastmath={"contract"})
 def _hertz_chord(power, contact, x0, x1):
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
@@ -276,7 +276,7 @@ _chord_by = _by_power(_hertz_chord, _power_chord)
 _is_hertz = by_type({type(None): yes, Power: no})
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def elastic(contact, gap):
     """Contact force without damping (N) at a modal gap, the energy in the contact and in the
     spring of the modes left out (J), and the root of the penetration (m^0.5; of a `Power` the
@@ -284,26 +284,26 @@ def elastic(contact, gap):
     return _elastic(contact.power, contact, gap)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def elastic_near(contact, gap, root):
     """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
     nothing if `root` is zero or not near enough."""
     return _near(contact.power, contact, gap, root)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def slope_by_gap(contact, root):
     """dF/dgap of the contact without damping, N/m, by the root of `elastic`."""
     return _slope(contact.power, contact, root)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def damped_law(contact, gap, rate):
     """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
     return _damped(contact.power, contact, gap, rate)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _chord(contact, x0, x1):
     """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
     return _chord_by(contact.power, contact, x0, x1)
@@ -325,7 +325,7 @@ def by_ends(t: float) -> tuple[float, float, float, float, float]:
 BY_X0, BY_X1, BY_D0, BY_D1, BY_MEAN = zip(*(by_ends(t) for t in GAUSS_T), strict=True)
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def quartic(t, x0, x1, d0, d1, q):
     """Gap and its derivative by t at t in (0, 1): ends, end slopes, excess of the mean."""
     u = 1.0 - t
@@ -340,7 +340,7 @@ def quartic(t, x0, x1, d0, d1, q):
     return gap, slope
 
 
-@kernel(borrowed=True, fused=True)
+@kernel(fastmath={"contract"})
 def crossing(negative, positive, x0, x1, d0, d1, q):
     """Where the quartic changes sign between t = negative (gap < 0) and t = positive."""
     for _ in range(HALVINGS):
@@ -354,7 +354,7 @@ def crossing(negative, positive, x0, x1, d0, d1, q):
     return negative
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def touching_part(x0, x1, d0, d1, q):
     """The part (from, to) of the step that is in contact; from = to if none is."""
     if x0 < 0.0 and x1 < 0.0:
@@ -376,7 +376,7 @@ def touching_part(x0, x1, d0, d1, q):
     return 0.0, 0.0
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def gap_at_node(i, x0, x1, d0, d1, mean):
     """Gap at node `i` of Gauss's rule."""
     return BY_X0[i] * x0 + BY_X1[i] * x1 + BY_D0[i] * d0 + BY_D1[i] * d1 + BY_MEAN[i] * mean
@@ -425,14 +425,14 @@ def add_sphere(gains: np.ndarray, step_s: float, mass_kg: float) -> None:
         gains[node : node + NODES] = x * by[0] + d * by[1] + mean * by[2] + start * by[3]
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def slope_at_start(contact, d0, f0, f1):
     """Slope of the gap right at the start of a step (m a step) from that without its force: only a
     damped tail answers at once."""
     return d0 + contact.step_s * (contact.gains[START0] * f0 + contact.gains[START1] * f1)
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _project(contact, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
     derivatives of F_0 and F_1 by x1, d1, the mean and (only with a damped tail) d0."""
@@ -453,7 +453,7 @@ def _project(contact, x0, x1, d0, d1, mean):
     return sums
 
 
-@kernel(borrowed=True, fused=True)
+@kernel(fastmath={"contract"})
 def _solve_chord(contact, x0, free_x):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
     gain = contact.gains[X0]
@@ -472,7 +472,7 @@ def _solve_chord(contact, x0, free_x):
     return f0, -_chord(contact, x0, x1)[1] * (x1 - x0)
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _solve_inside(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for a step that is in contact all the way, without damping in the contact.
 
@@ -536,7 +536,7 @@ def _solve_inside(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     return guess0, guess1, 0, 0.0
 
 
-@kernel(borrowed=True, fused=True)
+@kernel(fastmath={"contract"})
 def _solve_anywhere(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended."""
     g, h = contact.gains, contact.step_s
@@ -566,7 +566,7 @@ def _solve_anywhere(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     return f0, f1, lost, _NEWTON_MOST, False
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
     """Contact force F_0 + F_1 P of a step from its modal gaps without it.
 
@@ -599,7 +599,7 @@ def solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, gu
     return f0, f1, lost, evaluations, root
 
 
-@kernel(inline=True, borrowed=True, fused=True)
+@kernel(inline=True, fastmath={"contract"})
 def _balance(contact, x0, free_x, free_mean, f0, f1, lost, before, root):
     """Least change of F_0, F_1 that closes the step's energy, the root of the penetration at
     the end before the last change, and whether it was found.

@@ -34,7 +34,7 @@ class DampedTail(NamedTuple):
     lost: np.ndarray
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _turned(tail, body):
     a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
     mean = tail.mean_re * a + tail.mean_im * b
@@ -48,7 +48,7 @@ def _turned(tail, body):
     return d, tail.speed_re * c + tail.speed_im * d, mean
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _pushed(tail, state, f0, f1):
     body, q = state.body, tail.lost
     a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
@@ -60,18 +60,18 @@ def _pushed(tail, state, f0, f1):
     body[pk.TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _mobility(tail):
     return tail.mobility_m_ns
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _energy(tail, body):
     a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
     return tail.energy[0] * a * a + tail.energy[1] * a * b + tail.energy[2] * b * b
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _none(tail, body):
     return 0.0, 0.0, 0.0
 

@@ -37,13 +37,13 @@ class Yielding(NamedTuple):
     energy_j: float
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def load(law, p):
     """Force on the line, N."""
     return law.force_n + law.rise_n_m * (p - law.delta_m)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def curve_of(law, stiffness, deepest):
     """Stiffness (N/m^1.5) and dent (m) of the curve that belongs to a deepest penetration."""
     if deepest <= law.delta_m:
@@ -53,7 +53,7 @@ def curve_of(law, stiffness, deepest):
     return again, deepest - (most / again) ** (2.0 / 3.0)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def taken(law, deepest, dent):
     """What yielding took until a deepest penetration, J."""
     if deepest <= law.delta_m:
@@ -63,20 +63,20 @@ def taken(law, deepest, dent):
     return work - 0.4 * load(law, deepest) * (deepest - dent)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def approach(law, contact, p):
     """Approach at a penetration on the line, m."""
     return p + contact.flexibility_m_n * load(law, p)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def penetration(law, contact, approach):
     """Penetration at an approach on the line, m."""
     start = law.delta_m + contact.flexibility_m_n * law.force_n
     return law.delta_m + (approach - start) / (1.0 + contact.flexibility_m_n * law.rise_n_m)
 
 
-@kernel(borrowed=True)
+@kernel
 def work(law, contact, gap, deepest):
     """Force (N) at a gap and W (J) for a deepest penetration before it, which it may pass."""
     spring = contact.flexibility_m_n
@@ -90,7 +90,7 @@ def work(law, contact, gap, deepest):
     return force, stored + taken(law, deepest, dent)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def at(law, contact, gap, rate, curve, dent, on_line):
     """Force, its damping part, dF/dgap and dF/drate on the line, or on a curve."""
     if not on_line:
@@ -105,7 +105,7 @@ def at(law, contact, gap, rate, curve, dent, on_line):
     return spring + factor * rate, factor * rate, by_gap, factor
 
 
-@kernel(borrowed=True)
+@kernel
 def _crossing(level, low, high, x0, x1, d0, d1, q):
     """Where the quartic passes `level` between t = low and t = high."""
     falls = elastic.quartic(low, x0, x1, d0, d1, q)[0] > level
@@ -118,7 +118,7 @@ def _crossing(level, low, high, x0, x1, d0, d1, q):
     return 0.5 * (low + high)
 
 
-@kernel(borrowed=True)
+@kernel
 def _turning(x0, x1, d0, d1, q):
     """Where the quartic is lowest: an end of the step or a turning point inside."""
     if d0 >= 0.0 or d1 <= 0.0:
@@ -133,7 +133,7 @@ def _turning(x0, x1, d0, d1, q):
     return 0.5 * (low + high)
 
 
-@kernel(borrowed=True)
+@kernel
 def _add(law, contact, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
     """Add a piece of the step to the projection: F_0, F_1, loss, derivatives of F_0 and F_1 by
     x1, d1, the mean and d0."""
@@ -151,7 +151,7 @@ def _add(law, contact, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line
     return sums
 
 
-@kernel(borrowed=True)
+@kernel
 def _project(law, contact, body, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic, as `_add`, and the deepest penetration in it."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
@@ -183,7 +183,7 @@ def _project(law, contact, body, x0, x1, d0, d1, mean):
     return sums, deepest
 
 
-@kernel(borrowed=True)
+@kernel
 def _pieces(law, contact, body, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended, and
     the deepest penetration within the step (m)."""
@@ -216,7 +216,7 @@ def _pieces(law, contact, body, x0, d0, free_x, free_d, free_mean, guess0, guess
     return f0, f1, lost, _NEWTON_MOST, False, deepest
 
 
-@kernel(borrowed=True)
+@kernel
 def _line(law, contact, x0, d0, free_x, free_d, free_mean):
     """F_0 and F_1 of a step that stays on the line, without damping: two linear equations."""
     g, h = contact.gains, contact.step_s
@@ -240,7 +240,7 @@ def _line(law, contact, x0, d0, free_x, free_d, free_mean):
     return f0, f1, free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
 
 
-@kernel(borrowed=True)
+@kernel
 def _balance(law, contact, x0, free_x, free_mean, f0, f1, lost, before, deepest):
     """Least change of F_0, F_1 that closes the step's energy: that of `elastic_kernels` with the
     work of a contact that yields. `before`: that work at the start, J."""
@@ -276,7 +276,7 @@ def _balance(law, contact, x0, free_x, free_mean, f0, f1, lost, before, deepest)
     return f0, f1, False
 
 
-@kernel(borrowed=True)
+@kernel
 def _chord(law, contact, x0, x1, before, deepest):
     """Discrete gradient between two gaps, damping included, and damping's part (N)."""
     force, after = work(law, contact, x1, deepest)
@@ -293,7 +293,7 @@ def _chord(law, contact, x0, x1, before, deepest):
     return force + damping, damping
 
 
-@kernel(borrowed=True)
+@kernel
 def _solve_chord(law, contact, x0, free_x, before, deepest):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
     gain = contact.gains[elastic.X0]
@@ -312,7 +312,7 @@ def _solve_chord(law, contact, x0, free_x, before, deepest):
     return f0, -_chord(law, contact, x0, x1, before, deepest)[1] * (x1 - x0)
 
 
-@kernel(borrowed=True)
+@kernel
 def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
     """`elastic_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
     the step in body[REACHED]."""
@@ -368,7 +368,7 @@ def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0
     return f0, f1, lost, evaluations, 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _settle(law, contact, state, gap, root):
     """Let the contact be at a modal gap after a step: its deepest point, its curve, what yielding
     took. Force (N), energy in contact and spring (J), root of the penetration above the dent."""
@@ -386,12 +386,12 @@ def _settle(law, contact, state, gap, root):
     )
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _dent(law, body):
     return body[pk.DENT]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _slope(law, contact, body, gap, root, approaching):
     if approaching and -gap >= _ON_LINE * approach(law, contact, body[pk.DEEPEST]):
         return -law.rise_n_m / (1.0 + contact.flexibility_m_n * law.rise_n_m)
@@ -399,17 +399,17 @@ def _slope(law, contact, body, gap, root, approaching):
     return -3.0 * s * root / (2.0 + 3.0 * contact.flexibility_m_n * s * root)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _elastic_slope(law, contact, body, gap, root, approaching):
     return elastic.slope_by_gap(contact, root)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _elastic(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
     return elastic.solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _settle_elastic(law, contact, state, gap, root):
     return elastic.elastic_near(contact, gap, root)
 

@@ -11,7 +11,7 @@ from hertzloop.jit import kernel
 TERMS, FEWEST = 160.0, 6  # of a continued fraction: times u, and for a large u
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def sine_and_cosine_integral(u):
     """Si(u) and Ci(u), u > 0, by the continued fraction of E_1(iu) = i (Si(u) - pi/2) - Ci(u), to
     rounding; it takes about 160/u terms (Abramowitz and Stegun 1964, 5.1.22, 5.2.21 to 5.2.24)."""
@@ -23,7 +23,7 @@ def sine_and_cosine_integral(u):
     return 0.5 * math.pi + found.imag, -found.real
 
 
-@kernel(borrowed=True)
+@kernel
 def add_twice_integrated(t, r4a, weight, once, twice):
     """Add the first and second integral over time of weight (1 - (2/pi) Si(r4a/t)) at times `t` > 0
     (s), r4a = r^2/(4 a) in s."""

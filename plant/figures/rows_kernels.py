@@ -16,7 +16,7 @@ _WHOLE = 4  # steps that a contact has at least, for two whole ones beside each 
 _AT_ONCE = 128  # frequencies, so that their powers of a block stay in the processor's cache
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _largest_sum(a, b):
     """Largest |a| + |b|; zero where one is no number."""
     most = 0.0
@@ -29,14 +29,14 @@ def _largest_sum(a, b):
     return most
 
 
-@kernel(borrowed=True)
+@kernel
 def extremes(f_c, f_c1, f_a, f_a1, xi_p):
     """Largest contact force and force of the actuator within the steps, and largest displacement of
     the struck point, all without sign."""
     return _largest_sum(f_c, f_c1), _largest_sum(f_a, f_a1), largest(xi_p)
 
 
-@kernel(borrowed=True)
+@kernel
 def exchanged(first, pushed, moved, bound_j, sums, counts):
     """Follow the work of a force (N) over its place (m) through rows from step `first` on: its sum
     so far, the largest size and value of that, inf where there is no number any more, and since
@@ -75,7 +75,7 @@ def exchanged(first, pushed, moved, bound_j, sums, counts):
     counts[HELD] = 1
 
 
-@kernel(borrowed=True)
+@kernel
 def starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, found):
     """Velocity at the start of every step where what follows the forces at once has `mobility`
     (m/(N s)): it jumps with them. In the first row that of the row."""
@@ -92,14 +92,14 @@ def starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, found):
         ended = mean + slope
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _add_work_of_slopes(slope, v_end, v_start, sign, step_s, work):
     """Add the work of the slopes, `sign` F_1 h (v_1 - v_0)/6."""
     for i in range(work.size - 1):
         work[i] += sign * slope[i] * (v_end[i + 1] - v_start[i]) * step_s / 6.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _gradient(values, at, step_s):
     """Derivative of values `step_s` apart, by central differences."""
     if at == 0:
@@ -109,7 +109,7 @@ def _gradient(values, at, step_s):
     return (values[at + 1] - values[at - 1]) / (2.0 * step_s)
 
 
-@kernel(borrowed=True)
+@kernel
 def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance, same_point, work):
     """See plant.figures.impacts.step_work_j; `impedance` is nan, and arrays that are not known are
     empty."""
@@ -133,7 +133,7 @@ def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance,
         work[i] += f_a1[i] * change * step_s / 6.0
 
 
-@kernel(released=True)
+@kernel
 def plate_work(
     displaced, xi_a, v_p, f_c, f_a, f_c1, f_a1, first, same_point, mobility, impedance, step_s,
     speeds, work,
@@ -153,7 +153,7 @@ def plate_work(
     )  # fmt: skip
 
 
-@kernel(borrowed=True)
+@kernel
 def edges_of(values, edges):
     """Steps at which what is not zero begins and ends, in turns, as many as `edges` takes; how
     many there are. What lasts to the end has no end."""
@@ -167,7 +167,7 @@ def edges_of(values, edges):
     return count
 
 
-@kernel(borrowed=True)
+@kernel
 def fastest(values):
     """Index of the largest size; of the first that is no number, if there is one."""
     at = 0
@@ -180,7 +180,7 @@ def fastest(values):
     return at
 
 
-@kernel(borrowed=True)
+@kernel
 def all_finite(rows):
     """Whether rows, shape (rows, steps), hold nothing but finite numbers."""
     for row in rows:
@@ -192,13 +192,13 @@ def all_finite(rows):
     return True
 
 
-@kernel(borrowed=True)
+@kernel
 def largest(values):
     """Largest size; no number where one is none, zero of no values."""
     return abs(values[fastest(values)]) if values.size else 0.0
 
 
-@kernel(borrowed=True)
+@kernel
 def first_of(values, wanted):
     """Index of the first value that is `wanted`, -1 if none is."""
     for i in range(values.size):
@@ -207,7 +207,7 @@ def first_of(values, wanted):
     return -1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _highest(mean, slope):
     """Largest F_0, its index, largest end of the steps' lines, and whether there are slopes."""
     at, top, sloped = 0, -math.inf, False
@@ -222,12 +222,12 @@ def _highest(mean, slope):
     return mean[at], at, top, sloped
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _at(c0, c1, c2, c3, x):
     return c0 + x * (c1 + x * (c2 + x * c3))
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _largest(c0, c1, c2, c3):
     """Largest value of c0 + c1 x + c2 x^2 + c3 x^3 on [-1, 1]."""
     most = max(_at(c0, c1, c2, c3, -1.0), _at(c0, c1, c2, c3, 1.0))
@@ -243,13 +243,13 @@ def _largest(c0, c1, c2, c3):
     return most
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _of_two(to_cubic, row, m0, s0, m1, s1):
     by = to_cubic[row]
     return by[0] * m0 + by[1] * s0 + by[2] * m1 + by[3] * s1
 
 
-@kernel(borrowed=True)
+@kernel
 def peak_force(mean, slope, to_cubic):
     """See plant.figures.impacts.peak_force_n; `to_cubic`: coefficients from F_0, F_1 of two steps
     beside each other, shape (4, 4)."""
@@ -268,7 +268,7 @@ def peak_force(mean, slope, to_cubic):
     return most if most > -math.inf else top
 
 
-@kernel(borrowed=True)
+@kernel
 def peak_size(values):
     """See hertzloop.plant.figures.impacts.peak_speed_m_s."""
     at = fastest(values)
@@ -287,14 +287,14 @@ BEGAN, ENDED, SPEED_IN, SPEED_OUT, PEAK, FASTEST = range(6)
 FIGURES = 6
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _crossing(xi, before, dent):
     """Position of xi = -dent between `before` and the next step, in steps from `before` on."""
     a, b = xi[before] + dent, xi[before + 1] + dent
     return a / (a - b) if a != b else 0.0
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
     """Speed at the start of a step, up positive (m/s), exact for a force F + F_1 (2 t/h - 1):
     v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2."""
@@ -302,7 +302,7 @@ def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
     return (xi_s[at + 1] - xi_s[at]) / step_s - 0.5 * held * step_s
 
 
-@kernel(borrowed=True)
+@kernel
 def contact_figures(
     xi, xi_s, f_c, f_c1, v_p, dents, first_step, start, end, mass, gravity, step_s, to_cubic,
     figures,
@@ -334,7 +334,7 @@ def contact_figures(
     return True
 
 
-@kernel(borrowed=True)
+@kernel
 def nonzero(values):
     """First index of what is not zero, and the one after the last; 0, 0 where all is."""
     first, end = 0, values.size
@@ -360,7 +360,7 @@ class Spectra(NamedTuple):
     actuator: np.ndarray
 
 
-@kernel(released=True)
+@kernel(allocates=True)
 def add_spectrum(force, sign, powers, factor, found):
     """Add `factor` times the sum of `sign` F_n z^n to `found`; `powers` as in Spectra.
 
@@ -397,7 +397,7 @@ def add_spectrum(force, sign, powers, factor, found):
             found[low + j] += factor[low + j] * complex(re[j], im[j])
 
 
-@kernel(released=True)
+@kernel(allocates=True)
 def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
     """Phi_c F_c + Phi_a F_a of every oscillator into `found`; the contact's force is `sign` times
     what is given. See plant.figures.noise.modal_drive."""
@@ -427,7 +427,7 @@ class Reading(NamedTuple):
     spectra: Spectra
 
 
-@kernel(released=True)
+@kernel(allocates=True)
 def read_impact(
     xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued, displaced, dents, first_step,
     by, figures, work, speeds, found,
@@ -471,14 +471,14 @@ def read_impact(
 _FOLD, _SHIFT = np.uint64(0x9E3779B97F4A7C15), np.uint64(29)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _fold(state, word):
     """Mix a word of 64 bits into a state of 64 bits, one to one."""
     mixed = (state ^ word) * _FOLD
     return mixed ^ (mixed >> _SHIFT)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _fold_all(words, lanes):
     """Mix words into four lanes in turn, which the processor follows beside each other."""
     a, b, c, d = lanes
@@ -491,7 +491,7 @@ def _fold_all(words, lanes):
     return _fold(a, np.uint64(words.size)), b, c, d
 
 
-@kernel(borrowed=True)
+@kernel
 def fingerprint(rows, samples):
     """Two words of 64 bits that tell rows, shape (rows, steps), and samples from others; both are
     arrays of words of 64 bits."""
@@ -547,14 +547,14 @@ def answer(
 NEVER = answer(-1)  # what a loop takes that does not end before its last step
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def is_silent(impact):
     """Whether nothing has touched or pushed for so long, and nothing from before is on its way."""
     counts = impact.counts
     return counts[LEFT] == 1 and counts[STEP] - counts[BUSY] >= impact.quiet_steps
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def follow(impact, f_c, f_a, gap):
     """Take a step: its contact force and actuator force (N), and the gap at its start (m)."""
     counts = impact.counts
@@ -581,7 +581,7 @@ def follow(impact, f_c, f_a, gap):
     counts[STEP] += 1
 
 
-@kernel(borrowed=True)
+@kernel
 def follow_rows(impact, f_c, f_a, gap):
     """Take steps, arrays of shape (steps,), until the impact is over; the first in contact."""
     touch = -1
@@ -594,7 +594,7 @@ def follow_rows(impact, f_c, f_a, gap):
     return touch
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def keeps(impact, level, value):
     """Whether a promise of no force while samples stay above `level` holds until the sphere has
     come back; `value`: the latest sample."""

@@ -13,7 +13,7 @@ one pass per step as in `discrete_gradient_kernels`, but z is Theta times the z 
 Re z - rho Im z, displacement Im z/Theta. The scalar equations of a step are in
 `hertzloop.plant.contact.elastic_kernels`.
 
-Nothing here allocates: arrays are `borrowed`.
+Nothing here allocates.
 """
 
 import math
@@ -119,7 +119,7 @@ class Probe(NamedTuple):
     by_a1: float
 
 
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def _probed(probe, model, z, awake):
     total = 0.0
     for i in range(awake):
@@ -127,7 +127,7 @@ def _probed(probe, model, z, awake):
     return total
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
     speed = drift + probe.by_a0 * f_a + probe.by_a1 * f_a1
     speed -= probe.by_c0 * f_c + probe.by_c1 * f_c1
@@ -141,7 +141,7 @@ _note = by_type({type(None): nothing, Probe: _noted})
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def drift(n, z, table, rho):
     """One step without force of the first `n` modes: displacement and velocity at the point."""
     x = 0.0
@@ -157,7 +157,7 @@ def drift(n, z, table, rho):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def mean_of_drift(slow, n, z, table, rho):
     """Mean displacement over the step that `drift` has just made, and `swing` at its end."""
     mean = 0.0
@@ -170,7 +170,7 @@ def mean_of_drift(slow, n, z, table, rho):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def propagate_slow(slow, z, table, rho, f0, f1):
     """Fold f0 + f1 P into the first `slow` modes, propagate one step; displacement, velocity, mean
     displacement at the point.
@@ -194,7 +194,7 @@ def propagate_slow(slow, z, table, rho, f0, f1):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def propagate_same_point(slow, n, z, table, rho, f0, f1):
     """The same for the other awake modes; displacement, velocity, swing at the point.
 
@@ -222,7 +222,7 @@ def propagate_same_point(slow, n, z, table, rho, f0, f1):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def propagate_two_points(n, z, table, rho, f0, f1, f_a):
     """The same with the actuator elsewhere: displacement, velocity, mean displacement over the
     step at the contact, displacement at the actuator."""
@@ -245,7 +245,7 @@ def propagate_two_points(n, z, table, rho, f0, f1, f_a):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def dissipated_with_modes(n, z, table, f0, f1):
     """The terms of a step's loss that depend on z and the force at the contact, J."""
     lost = 0.0
@@ -259,7 +259,7 @@ def dissipated_with_modes(n, z, table, f0, f1):
 
 
 @apart
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def weighted(n, z, real, imaginary):
     """Sum of z by two columns of the table."""
     total = 0.0
@@ -269,7 +269,7 @@ def weighted(n, z, real, imaginary):
 
 
 @apart
-@kernel(borrowed=True)
+@kernel
 def fold_slope(n, z, table, f_a1):
     """Fold the slope of a separate actuator's force into the first `n` modes."""
     for i in range(n):
@@ -277,7 +277,7 @@ def fold_slope(n, z, table, f_a1):
         z[1, i] += table[A1_IM, i] * f_a1
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _dissipated_in_step(model, state, g, table, f0, f1, f_a):
     """Energy that the modes lost in the step just done, by the losses in gains `g` and `table`, J;
     forces up on the plate."""
@@ -298,7 +298,7 @@ def _dissipated_in_step(model, state, g, table, f0, f1, f_a):
     )
 
 
-@kernel(borrowed=True)
+@kernel
 def _dissipated_in_flight(model, state, table, steps):
     """Energy that the modes lost in `steps` steps without force since the snapshot, J."""
     lost = 0.0
@@ -314,12 +314,12 @@ def _dissipated_in_flight(model, state, table, steps):
     return lost
 
 
-@kernel(borrowed=True)
+@kernel
 def _radiated(air, model, state, f0, f1, f_a):
     return _dissipated_in_step(model, state, air.gains, air.table, f0, f1, f_a)
 
 
-@kernel(borrowed=True)
+@kernel
 def _radiated_in_flight(air, model, state, steps):
     return _dissipated_in_flight(model, state, air.table, steps)
 
@@ -329,7 +329,7 @@ _to_air_in_step = by_type({type(None): zero, Air: _radiated})
 _to_air_in_flight = by_type({type(None): zero, Air: _radiated_in_flight})
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def forces_on_plate(model, state):
     """Forces of the last step, up on the plate: F_0, F_1 at the contact, a separate actuator."""
     body = state.body
@@ -340,7 +340,7 @@ def forces_on_plate(model, state):
     return -body[pk.F_C], -body[pk.F_C1], body[pk.F_A]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def unforced(model, state, f0, f1, f_a):
     """Whether none of the last step's forces acted."""
     quiet = f0 == 0.0 and f1 == 0.0 and f_a == 0.0
@@ -349,14 +349,14 @@ def unforced(model, state, f0, f1, f_a):
     return quiet
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _book_flight(model, state, steps):
     """Book what the modes lost in `steps` steps without force since the snapshot."""
     state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
     state.balance[pk.AIR] += _to_air_in_flight(model.air, model, state, steps)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def settle_balance(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
@@ -382,7 +382,7 @@ def settle_balance(model, state):
         counts[pk.FREE_SINCE] = step
 
 
-@kernel(borrowed=True)
+@kernel
 def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
     f0, f1, f_a = forces_on_plate(model, state)
@@ -403,7 +403,7 @@ def modal_energy(model, state):
     return total
 
 
-@kernel(borrowed=True)
+@kernel
 def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step. Returns the
     `modal_energy` then, J."""
@@ -415,25 +415,25 @@ def close_balance(model, state):
     return modal_energy(model, state)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def contact_energy(model, state):
     """Energy stored in the contact and the spring of the modes left out, J."""
     return state.body[STORED]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def has_slope(model):
     """Whether the actuator's force can change within a step."""
     return act.has_slope(model.actuator)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def yields(model):
     """Whether the contact has a deepest penetration to remember."""
     return yielding.yields(model.law)
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _silence(state):
     """Leave out the modes of highest frequency that have died away, as in
     `discrete_gradient_kernels`."""
@@ -445,7 +445,7 @@ def _silence(state):
     state.counts[pk.ROWS] = n
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     """Write what can be seen: gap and plate with the spring of the modes left out, which the
     contact force `force` (N, without damping) at the modal gap `gap` compresses; `root`: of the
@@ -474,7 +474,7 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     body[pk.XI_A] = plate if model.same_point else body[MODAL_Y]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def _bend_own_spring(model, state, gap, own):
     """Let the actuator's force at the start of a step bend the spring of the modes left out, `own`
     (m), at once; energy in the contact then (J), at the modal gap `gap`."""
@@ -489,7 +489,7 @@ def _bend_own_spring(model, state, gap, own):
     return before
 
 
-@kernel(borrowed=True)
+@kernel
 def step(model, state, command):
     """Advance one step under a commanded actuator force (N); returns the mean contact force (N)."""
     body, counts, g, h = state.body, state.counts, model.gains, model.step_s

@@ -231,7 +231,7 @@ def modal_energy(model, state):
     return total
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def contact_energy(model, state):
     """Energy stored in the contact at the present step, J."""
     return 0.4 * model.stiffness * max(-state.body[pk.XI], 0.0) ** 2.5

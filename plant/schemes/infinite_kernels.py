@@ -43,7 +43,7 @@ class InfiniteState(NamedTuple):
     counts: np.ndarray
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def plate_speed(model, gap, sphere_v, f_a):
     """Velocity of the contact point (m/s) at a gap under the contact law and F_a: from
     Z v = F_a - s p^1.5 - D (v - v_sphere), D = c + d s p^1.5."""
@@ -54,7 +54,7 @@ def plate_speed(model, gap, sphere_v, f_a):
     return (f_a - spring + damper * sphere_v) / (model.impedance_n_s_m + damper)
 
 
-@kernel(borrowed=True)
+@kernel
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the mean contact force (N)."""
     body, counts, balance, g = state.body, state.counts, state.balance, model.gains
@@ -121,25 +121,25 @@ def step(model, state, f_a):
     return f_c
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def contact_energy(model, state):
     """Energy stored in the contact at the present step, J."""
     return state.body[STORED]
 
 
-@kernel(borrowed=True)
+@kernel
 def modal_energy(model, state):
     """An infinite plate gives nothing back: zero."""
     return 0.0
 
 
-@kernel(borrowed=True)
+@kernel
 def close_balance(model, state):
     """Every step is booked when it is made. Returns the `modal_energy`."""
     return 0.0
 
 
-@kernel(borrowed=True)
+@kernel
 def pulse(model, state, force, gap):
     """Step without control; force up on the plate (N) and gap (m) after every step."""
     for i in range(force.size):

@@ -11,7 +11,7 @@ start, are room; all arrays are the caller's.
 from hertzloop.jit import kernel
 
 
-@kernel(borrowed=True)
+@kernel
 def skip(along_x, along_y, speed, above, nexts):
     """Let every row begin above a frequency."""
     for j in range(along_y.size):
@@ -21,7 +21,7 @@ def skip(along_x, along_y, speed, above, nexts):
         nexts[j] = i
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def count(along_x, along_y, speed, low, high, nexts, starts):
     """Count the modes of a slice; lets `starts` tell where those of every band start, and gives
     back the bands per rad/s and the number of modes."""
@@ -44,13 +44,13 @@ def count(along_x, along_y, speed, low, high, nexts, starts):
     return scale, starts[bands]
 
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def top(above, up_to, piece, slices):
     """The upper end of a slice; of the last one to the bit."""
     return up_to if piece == slices else above + (up_to - above) * (piece / slices)
 
 
-@kernel(borrowed=True)
+@kernel
 def flexibilities(
     along_x, along_y, sin_x, sin_y, speed, above, up_to, slices, nexts, starts, omega, terms
 ):  # fmt: skip

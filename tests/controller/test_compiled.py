@@ -14,7 +14,7 @@ from numba import config
 from numba.core import caching, event
 
 from hertzloop.controller.loading.registry import SHIPPED, find
-from hertzloop.jit import cache
+from hertzloop.jit import storage
 from hertzloop.law import About, Keys
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
@@ -104,13 +104,13 @@ def test_a_disk_that_takes_nothing_ends_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     owners = {"save": caching.IndexDataCacheFile, "ensure_cache_path": caching._CacheLocator}
-    monkeypatch.setattr(owners.get(broken, cache), broken, full)
-    monkeypatch.setattr(cache, "_refused", [])
+    monkeypatch.setattr(owners.get(broken, storage), broken, full)
+    monkeypatch.setattr(storage, "_not_written", [])
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     bound = law.bind(law.keys(), About())
     assert bound.model.command
     assert not bound.trouble
-    assert not cache.all_kept()
+    assert not storage.all_written()
     said = capsys.readouterr().err
     assert said.startswith("hertzloop: compiled kernels cannot be kept in ")
     assert said.endswith(". Every process compiles them again. Make room there.\n")

@@ -24,7 +24,7 @@ from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
 close_balance, modal_energy = whole.close_balance, whole.modal_energy
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def step(model, state, f_a):
     return whole.step(model, state, 0.5 * f_a)
 
@@ -79,7 +79,7 @@ FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotation
 close_balance, modal_energy = whole.close_balance, whole.modal_energy
 has_slope, yields = whole.has_slope, whole.yields
 
-@kernel(borrowed=True)
+@kernel
 def step(model, state, f_a):
     return whole.step(model, state, f_a)
 
@@ -307,7 +307,7 @@ class Preload(NamedTuple):
     preload_n: float
     gain: float
 
-@kernel(inline=True, borrowed=True)
+@kernel(inline=True)
 def force(actuator, body, command):
     gain = actuator.gain if actuator.gain > 0.0 else abs(command)
     return actuator.preload_n + gain * command, 0.0

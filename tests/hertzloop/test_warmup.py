@@ -73,21 +73,21 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.views.run import run_scene
 from hertzloop.setup import load
 from hertzloop.setup.controller import build_controller
-from hertzloop.jit.cache import noticed
+from hertzloop.jit.progress import report_compiling
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
     "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0012", "run.accuracy=0.1"])
 told, run = [], warmup._run
 def noticed_run(scene, folder):
-    with noticed(told.append):
+    with report_compiling(told.append):
         run(scene, folder)
 warmup._run = noticed_run
 ensure_compiled(scene)
 print(told)  # all is compiled at once
 build_controller(scene)  # its law
 told = []
-with noticed(told.append):
+with report_compiling(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
         run_scene(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
 print(told)

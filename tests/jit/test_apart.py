@@ -7,7 +7,7 @@ from hertzloop.jit import kernel
 from hertzloop.jit.by_type import apart
 
 
-@kernel(borrowed=True, kept=False)
+@kernel
 def summed(values, factor):
     total = 0.0
     for value in values:
@@ -15,7 +15,7 @@ def summed(values, factor):
     return total, values.size
 
 
-@kernel(kept=False)
+@kernel
 def together(values):
     return summed(values, 3)[0] + 1.0
 
@@ -23,7 +23,7 @@ def together(values):
 summed_apart = apart(summed)
 
 
-@kernel(kept=False)
+@kernel
 def apart_from(values):
     return summed_apart(values, 3)[0] + 1.0
 
@@ -53,7 +53,7 @@ def test_without_compiler_it_is_the_function() -> None:
 
 @pytest.mark.parametrize("value", [2.5])
 def test_a_kernel_that_raises_does_so_through_it(value: float) -> None:
-    @kernel(kept=False)
+    @kernel
     def refuse(x):
         if x > 1.0:
             raise ValueError("too much")
@@ -61,7 +61,7 @@ def test_a_kernel_that_raises_does_so_through_it(value: float) -> None:
 
     refuse_apart = apart(refuse)
 
-    @kernel(kept=False)
+    @kernel
     def caller(x):
         return refuse_apart(x)
 

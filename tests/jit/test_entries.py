@@ -7,7 +7,7 @@ from numba.core.errors import TypingError
 
 from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type
-from hertzloop.jit.cache import noticed
+from hertzloop.jit.progress import report_compiling
 
 
 def third(x):
@@ -15,7 +15,7 @@ def third(x):
 
 
 def of_third(inner: Any) -> Any:
-    @kernel(kept=False)
+    @kernel
     def outer(x):
         return inner(x) + 1.0
 
@@ -25,13 +25,13 @@ def of_third(inner: Any) -> Any:
 def compiled_for(call: Any) -> int:
     """How many compilations a call causes."""
     seen: list[bool] = []
-    with noticed(seen.append):
+    with report_compiling(seen.append):
         call()
     return seen.count(True)
 
 
 def test_a_kernel_that_kernels_called_first_answers_python_too() -> None:
-    inner = kernel(third, kept=False)
+    inner = kernel(third)
     outer = of_third(inner)
     assert outer(0.7) == third(0.7) + 1.0
     assert "cpython" not in "".join(inner.inspect_llvm().values())
@@ -60,12 +60,12 @@ class Double(NamedTuple):
     of: float
 
 
-half = kernel(lambda part, x: part.of * x / 2.0, kept=False)
-double = kernel(lambda part, x: part.of * x * 2.0, kept=False)
-chosen = by_type({Half: half, Double: double, type(None): kernel(lambda part, x: x, kept=False)})
+half = kernel(lambda part, x: part.of * x / 2.0)
+double = kernel(lambda part, x: part.of * x * 2.0)
+chosen = by_type({Half: half, Double: double, type(None): kernel(lambda part, x: x)})
 
 
-@kernel(kept=False)
+@kernel
 def choose(part, x):
     return chosen(part, x)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.jit.cache import kernel_sources
+from hertzloop.jit.folder import kernel_sources
 
 ROOT = Path(__file__).parents[2]
 LINKED = ("plant", "sensors", "controller", "bus", "recordings")  # from hertzloop/
@@ -38,7 +38,7 @@ print(plant.state.body.tolist())
 # The same with a push on every step.
 PUSHED = """
 from hertzloop.jit import kernel
-@kernel(borrowed=True)
+@kernel
 def pushed(model, state, f_a):
     return infinite_k.step(model, state, f_a + 1.0)
 step = by_type({infinite_k.InfiniteModel: pushed})

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from hertzloop.jit.cache import own
+from hertzloop.jit.folder import make_private
 from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")
@@ -139,7 +139,7 @@ def copy_of(
     if folder is None:
         name = hashlib.sha256(bytes(root)).hexdigest()[:8]
         folder = Path(tempfile.gettempdir()).resolve() / f"hertzloop-mutants-{os.getuid()}-{name}"
-    own(folder, alone=True)
+    make_private(folder)
     with (folder / "lock").open("w") as lock:
         try:
             flock(lock, LOCK_EX | LOCK_NB)

@@ -8,7 +8,7 @@ import math
 from hertzloop.jit import kernel
 
 
-@kernel(borrowed=True, fused=True, reordered=True, released=True)
+@kernel(fastmath={"contract", "reassoc"})
 def far_sums(theta, first, last, poles, residues, count, value, slope):
     """Write, at the nodes of every box, the sum of r/(z - p) over the poles p far from it, and its
     derivative.
@@ -40,7 +40,7 @@ def far_sums(theta, first, last, poles, residues, count, value, slope):
             slope[1, box, i] = -d
 
 
-@kernel(borrowed=True, fused=True, reordered=True, released=True)
+@kernel(fastmath={"contract", "reassoc"})
 def circle_sums(theta, box, edges, first, last, poles, residues, far, value, slope):
     """Write the sum of r/(z - p) over all poles, and its derivative, at points of the unit circle:
     near poles one by one, far ones by Chebyshev series.
@@ -81,7 +81,7 @@ def circle_sums(theta, box, edges, first, last, poles, residues, far, value, slo
         slope[1, i] = d
 
 
-@kernel(borrowed=True, fused=True, reordered=True)
+@kernel(fastmath={"contract", "reassoc"})
 def _row(x, y, p_re, p_im, r_re, r_im, skip):
     """Sums of r/(z - p), of -r/(z - p)^2 and of 1/(z - p) at z = x + i y, without pole `skip`."""
     a = b = c = d = e = f = 0.0
@@ -130,7 +130,7 @@ def _powers(near, filters):
     return value, -slope * near * near
 
 
-@kernel(released=True)
+@kernel
 def shifts(at, skip_plant, skip_law, plant, law, fir, filters, delay, found):
     """Write how far a pole of the open loop moves when the loop is closed, to first order.
 
@@ -161,7 +161,7 @@ def shifts(at, skip_plant, skip_law, plant, law, fir, filters, delay, found):
             found[i] = _over(residue * p, late - c * p)
 
 
-@kernel(released=True)
+@kernel
 def aberth_round(z_re, z_im, plant, law, fir, filters, delay, late, done, tolerance):
     """Move every zero that is not `done` by one step of Aberth's method; returns how many are left.
 

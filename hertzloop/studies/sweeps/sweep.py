@@ -24,7 +24,7 @@ import pyarrow.parquet
 from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState, Span
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
-from hertzloop.jit.cache import code_digest
+from hertzloop.jit.folder import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, toml_value
