@@ -170,7 +170,7 @@ class Run:
         """
         from hertzloop.analysis.figures import free_figures
         from hertzloop.analysis.verdict import conclusions
-        from hertzloop.views.run import verdict_sentences
+        from hertzloop.views.verdict import verdict_sentences
 
         setup = resolve(self.scene)
         found = conclusions(setup, self._judged, free_figures(setup), self._not_again)
@@ -392,7 +392,7 @@ def _run(
     from hertzloop.analysis.recorded import law_of, pacing_of, stacked
     from hertzloop.analysis.trust import why_not_again
     from hertzloop.analysis.verdict import saturation_of
-    from hertzloop.views.run import pacing_as_json
+    from hertzloop.views.run_json import pacing_as_json
 
     step_s = setup.step_s
     found = impacts_of_rows(setup, rows)

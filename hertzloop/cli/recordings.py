@@ -81,7 +81,7 @@ def _draw_responses(recording: Recording, folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.analysis.recorded import pacing_of, responses_of
     from hertzloop.studies import law_on as law_replay
-    from hertzloop.views.run import pacing_sentences
+    from hertzloop.views.pacing import pacing_sentences
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
@@ -154,7 +154,7 @@ def compare(
 def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
     from hertzloop.analysis.meters import RunFigures, compared
     from hertzloop.views import inspection
-    from hertzloop.views.run import comparison_as_json
+    from hertzloop.views.run_json import comparison_as_json
 
     figures = []
     for recording in (left, right):

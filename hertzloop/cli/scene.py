@@ -115,7 +115,8 @@ def check(
 
     # 0.07 s, which the other commands save.
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
-    from hertzloop.views.run import effects_as_json, neglected_lines, not_evaluated, table_of
+    from hertzloop.views.effects import neglected_lines, not_evaluated, table_of
+    from hertzloop.views.run_json import effects_as_json
 
     neglected = neglected_of_scene(resolved)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}

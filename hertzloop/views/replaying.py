@@ -24,7 +24,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.setup.build import free_series
 from hertzloop.views import provenance
-from hertzloop.views.run import pacing_sentences
+from hertzloop.views.pacing import pacing_sentences
 
 has_display = viewer.has_display
 _OF_TWIN = ("xi", "F_c", "F_a", "v_p", "plate")

@@ -28,7 +28,7 @@ from hertzloop.studies.report.results import page_of_results
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk
 from hertzloop.studies.tuning import best_of
-from hertzloop.views.run import noise_rows
+from hertzloop.views.noise_table import noise_rows
 from tests.commands import invoke
 from tests.hertzloop.own_laws import ECHO
 

@@ -16,7 +16,7 @@ from hertzloop.analysis.trust import (
 )
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import law_accuracy_sentences
+from hertzloop.views.verdict import law_accuracy_sentences
 from tests.commands import invoke
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.

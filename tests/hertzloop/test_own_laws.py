@@ -15,6 +15,7 @@ from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import controller_table
@@ -23,7 +24,6 @@ from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load, parse, resolve
 from hertzloop.setup.controller import loaded_law
 from hertzloop.studies.sweeps.evaluate import run_case
-from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
@@ -42,7 +42,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def record(scene: Setup, path: Path, transport: str = "compiled") -> Recording:
-    run_scene(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
+    run_and_assess(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)
     assert not recording.problems
     return recording

@@ -21,7 +21,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, model_error
 from hertzloop.setup.build import build_plant
 from hertzloop.setup.plate_model import widest_limit_hz
-from hertzloop.views.run import error_words, what_limits
+from hertzloop.views.details import error_words, what_limits
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]

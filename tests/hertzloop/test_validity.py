@@ -10,7 +10,7 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.effects import ROWS, neglected_of_scene
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from hertzloop.views.run import effects_as_json
+from hertzloop.views.run_json import effects_as_json
 from tests.commands import invoke
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")

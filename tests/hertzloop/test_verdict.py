@@ -15,7 +15,7 @@ from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.recordings.reader import Event, older_fact
-from hertzloop.views.run import verdict_sentences
+from hertzloop.views.verdict import verdict_sentences
 from tests.commands import invoke
 
 

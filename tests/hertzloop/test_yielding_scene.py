@@ -18,7 +18,7 @@ from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import pressure_words
+from hertzloop.views.details import pressure_words
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

@@ -33,10 +33,13 @@ from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
-from hertzloop.views import run as run_view
+from hertzloop.views.effects import sentences_of
+from hertzloop.views.impacts_table import impact_headings, impact_rows
+from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.noise_table import noise_rows
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
-from hertzloop.views.run import law_line
+from hertzloop.views.verdict import verdict_sentences
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
@@ -162,8 +165,8 @@ def page_of(recording: Recording) -> str:
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
         unstable=unstable,
-        verdict=run_view.verdict_sentences(verdict),
-        neglected=run_view.sentences_of(figures.neglected.findings),
+        verdict=verdict_sentences(verdict),
+        neglected=sentences_of(figures.neglected.findings),
         margin=margin,
         margin_png=margin_png,
         tables=_tables(found, not unstable),
@@ -194,17 +197,17 @@ def _tables(found: Judged, compare: bool) -> list[ResultTable]:
     digits = [known.controlled, known.uncontrolled][: len(runs)]
     names = ["with control", "without"] if found.free else ["this run"]
     compare = compare and found.free is not None
-    rows = run_view.noise_rows(
+    rows = noise_rows(
         [run.noise[0] for run in runs], compare,
         [errors_of(each, 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
-        why_not = run_view.why_not_words(known.not_again) if run is runs[0] else ""
-        rows, notes = run_view.impact_rows(run.impacts, each, why_not)
+        why_not = why_not_words(known.not_again) if run is runs[0] else ""
+        rows, notes = impact_rows(run.impacts, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        headings = [f"impacts, {name}", *run_view.headings(run.impacts)]
+        headings = [f"impacts, {name}", *impact_headings(run.impacts)]
         tables.append(ResultTable("", headings, numbered, "; ".join(notes)))
     return tables
 
