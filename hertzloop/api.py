@@ -30,9 +30,10 @@ from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 if TYPE_CHECKING:
     import xarray as xr
 
-    from hertzloop.analysis.figures import Ran
-    from hertzloop.analysis.meters import Comparison, Difference, RunFigures, SpanFigures
-    from hertzloop.analysis.trust import NotAgain
+    from hertzloop.analysis.comparison import Comparison, Difference
+    from hertzloop.analysis.figures import RunResult
+    from hertzloop.analysis.repeatability import NotRepeatable
+    from hertzloop.analysis.span_figures import RunFigures, SpanFigures
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
@@ -58,7 +59,8 @@ __all__ = [
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
 _OF_MODULES = {
-    "analysis.meters": ("Comparison", "Difference", "RunFigures", "SpanFigures"),
+    "analysis.comparison": ("Comparison", "Difference"),
+    "analysis.span_figures": ("RunFigures", "SpanFigures"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),
     "interop.environment": ("ImpactEnv",),
@@ -108,9 +110,11 @@ class Run:
     events: "list[Event]"
     path: Path | None = None
     pacing: dict[str, Any] | None = None
-    _ran: Callable[[], "Ran"] | None = field(default=None, repr=False, compare=False)
+    _compute_result: Callable[[], "RunResult"] | None = field(
+        default=None, repr=False, compare=False
+    )
     _streams: "_Streams | None" = field(default=None, repr=False, compare=False)
-    _not_again: "NotAgain | None" = field(default=None, repr=False, compare=False)
+    _not_repeatable: "NotRepeatable | None" = field(default=None, repr=False, compare=False)
 
     @cached_property
     def truth(self) -> "xr.Dataset":
@@ -147,9 +151,9 @@ class Run:
         return _views().labelled(values, FORCE_LABEL, "step", np.arange(len(values)) * step_s)
 
     @cached_property
-    def _judged(self) -> "Ran":
-        assert self._ran is not None
-        return self._ran()
+    def _result(self) -> "RunResult":
+        assert self._compute_result is not None
+        return self._compute_result()
 
     @property
     def figures(self) -> "RunFigures":
@@ -157,9 +161,9 @@ class Run:
 
         `hertzloop run` and `hertzloop inspect` print these figures.
         """
-        from hertzloop.analysis.meters import RunFigures
+        from hertzloop.analysis.span_figures import RunFigures
 
-        found = self._judged.figures
+        found = self._result.figures
         return RunFigures(found.first_impact, found.whole_run)
 
     @cached_property
@@ -169,11 +173,11 @@ class Run:
         The property simulates the run without control.
         """
         from hertzloop.analysis.figures import free_figures
-        from hertzloop.analysis.verdict import conclusions
+        from hertzloop.analysis.verdict import assess
         from hertzloop.views.verdict import verdict_sentences
 
         setup = resolve(self.scene)
-        found = conclusions(setup, self._judged, free_figures(setup), self._not_again)
+        found = assess(setup, self._result, free_figures(setup), self._not_repeatable)
         return verdict_sentences(found.verdict)
 
     def without_control(self) -> "Run":
@@ -387,22 +391,22 @@ def _run(
     recording: "Recording | None",
     books: "Balance | BooksMessage",
 ) -> Run:
-    from hertzloop.analysis.figures import Ran, figures_of
+    from hertzloop.analysis.figures import RunResult, figures_of
     from hertzloop.analysis.impacts import impacts_of_rows
     from hertzloop.analysis.recorded import law_of, pacing_of, stacked
-    from hertzloop.analysis.trust import why_not_again
+    from hertzloop.analysis.repeatability import why_not_repeatable
     from hertzloop.analysis.verdict import saturation_of
     from hertzloop.views.run_json import pacing_as_json
 
     step_s = setup.step_s
     found = impacts_of_rows(setup, rows)
-    law, not_again, saturation, pacing = setup.law_reference, None, None, None
+    law, not_repeatable, saturation, pacing = setup.law_reference, None, None, None
     if recording is not None:
-        law, not_again = law_of(recording).scene_law or "", why_not_again(recording)
+        law, not_repeatable = law_of(recording).scene_law or "", why_not_repeatable(recording)
         saturation, pacing = saturation_of(recording.events), pacing_of(recording)
 
-    def ran() -> Ran:
-        return Ran(
+    def compute_result() -> RunResult:
+        return RunResult(
             figures_of(setup, stacked(dict(columns))), law, model_error.expected_error(setup),
             books.injected_j, books.dent_m, pacing is not None, saturation,
             setup.law_models_yield,
@@ -420,11 +424,11 @@ def _run(
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
         pacing=pacing_as_json(pacing),
-        _ran=ran,
+        _compute_result=compute_result,
         _streams=_Streams(
             columns, values, commanded, setup.quantity, step_s, setup.every_steps * step_s
         ),
-        _not_again=not_again,
+        _not_repeatable=not_repeatable,
     )
 
 
@@ -438,7 +442,7 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
     Returns:
         One row per figure. `print` shows the table of `hertzloop compare --figures`.
     """
-    from hertzloop.analysis.meters import compared
+    from hertzloop.analysis.comparison import compared
     from hertzloop.views.inspection import PrintedComparison
 
     found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))

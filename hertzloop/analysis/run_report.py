@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hertzloop.analysis import model, trust
+from hertzloop.analysis import model
 from hertzloop.analysis import verdict as verdicts
+from hertzloop.analysis.verification import Verification
 from hertzloop.bus.messages_pb2 import Books
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup
@@ -34,7 +35,7 @@ class RunReport:
 
     setup: Setup
     recording: Recording
-    judged: verdicts.Judged
+    assessed: verdicts.RunAssessment
     books: Books
     parts: model.PlantParts
     transport: str
@@ -45,12 +46,12 @@ class RunReport:
     repeats: Path | None = None
     differs: str | None = None
     verifies: bool = False
-    verification: trust.Verification | None = None
+    verification: Verification | None = None
 
     @property
     def expects(self) -> tuple[float | None, float]:
         """The expected error and the requested one, relative."""
-        return self.judged.conclusions.stated_error, self.judged.requested_accuracy
+        return self.assessed.assessment.stated_error, self.assessed.requested_accuracy
 
     @property
     def structure(self) -> dict[str, Any]:

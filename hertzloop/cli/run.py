@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.analysis.trust import check_verifiable
+from hertzloop.analysis.verification import check_verifiable
 from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run

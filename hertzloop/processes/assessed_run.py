@@ -11,8 +11,8 @@ from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.model import parts_of
 from hertzloop.analysis.recorded import blocks_of
 from hertzloop.analysis.run_report import RunReport
-from hertzloop.analysis.trust import verify
-from hertzloop.analysis.verdict import judge
+from hertzloop.analysis.verdict import assess_recording
+from hertzloop.analysis.verification import verify
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import fork_server
 from hertzloop.processes.launcher import record
@@ -66,7 +66,7 @@ def run_and_assess(
     return RunReport(
         setup=setup,
         recording=recorded,
-        judged=judge(setup, recorded, free_figures(setup)),
+        assessed=assess_recording(setup, recorded, free_figures(setup)),
         books=balance,
         parts=parts_of(setup, balance),
         transport=options.transport.value,

@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
-from hertzloop.analysis import meters, model
+from hertzloop.analysis import model
 from hertzloop.analysis.run_report import RunReport
+from hertzloop.analysis.statistics import ActuatorDemand
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -18,8 +19,8 @@ from hertzloop.views.law_line import law_line
 def run_table(report: RunReport) -> Table:
     """Key figures of the run itself."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
-    books, demand = report.books, report.judged.ran.figures.demand
-    judged, full = report.judged, parts.model and parts.model.full
+    books, demand = report.books, report.assessed.result.figures.demand
+    assessed, full = report.assessed, parts.model and parts.model.full
     structure = report.structure
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
     told = parts.theory if asked is None or asked.solid else None  # None: "auto"
@@ -28,14 +29,14 @@ def run_table(report: RunReport) -> Table:
     limit = parts.limiting_pressure
     rows = (
         ("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}"),
-        ("law that ran", law_line(judged.law)),
+        ("law that ran", law_line(assessed.law)),
         ("steps", f"{setup.steps:,}"),
         ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, "
                       f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s"),
         ("scheme", note and f"{setup.scheme}: {note}"),
         ("actuator demand", demand and demand_words(demand)),
         ("limiting pressure", limit and pressure_words(limit)),
-        ("yield", judged.yielded and yield_words(judged.yielded)),
+        ("yield", assessed.yielded and yield_words(assessed.yielded)),
         ("radiation", parts.radiation and radiation_words(parts.radiation)),
         ("mean latency", mean_latency_words(setup)),
         ("exchanges", _exchanges(report)),
@@ -126,7 +127,7 @@ def radiation_words(found: model.Radiation) -> str:
     return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
-def demand_words(asked: meters.Demand) -> str:
+def demand_words(asked: ActuatorDemand) -> str:
     """Largest force, slew and power that a run asked of its actuator."""
     words = f"{asked.force_n:.4g} N, {asked.slew_n_s * 1e-6:.3g} N/us, {asked.power_w:.3g} W"
     if asked.delay_s:
@@ -154,7 +155,7 @@ def _model_order(report: RunReport) -> str:
     )
     if not missed(expected, asked):
         return chosen
-    theory, law = report.parts.theory, report.judged.law.scene_law
+    theory, law = report.parts.theory, report.assessed.law.scene_law
     why = what_limits(
         theory is not None and STRUCTURES[theory.chosen].solid, law != NO_CONTROL,
         "modes_in_file" in report.structure, limit_hz, model.full.frequency_limit_hz,
@@ -195,14 +196,14 @@ def _full_model(full: model.FullModel) -> str:
 
 def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
     """Until when an infinite plate would have done, where the first contact is over by then."""
-    until_s, impacts = model.infinite_until_s, report.judged.ran.figures.impacts
+    until_s, impacts = model.infinite_until_s, report.assessed.result.figures.impacts
     if model.plate_model == "infinite" or until_s is None or not impacts:
         return ""
     if impacts[0].start_s + impacts[0].duration_s > until_s:
         return ""
     return (
         f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
-        f"(run.plate_model, requested: {report.judged.requested_accuracy:g})"
+        f"(run.plate_model, requested: {report.assessed.requested_accuracy:g})"
     )
 
 

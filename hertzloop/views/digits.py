@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from hertzloop.analysis import meters
+from hertzloop.analysis.figure_rows import FigureRow
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 
@@ -53,7 +53,7 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
 
 
 def cells(
-    row: meters.FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
+    row: FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
 ) -> list[str]:
     """A figure of several runs with its unit and predictable digits; `without`: what nan says."""
     factor, unit = row.factor, row.unit

@@ -5,42 +5,44 @@ from collections.abc import Iterable
 
 from rich.text import Text
 
-from hertzloop.analysis import effects
+from hertzloop.analysis.effect_rows import OF_PLATE, ROWS
+from hertzloop.analysis.effects import EffectState, Neglected, ValidityCheck
+from hertzloop.analysis.rounding import percent
 from hertzloop.views.format import Table, unwrapped
 
 
-def not_evaluated(neglected: effects.Neglected) -> str:
+def not_evaluated(neglected: Neglected) -> str:
     """Return which effects have no size in this structure, in a sentence; empty if all have one."""
-    if neglected.facts is None or neglected.facts.local is not None:
+    if neglected.context is None or neglected.context.local is not None:
         return ""
     return (
-        f"Not evaluated: {', '.join(effects.OF_PLATE)}. No plate at the contact point is known for "
-        f"{neglected.facts.spec.plate}; for a file of modes, plate.thickness_m gives one."
+        f"Not evaluated: {', '.join(OF_PLATE)}. No plate at the contact point is known for "
+        f"{neglected.context.spec.plate}; for a file of modes, plate.thickness_m gives one."
     )
 
 
 _HEADS = {
-    effects.EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
-    effects.EffectState.LEFT_OUT: ("Neglected:", "yellow"),
+    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
+    EffectState.LEFT_OUT: ("Neglected:", "yellow"),
 }
 
-_STATE_WORDS = {effects.EffectState.LEFT_OUT: "neglected", effects.EffectState.NOT_KNOWN: "unknown"}
+_STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
 
-_BRIEF = {row.name: (row.brief or row.name, row.key) for row in effects.ROWS}
+_BRIEF = {row.name: (row.brief or row.name, row.key) for row in ROWS}
 
 
-def sentences_of(found: Iterable[effects.Finding]) -> list[tuple[str, str]]:
+def sentences_of(found: Iterable[ValidityCheck]) -> list[tuple[str, str]]:
     """Heads and sentences on effects out of range, then on neglected effects."""
     return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
 
 
-def _styled_sentences(found: Iterable[effects.Finding]) -> list[tuple[str, str, str]]:
+def _styled_sentences(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
     known = list(found)
     return [(*_HEADS[state], f"{f.sentence}.") for state in _HEADS for f in known
             if f.state == state]  # fmt: skip
 
 
-def brief_warnings(found: Iterable[effects.Finding]) -> list[tuple[str, str, str]]:
+def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
     """Render each effect outside its limit on one line of at most 80 columns.
 
     Args:
@@ -58,17 +60,17 @@ def brief_warnings(found: Iterable[effects.Finding]) -> list[tuple[str, str, str
             text, key = _BRIEF[one.name]
             if math.isnan(one.value):
                 text = one.name
-            words = text.format(x=one.value, p=effects.percent(one.value))
+            words = text.format(x=one.value, p=percent(one.value))
             lines.append((head, style, f"{words} ({key})." if key else f"{words}."))
     return lines
 
 
-def neglected_lines(found: Iterable[effects.Finding]) -> list[Text]:
+def neglected_lines(found: Iterable[ValidityCheck]) -> list[Text]:
     """A sentence on each neglected effect."""
     return [unwrapped((head, style), f" {said}") for head, style, said in _styled_sentences(found)]
 
 
-def table_of(found: Iterable[effects.Finding]) -> Table:
+def table_of(found: Iterable[ValidityCheck]) -> Table:
     """All indicators with their thresholds."""
     table = Table(title="Neglected effects")
     for heading in ("effect", "formula", "value", "threshold", ""):
@@ -86,7 +88,7 @@ def table_of(found: Iterable[effects.Finding]) -> Table:
 _MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
 
 
-def warning_lines(found: Iterable[effects.Finding]) -> list[Text]:
+def warning_lines(found: Iterable[ValidityCheck]) -> list[Text]:
     """One line for each effect outside its limit."""
     known = brief_warnings(found)
     lines = [Text.assemble((head, style), f" {words}") for head, style, words in known]

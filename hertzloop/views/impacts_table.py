@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hertzloop.analysis import trust
+from hertzloop.analysis.predictability import ImpactErrors, errors_of
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.views.digits import LEGEND, UNKNOWN, about, energy_unit, known_digits
 from hertzloop.views.format import Table
@@ -30,7 +30,7 @@ def impact_headings(impacts: Sequence[Impact]) -> list[str]:
 def impacts_table(
     title: str,
     impacts: Sequence[Impact],
-    known: Sequence[trust.ImpactErrors] | None = None,
+    known: Sequence[ImpactErrors] | None = None,
     why_not: str = "",
 ) -> Table:
     """Impacts, one a row; see `impact_rows`."""
@@ -43,7 +43,7 @@ def impacts_table(
 
 
 def impact_rows(
-    impacts: Sequence[Impact], digits: Sequence[trust.ImpactErrors] | None = None, why_not: str = ""
+    impacts: Sequence[Impact], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
 ) -> tuple[list[list[str]], list[str]]:
     """Rows of the table below `impact_headings`, and notes on them.
 
@@ -57,7 +57,7 @@ def impact_rows(
     notes: list[str] = []
     to_unit, _ = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
     for i, impact in enumerate(impacts[:_SHOWN]):
-        errors = trust.errors_of(digits, i)
+        errors = errors_of(digits, i)
         cells = [
             known_digits(
                 getattr(impact, key) * (factor or to_unit),

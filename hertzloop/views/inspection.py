@@ -9,11 +9,13 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis.figures import Ran, figures_of
-from hertzloop.analysis.meters import SPAN_ROWS, Comparison
+from hertzloop.analysis.comparison import Comparison
+from hertzloop.analysis.figures import RunResult, figures_of
 from hertzloop.analysis.model import Yield, yield_of
+from hertzloop.analysis.predictability import Predictability, errors_of, predictability
 from hertzloop.analysis.recorded import NEEDED_FIELDS, LawRan, Pacing, blocks_of, law_of, pacing_of
-from hertzloop.analysis.trust import Predictability, errors_of, predictability, why_not_again
+from hertzloop.analysis.repeatability import why_not_repeatable
+from hertzloop.analysis.span_figures import SPAN_ROWS
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.analysis.verdict import verdict as verdict_of
 from hertzloop.recordings.reader import JoinedStream, Recording
@@ -42,7 +44,7 @@ class Inspected:
     law: LawRan
     pacing: Pacing | None
     yielded: Yield | None
-    ran: Ran | None
+    result: RunResult | None
     known: Predictability | None
     verdict: Sequence[str] = ()
 
@@ -57,14 +59,14 @@ def inspected(recording: Recording) -> Inspected:
         problem = _unlike(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
-                ran = Ran(
+                result = RunResult(
                     figures_of(setup, blocks_of(recording)), law.scene_law,
                     books.expected_error if books else None, late=pacing is not None,
                     saturation=saturation_of(recording.events),
                 )  # fmt: skip
-                known = predictability(setup, ran, None, why_not_again(recording))
-                verdict = verdict_sentences(verdict_of(ran, known=known))
-                return replace(bare, ran=ran, known=known, verdict=verdict)
+                known = predictability(setup, result, None, why_not_repeatable(recording))
+                verdict = verdict_sentences(verdict_of(result, known=known))
+                return replace(bare, result=result, known=known, verdict=verdict)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
@@ -125,9 +127,9 @@ def summary(found: Inspected) -> dict[str, Any]:
         }
         data["yield"] = asdict(found.yielded) if found.yielded else None
     data["pacing"] = pacing_as_json(found.pacing)
-    if found.ran is None or known is None:
+    if found.result is None or known is None:
         return data | _NO_FIGURES | {"verdict": []}
-    figures = figures_as_json(found.ran.figures)
+    figures = figures_as_json(found.result.figures)
     known_as_json = predictability_as_json(known)
     return data | figures | {"predictability": known_as_json, "verdict": list(found.verdict)}
 
@@ -160,7 +162,7 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         found: The recording, as inspected.
         details: Whether to print all tables as well.
     """
-    recording, ran, known = found.recording, found.ran, found.known
+    recording, result, known = found.recording, found.result, found.known
     said: list[Text | Table] = [
         unwrapped(("Missing or damaged:", "red"), f" {problem}") for problem in found.problems
     ]
@@ -168,14 +170,14 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         said.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
         said.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
-    if ran and known:
-        said += verdict_lines(found.verdict, ran.figures.stability.unstable)
-        if ran.figures.impacts:
-            said.append(figures_table(ran, known))
-        why_not = why_not_words(known.not_again)
-        if why_not and len(ran.figures.impacts) > 1 and not details:
+    if result and known:
+        said += verdict_lines(found.verdict, result.figures.stability.unstable)
+        if result.figures.impacts:
+            said.append(figures_table(result, known))
+        why_not = why_not_words(known.not_repeatable)
+        if why_not and len(result.figures.impacts) > 1 and not details:
             said.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
-        said += warning_lines(ran.figures.neglected.findings)
+        said += warning_lines(result.figures.neglected.checks)
     if details:
         said += _details(found)
     said += pacing_lines(found.pacing)
@@ -204,8 +206,8 @@ def _details(found: Inspected) -> list[Text | Table]:
     said: list[Text | Table] = [table]
     if recording.others:
         said.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
-    figures = found.ran.figures if found.ran else None
-    own, why_not = (known.controlled, why_not_words(known.not_again)) if known else (None, "")
+    figures = found.result.figures if found.result else None
+    own, why_not = (known.controlled, why_not_words(known.not_repeatable)) if known else (None, "")
     said.append(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
     if figures and figures.noise:
         errors = [errors_of(own, 0, "noise_errors")]
@@ -214,7 +216,7 @@ def _details(found: Inspected) -> list[Text | Table]:
         said.append(Text(f"Actuator demand: {demand_words(figures.demand)}."))
     if found.yielded:
         said.append(Text(f"Yield: {yield_words(found.yielded)}."))
-    return [*said, *(neglected_lines(figures.neglected.findings) if figures else ())]
+    return [*said, *(neglected_lines(figures.neglected.checks) if figures else ())]
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

@@ -1,13 +1,13 @@
 """Which law a run used, and why a run cannot be simulated again, in words."""
 
-from hertzloop.analysis import trust
 from hertzloop.analysis.recorded import LawRan
+from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.controller.loading.registry import shipped
 
 _LONGEST = 200  # characters that are shown of a controller's own words
 
 
-def why_not_words(found: trust.NotAgain | None) -> str:
+def why_not_words(found: NotRepeatable | None) -> str:
     """Why a run cannot be simulated again, in words that follow "since"; empty where it can."""
     if found is None:
         return ""
@@ -15,18 +15,18 @@ def why_not_words(found: trust.NotAgain | None) -> str:
         law = law_line(found.law)
         return f"the forces may not come from the law of the scene: {law}"
     return {
-        trust.Obstacle.NOT_ENDED: "the run did not end",
-        trust.Obstacle.TOO_LONG: "it takes too long to simulate this run again",
-        trust.Obstacle.NOT_HERE: f"the run cannot be simulated here: {found.error}",
-    }.get(found.obstacle, found.error)
+        WhyNotRepeatable.NOT_ENDED: "the run did not end",
+        WhyNotRepeatable.TOO_LONG: "it takes too long to simulate this run again",
+        WhyNotRepeatable.NOT_HERE: f"the run cannot be simulated here: {found.error}",
+    }.get(found.reason, found.error)
 
 
 def law_line(data: LawRan) -> str:
     """Which law the forces of a recording come from."""
-    ran, announced = law_words(data.law, data.law_digest), data.scene_law
-    if data.as_announced or (ran and data.law == announced and data.law_digest is None):
-        return ran
-    said = ran or "not reported by the controller"
+    result, announced = law_words(data.law, data.law_digest), data.scene_law
+    if data.as_announced or (result and data.law == announced and data.law_digest is None):
+        return result
+    said = result or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)
     return f"{said} (the scene says {scene})" if announced else said
 

@@ -3,25 +3,24 @@
 import math
 from collections.abc import Sequence
 
-from hertzloop.analysis import meters
+from hertzloop.analysis.figure_rows import FigureRow
+from hertzloop.analysis.span_figures import SPAN_ROWS, change_db
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
 # Noise figures in the order of their table; words and units of those that no span has.
 _OF_NOISE = {
-    "contact_time_s": meters.FigureRow("", "contact time", "us", 1e6),
-    "next_impact_speed_m_s": meters.FigureRow("", "next impact speed", "m/s"),
-    "transmitted_j": meters.FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
-    "transmitted_spectrum_j": meters.FigureRow(
-        "", "transmitted energy, by spectrum", "uJ", 1e6, 10.0
-    ),
-    "radiated_maidanik_j": meters.FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
-    "sound_maidanik_j": meters.FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "contact_time_s": FigureRow("", "contact time", "us", 1e6),
+    "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
+    "transmitted_j": FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
+    "transmitted_spectrum_j": FigureRow("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
+    "radiated_maidanik_j": FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
 }
 
 _NOISE_ROWS = {
-    name: _OF_NOISE.get(name) or meters.SPAN_ROWS[name]
+    name: _OF_NOISE.get(name) or SPAN_ROWS[name]
     for name in (
         "contact_time_s", "next_impact_speed_m_s", "rebound_height_m", "longhorn_j", "holmes_j",
         "peak_pressure_pa", "transmitted_j", "transmitted_spectrum_j", "plate_speed_max_m_s",
@@ -69,7 +68,7 @@ def noise_rows(
 
 
 def _change(
-    row: meters.FigureRow,
+    row: FigureRow,
     value: float,
     reference: float,
     error: float = 0.0,
@@ -87,4 +86,4 @@ def _change(
         share = 100.0 * (value / reference - 1.0)
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
         return with_unit(known_digits(share, "+.1f", wrong), "%")
-    return in_db(meters.change_db(value, reference, row.db, error, reference_error), "+.2f")
+    return in_db(change_db(value, reference, row.db, error, reference_error), "+.2f")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from hertzloop.analysis import effects
 from hertzloop.analysis.recorded import IN_TIME, PacedClock, Pacing
+from hertzloop.analysis.rounding import time_words
 from hertzloop.views.format import unwrapped
 
 
@@ -27,12 +27,12 @@ def pacing_sentences(found: Pacing) -> list[str]:
         ]
     said = [
         f"Pace {clock.pace:g}: {missed}"
-        + (f", the worst {effects.time_words(clock.late_max_us)} late" * bool(found.late_forces))
-        + f"; the plant itself was at most {effects.time_words(clock.behind_max_us)} behind the "
+        + (f", the worst {time_words(clock.late_max_us)} late" * bool(found.late_forces))
+        + f"; the plant itself was at most {time_words(clock.behind_max_us)} behind the "
         "clock.",
         "From a sample to its answer: "
-        + ", ".join(f"{name} {effects.time_words(us)}" for name, us in clock.response_us.items())
-        + f" (of {effects.time_words(clock.slack_us)} that this pace leaves).",
+        + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
+        + f" (of {time_words(clock.slack_us)} that this pace leaves).",
     ]
     return [*said, _pacing_advice(clock)]
 

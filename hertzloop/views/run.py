@@ -5,7 +5,7 @@ import shlex
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis import trust
+from hertzloop.analysis.predictability import errors_of
 from hertzloop.analysis.run_report import RunReport
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.views.details import error_words, missed, run_table
@@ -21,7 +21,7 @@ from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 def _verification_line(report: RunReport) -> Text:
     """What halving the step and doubling the modes changed."""
-    found, asked = report.verification, report.judged.requested_accuracy
+    found, asked = report.verification, report.assessed.requested_accuracy
     if found is None:
         return unwrapped("Nothing to verify: no impact ends within the run.")
     met = ("met", "") if found.largest <= asked else ("missed", "red")
@@ -45,23 +45,23 @@ def print_run(
         details: Whether to print all tables as well.
         warning: One more warning, on what is not in the recording.
     """
-    judged, ends = report.judged, report.judged.conclusions
-    ran, verdict = judged.ran, verdict_sentences(ends.verdict)
-    controlled = ran.scene_law != NO_CONTROL
+    assessed, ends = report.assessed, report.assessed.assessment
+    result, verdict = assessed.result, verdict_sentences(ends.verdict)
+    controlled = result.scene_law != NO_CONTROL
     said: list[Text | Table] = []
     if not verdict:
         said.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
-    said += verdict_lines(verdict, ran.figures.stability.unstable)
-    free = (judged.free or ran.figures) if controlled else None
-    said.append(figures_table(ran, ends.predictability, free))
-    said += warning_lines(ran.figures.neglected.findings)
+    said += verdict_lines(verdict, result.figures.stability.unstable)
+    free = (assessed.free or result.figures) if controlled else None
+    said.append(figures_table(result, ends.predictability, free))
+    said += warning_lines(result.figures.neglected.checks)
     if warning is not None:
         said.append(warning)
     if details:
         said += _details(report)
     if report.verifies:
         said.append(_verification_line(report))
-    said += pacing_lines(judged.pacing, report.repeats, report.differs)
+    said += pacing_lines(assessed.pacing, report.repeats, report.differs)
     print_all(console, [*said, *_run_lines(report)])
 
 
@@ -72,11 +72,11 @@ def _run_lines(report: RunReport) -> list[Text]:
         Text(
             f"Scene {setup.name}, seed {setup.seed}, {report.transport}, "
             f"{setup.steps:,} steps in {report.wall_s:.3g} s. "
-            f"Law: {law_line(report.judged.law)}."
+            f"Law: {law_line(report.assessed.law)}."
         ),
         Text.assemble(
             f"Model error {error_words(*report.expects)} "
-            f"(requested {report.judged.requested_accuracy:g}",
+            f"(requested {report.assessed.requested_accuracy:g}",
             ("; missed", "yellow") if missed(*report.expects) else "",
             f"). Energy residual {books.energy_residual:.1e}, "
             f"momentum {books.momentum_residual:.1e}.",
@@ -95,11 +95,11 @@ def next_lines(path: str) -> list[Text]:
 
 def _details(report: RunReport) -> list[Text | Table]:
     """All impacts, noise figures, properties of the run and neglected effects."""
-    ran, known = report.judged.ran, report.judged.conclusions.predictability
-    found, free = ran.figures, report.judged.free or ran.figures
+    result, known = report.assessed.result, report.assessed.assessment.predictability
+    found, free = result.figures, report.assessed.free or result.figures
     own, other = known.controlled, known.uncontrolled
-    errors = [trust.errors_of(each, 0, "noise_errors") for each in (own, other)]
-    if ran.scene_law != NO_CONTROL:
+    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
+    if result.scene_law != NO_CONTROL:
         tables = [
             impacts_table("Impacts with control", found.impacts, own),
             impacts_table("The same without control", free.impacts, other),
@@ -111,4 +111,4 @@ def _details(report: RunReport) -> list[Text | Table]:
         tables = [impacts_table("Impacts, no control", found.impacts, own)]
         if found.noise:
             tables.append(noise_table([("no control", found.noise[0])], errors=errors[:1]))
-    return [*tables, run_table(report), *neglected_lines(found.neglected.findings)]
+    return [*tables, run_table(report), *neglected_lines(found.neglected.checks)]

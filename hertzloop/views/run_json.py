@@ -4,20 +4,25 @@ import math
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
-from hertzloop.analysis import effects, meters, model, trust
+from hertzloop.analysis import model
 from hertzloop.analysis import verdict as verdicts
+from hertzloop.analysis.comparison import Comparison
+from hertzloop.analysis.effects import EffectState, Neglected
 from hertzloop.analysis.figures import Figures
+from hertzloop.analysis.law_accuracy import LawAccuracy
+from hertzloop.analysis.predictability import Predictability
 from hertzloop.analysis.recorded import Pacing
 from hertzloop.analysis.run_report import RunReport
+from hertzloop.analysis.verification import Verification
 from hertzloop.views.law_line import why_not_words
 from hertzloop.views.verdict import verdict_sentences
 
 
-def effects_as_json(neglected: effects.Neglected) -> dict[str, Any]:
-    """`validity`: all effects, fields as in `Finding`; `warnings`: sentences on those out of
+def effects_as_json(neglected: Neglected) -> dict[str, Any]:
+    """`validity`: all effects, fields as in `ValidityCheck`; `warnings`: sentences on those out of
     range."""
-    shown = [asdict(found) for found in neglected.findings]
-    beyond = [one for one in shown if one["state"] == effects.EffectState.OUT_OF_RANGE]
+    shown = [asdict(found) for found in neglected.checks]
+    beyond = [one for one in shown if one["state"] == EffectState.OUT_OF_RANGE]
     return {"validity": shown, "warnings": [f"{one['name']}: {one['sentence']}" for one in beyond]}
 
 
@@ -44,41 +49,54 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
     return data | (clock or {"pace": None, "is_repeat": is_repeat})
 
 
-def predictability_as_json(found: trust.Predictability) -> dict[str, Any]:
+def predictability_as_json(found: Predictability) -> dict[str, Any]:
     """Fields as in `Predictability`; `why_not` in words."""
     return {
         "disturbance": found.disturbance,
         "model_error": found.model_error,
         "controlled": _plain(found.controlled),
         "uncontrolled": _plain(found.uncontrolled),
-        "why_not": why_not_words(found.not_again),
+        "why_not": why_not_words(found.not_repeatable),
     }
 
 
-def comparison_as_json(found: meters.Comparison) -> list[dict[str, Any]]:
+def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
     """A dictionary for each figure, with fields as in `Difference`."""
     return [asdict(row) for row in found.rows]
 
 
-def judged_as_json(found: verdicts.Judged) -> dict[str, Any]:
+def verification_as_json(found: Verification) -> dict[str, Any]:
+    """Fields as in `Verification`, and `largest`."""
+    return asdict(found) | {"largest": found.largest}
+
+
+def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
+    """Fields as in `LawAccuracy`, `kept`, and `largest` of the changes."""
+    return asdict(found) | {
+        "by_modes": verification_as_json(found.by_modes),
+        "kept": found.kept,
+        "largest": found.by_modes.largest,
+    }
+
+
+def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
     """All figures of a recorded run, and what they come to."""
-    ran, ends = found.ran, found.conclusions
+    result, ends = found.result, found.assessment
     data = {
         **asdict(found.law),
-        "injected_j": ran.injected_j,
+        "injected_j": result.injected_j,
         "yield": _plain(found.yielded),
         "expected_error": ends.stated_error,
         "requested_accuracy": found.requested_accuracy,
-        **figures_as_json(ran.figures),
+        **figures_as_json(result.figures),
         "pacing": pacing_as_json(found.pacing),
     }
     if found.free is not None:
         data["uncontrolled"] = figures_as_json(found.free)
     law = ends.law_accuracy
-    more = {"largest": law.by_modes.largest} if law else {}
     return data | {
         "predictability": predictability_as_json(ends.predictability),
-        "law_accuracy": None if law is None else asdict(law) | more,
+        "law_accuracy": None if law is None else law_accuracy_as_json(law),
         "verdict": verdict_sentences(ends.verdict),
     }
 
@@ -92,7 +110,7 @@ def _parts(found: model.PlantParts) -> dict[str, Any]:
 
 def run_as_json(report: RunReport) -> dict[str, Any]:
     """Everything that `run --json` writes."""
-    setup, books, wall_s, judged = report.setup, report.books, report.wall_s, report.judged
+    setup, books, wall_s, assessed = report.setup, report.books, report.wall_s, report.assessed
     data = {
         "scene": setup.name,
         "seed": setup.seed,
@@ -111,11 +129,12 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "struck": report.structure,
         "newton_iterations_max": books.newton_iterations_max,
         "recording": str(report.recording.path),
-        "uncontrolled": figures_as_json(judged.free or judged.ran.figures),
-        **judged_as_json(judged),
+        "uncontrolled": figures_as_json(assessed.free or assessed.result.figures),
+        **assessment_as_json(assessed),
     }
     if report.repeats:
         data |= {"repeats": str(report.repeats), "differs": report.differs}
     if report.verifies:
-        data["verification"] = _plain(report.verification)
+        found = report.verification
+        data["verification"] = None if found is None else verification_as_json(found)
     return data

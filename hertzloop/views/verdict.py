@@ -4,27 +4,32 @@ from collections.abc import Sequence
 
 from rich.text import Text
 
-from hertzloop.analysis import effects, meters, trust
 from hertzloop.analysis import verdict as verdicts
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
+from hertzloop.analysis.law_accuracy import LawAccuracy, SensitiveFigure
+from hertzloop.analysis.rounding import percent
+from hertzloop.analysis.span_figures import MUCH_DB
+from hertzloop.analysis.stability import Stability
 from hertzloop.views.digits import known_digits
 
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 
 _LATER = {
-    verdicts.Later.NONE: "",
-    verdicts.Later.PREDICTABLE: " in the first impact",
-    verdicts.Later.UNPREDICTABLE: " (first impact; later ones are not predictable)",
-    verdicts.Later.UNKNOWN: " (first impact; it is unknown whether later ones are predictable)",
+    verdicts.LaterContacts.NONE: "",
+    verdicts.LaterContacts.PREDICTABLE: " in the first impact",
+    verdicts.LaterContacts.UNPREDICTABLE: " (first impact; later ones are not predictable)",
+    verdicts.LaterContacts.UNKNOWN: (
+        " (first impact; it is unknown whether later ones are predictable)"
+    ),
 }
 
 _CHANGED = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 
 _MOVED = {
-    trust.Moved.PENETRATION: "penetration",
-    trust.Moved.REBOUND_SPEED: "rebound speed",
-    trust.Moved.PLATE_ENERGY: "plate energy",
+    SensitiveFigure.PENETRATION: "penetration",
+    SensitiveFigure.REBOUND_SPEED: "rebound speed",
+    SensitiveFigure.PLATE_ENERGY: "plate energy",
 }
 
 
@@ -37,7 +42,7 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.
     """
-    said, figures = [], found.ran.figures
+    said, figures = [], found.result.figures
     stability = figures.stability
     if stability.unstable:
         said += _unstable(stability)
@@ -49,7 +54,7 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
         said.append(_pumping(stability))
     if figures.impacts and not figures.last_contact_ended:
         said.append("The run ends during the last contact. Increase run.duration_s.")
-    if saturation := found.ran.saturation:
+    if saturation := found.result.saturation:
         times = "once" if saturation.times == 1 else f"{saturation.times} times"
         first = f"first at {saturation.since_s * 1e3:.4g} ms (sensors.full_scale)"
         said.append(f"The sensor saturated {times}, {first}.")
@@ -70,7 +75,7 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
     Returns:
         One sentence and the hint, or nothing.
     """
-    if other_db is None or not abs(other_db - own_db) > meters.MUCH_DB:
+    if other_db is None or not abs(other_db - own_db) > MUCH_DB:
         return []
     return [
         f"Plate energy changes by {own_db:+.1f} dB {IN_WORDS[span]} and by {other_db:+.1f} dB "
@@ -78,7 +83,7 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
     ]
 
 
-def _unstable(stability: meters.Stability) -> list[str]:
+def _unstable(stability: Stability) -> list[str]:
     """State that the loop is unstable, from when, and how far it diverged."""
     said = [
         f"{UNSTABLE} the actuator supplies {stability.most_injected:.3g} times the impact energy."
@@ -95,7 +100,7 @@ def _unstable(stability: meters.Stability) -> list[str]:
     ]
 
 
-def _pumping(stability: meters.Stability) -> str:
+def _pumping(stability: Stability) -> str:
     """State that the loop adds energy, although it does not diverge."""
     since = ""
     if stability.since_s is not None:
@@ -118,7 +123,7 @@ def _control(found: verdicts.Control) -> list[str]:
             verdicts.ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
         }[found.outcome]
     ]
-    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > meters.MUCH_DB:
+    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > MUCH_DB:
         with_, without = found.contacts
         said.append(
             f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"
@@ -126,7 +131,7 @@ def _control(found: verdicts.Control) -> list[str]:
         )
     for better, head in ((True, "Better"), (False, "Worse")):
         listed = [_change_sentence(one) for one in found.changes if one.better is better]
-        of = "" if found.later is verdicts.Later.NONE else " (first impact)"
+        of = "" if found.later is verdicts.LaterContacts.NONE else " (first impact)"
         if listed:
             said.append(f"{head}{of}: {', '.join(listed)}.")
     return [*said, *(_reasons(found.reasons) if found.reasons else [])]
@@ -161,7 +166,7 @@ def _reasons(found: verdicts.Reasons) -> list[str]:
     return [f"Reason: {one}." for one in said]
 
 
-def law_accuracy_sentences(found: trust.LawAccuracy) -> list[str]:
+def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     """State which figure twice the modes change, by how much, and why.
 
     Args:
@@ -173,7 +178,7 @@ def law_accuracy_sentences(found: trust.LawAccuracy) -> list[str]:
     figure, by_modes = found.most_moved, found.by_modes
     said = [
         f"Accuracy missed: twice the modes change {_MOVED[figure]} "
-        f"by {effects.percent(by_modes.largest)} (requested {effects.percent(found.asked)})."
+        f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
     ]
     if found.latches_otherwise:
         said.append(

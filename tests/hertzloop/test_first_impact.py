@@ -14,7 +14,7 @@ from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
 from hertzloop.analysis.impacts import impacts_of_rows
-from hertzloop.analysis.meters import SpanFigures, changes_db
+from hertzloop.analysis.span_figures import SpanFigures, changes_db
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an

@@ -10,7 +10,7 @@ from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.model import parts_of
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.run_report import RunReport
-from hertzloop.analysis.verdict import judge
+from hertzloop.analysis.verdict import assess_recording
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import Recording, read
@@ -55,10 +55,10 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     assert law_line(law_of(recorded)) == "slope_threshold"
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    judged = judge(SCENE, recorded, free_figures(SCENE))
+    assessed = assess_recording(SCENE, recorded, free_figures(SCENE))
     assert recorded.books is not None
     about = recorded.books, parts_of(SCENE, recorded.books)
-    ran = RunReport(SCENE, recorded, judged, *about, "zenoh", 1.0, 1)
+    ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: inspection.show(console, inspection.inspected(recorded)),

@@ -12,7 +12,7 @@ from benchmarks import plate_models as thickness
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import against, verify
+from hertzloop.analysis.verification import against, verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
+from hertzloop.analysis.predictability import CHAOTIC, errors_of, horizon_step, known_impacts
 from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference

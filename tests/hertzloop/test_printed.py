@@ -83,7 +83,7 @@ def quantities(words: str) -> list[float]:
 
 @pytest.mark.full
 def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(ran.judged.ran.figures.neglected.findings))
+    _, *rows = lines(table_of(ran.assessed.result.figures.neglected.checks))
     sides = set()
     for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
         words = {"left out": "neglected", "not known": "unknown"}
@@ -102,8 +102,11 @@ def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None
 @pytest.mark.full
 def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
-    assert ran.judged.free is not None
-    cases = [("with", ran.judged.ran.figures.noise[0]), ("without", ran.judged.free.noise[0])]
+    assert ran.assessed.free is not None
+    cases = [
+        ("with", ran.assessed.result.figures.noise[0]),
+        ("without", ran.assessed.free.noise[0]),
+    ]
     header, *rows = lines(noise_table(cases))
     assert header[1:] == ["with", "without", "change"]
     assert {row[0] for row in rows} == set(NOISE)
@@ -123,7 +126,7 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
 
 @pytest.mark.full
 def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
-    header, *rows = lines(impacts_table("Impacts", ran.judged.ran.figures.impacts))
+    header, *rows = lines(impacts_table("Impacts", ran.assessed.result.figures.impacts))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
@@ -145,7 +148,7 @@ def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
 @pytest.mark.full
 def test_energies_of_a_heavy_sphere_need_no_exponent(ran: RunReport) -> None:
     """A narrow terminal cuts an exponent off: "3.164e+..."."""
-    figures = ran.judged.ran.figures
+    figures = ran.assessed.result.figures
     impact = replace(figures.impacts[0], plate_energy_j=0.031639)
     header, row = lines(impacts_table("Impacts", [impact]))
     assert dict(zip(header, row, strict=True))["plate energy (mJ)"] == "31.64"
@@ -204,8 +207,8 @@ def test_no_cell_of_a_table_is_cut(ran: RunReport, tmp_path: Path) -> None:
         assert max(map(len, ruled)) <= 80, words
     for width in (80, 50, 30):
         for table in (
-            impacts_table("Impacts", ran.judged.ran.figures.impacts), run_table(ran),
-            table_of(ran.judged.ran.figures.neglected.findings),
+            impacts_table("Impacts", ran.assessed.result.figures.impacts), run_table(ran),
+            table_of(ran.assessed.result.figures.neglected.checks),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

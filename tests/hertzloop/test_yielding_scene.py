@@ -9,7 +9,7 @@ import hertzloop
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.model import limiting_pressure
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import verify
+from hertzloop.analysis.verification import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.figures.impacts import impacts_in

@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 
 from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.predictability import errors_of
 from hertzloop.analysis.recorded import law_of
-from hertzloop.analysis.trust import errors_of, why_not_again
-from hertzloop.analysis.verdict import Judged, judge
+from hertzloop.analysis.repeatability import why_not_repeatable
+from hertzloop.analysis.verdict import RunAssessment, assess_recording
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.replay.as_rerun import Shown
@@ -153,8 +154,8 @@ def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     without = free_figures(setup) if shown.told.twin is not None else None
-    found = judge(setup, recording, without, why_not_again(recording))
-    figures, verdict = found.ran.figures, found.conclusions.verdict
+    found = assess_recording(setup, recording, without, why_not_repeatable(recording))
+    figures, verdict = found.result.figures, found.assessment.verdict
     unstable = figures.stability.unstable
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
@@ -166,7 +167,7 @@ def page_of(recording: Recording) -> str:
         problems=recording.problems,
         unstable=unstable,
         verdict=verdict_sentences(verdict),
-        neglected=sentences_of(figures.neglected.findings),
+        neglected=sentences_of(figures.neglected.checks),
         margin=margin,
         margin_png=margin_png,
         tables=_tables(found, not unstable),
@@ -187,13 +188,13 @@ def page_of(recording: Recording) -> str:
     )  # fmt: skip
 
 
-def _tables(found: Judged, compare: bool) -> list[ResultTable]:
+def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
     """Noise figures of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
-    runs = [found.ran.figures, *([found.free] if found.free else [])]
+    runs = [found.result.figures, *([found.free] if found.free else [])]
     if not all(run.noise for run in runs):
         return []
-    known = found.conclusions.predictability
+    known = found.assessment.predictability
     digits = [known.controlled, known.uncontrolled][: len(runs)]
     names = ["with control", "without"] if found.free else ["this run"]
     compare = compare and found.free is not None
@@ -204,7 +205,7 @@ def _tables(found: Judged, compare: bool) -> list[ResultTable]:
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
-        why_not = why_not_words(known.not_again) if run is runs[0] else ""
+        why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""
         rows, notes = impact_rows(run.impacts, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
         headings = [f"impacts, {name}", *impact_headings(run.impacts)]
@@ -213,11 +214,11 @@ def _tables(found: Judged, compare: bool) -> list[ResultTable]:
 
 
 def _law(recording: Recording) -> tuple[str, str, str]:
-    ran = law_line(law_of(recording))
+    result = law_line(law_of(recording))
     try:
-        return ran, text_of_law(recording), ""
+        return result, text_of_law(recording), ""
     except RecordingError as error:
-        return ran, "", str(error)
+        return result, "", str(error)
 
 
 def _margin(recording: Recording, setup: Setup) -> tuple[list[str], str]:
@@ -295,11 +296,11 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
 
 def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """How to come to the same samples, in words and as commands."""
-    file, ran = shlex.quote(recording.path.name), law_of(recording)
+    file, result = shlex.quote(recording.path.name), law_of(recording)
     (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
     again = shlex.quote(f"{recording.path.stem}-again.mcap")
-    if not ran.as_announced:
-        own = ran.law or "not named by the controller"
+    if not result.as_announced:
+        own = result.law or "not named by the controller"
         return (
             f"The forces came from a controller outside hertzloop with the law {own}. Start that "
             "controller and these two processes in three terminals, in any order.",
@@ -317,8 +318,8 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
     if name == setup.name and not changed:
         return same, [f"hertzloop run {name} --seed {setup.seed}"]
     run, first = f"hertzloop run {setup.name}.toml", []
-    if ran.law not in shipped_laws() and has_text:
-        law = str(ran.law).partition(":")
+    if result.law not in shipped_laws() and has_text:
+        law = str(result.law).partition(":")
         first = [f"hertzloop inspect {file} --law {shlex.quote(law[0])}"]
         run += f" --set {shlex.quote('controller.law=' + ''.join(law))}"
     return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]
