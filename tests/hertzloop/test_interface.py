@@ -40,7 +40,7 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
 
 @pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
 def test_every_transport_gives_the_same_run(
-    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.TransportName"
+    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.runs.TransportName"
 ) -> None:
     recorded = hertzloop.run(scene, tmp_path / "a.mcap", transport=transport)
     memory = hertzloop.simulate(scene)
