@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hertzloop.analysis.figures import free_figures
-from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.listening import write_sounds
 from hertzloop.analysis.predictability import errors_of
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.repeatability import why_not_repeatable
@@ -281,7 +281,7 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
     """Sounds at 1 m, their data as base64 of a WAV file, or why there are none."""
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         try:
-            heard = heard_of(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
+            heard = write_sounds(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
         except SceneError as error:
             return [], str(error)
         return [
