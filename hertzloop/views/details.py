@@ -17,7 +17,7 @@ from hertzloop.views.law_line import law_line
 
 
 def run_table(report: RunReport) -> Table:
-    """Key figures of the run itself."""
+    """Return the table of a run's properties; a row without a value is left out."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
     books, demand = report.books, report.assessed.result.figures.demand
     assessed, full = report.assessed, parts.model and parts.model.full
@@ -82,7 +82,7 @@ _LANES = {
 
 
 def _exchanges(report: RunReport) -> str:
-    """How many, how many a second, and which way."""
+    """Say how many exchanges took place, at which rate, and over which channel."""
     words = f"{report.exchanges:,}"
     if report.transport != Transport.ZENOH:
         return words
@@ -111,7 +111,7 @@ def yield_words(found: model.Yield) -> str:
 
 
 def pressure_words(limit: dict[str, Any]) -> str:
-    """At which pressure a contact yields, and by what that was chosen."""
+    """Describe the pressure at which a contact yields, and where it comes from."""
     words, by = f"{limit['pressure_pa'] * 1e-9:.3g} GPa", limit["by"]
     if by is None:
         return f"{words}, as the scene says"
@@ -122,13 +122,13 @@ def pressure_words(limit: dict[str, Any]) -> str:
 
 
 def radiation_words(found: model.Radiation) -> str:
-    """What the plate gave to the air."""
+    """Describe the energy that the plate radiated."""
     faces = "one face" if found.faces == 1 else "two faces"
     return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
 def demand_words(asked: ActuatorDemand) -> str:
-    """Largest force, slew and power that a run asked of its actuator."""
+    """Describe the largest force, slew rate and power that a run demanded of its actuator."""
     words = f"{asked.force_n:.4g} N, {asked.slew_n_s * 1e-6:.3g} N/us, {asked.power_w:.3g} W"
     if asked.delay_s:
         words += f"; its bandwidth adds {asked.delay_s * 1e6:.3g} us to the latency"
@@ -136,7 +136,7 @@ def demand_words(asked: ActuatorDemand) -> str:
 
 
 def _model_order(report: RunReport) -> str:
-    """What was chosen, what it is expected to cost, and whether that is what was asked."""
+    """Describe the plate model, its expected error, and whether that meets the request."""
     books, model, (expected, asked) = report.books, report.parts.model, report.expects
     limit_hz, words = books.frequency_limit_hz, error_words(expected, asked)
     if model is None:  # all modes that the step carries
@@ -164,13 +164,12 @@ def _model_order(report: RunReport) -> str:
 
 
 def missed(expected: float | None, asked: float) -> bool:
-    """Whether a run expects more error than was asked for."""
+    """Return whether a run expects more error than requested."""
     return expected is not None and expected > 1.001 * asked
 
 
 def error_words(expected: float | None, asked: float) -> str:
-    """The expected error of a run; where more was missed than a digit shows, with the digits that
-    show it."""
+    """Return the expected error of a run, with the digits that show a missed request."""
     if expected is None or math.isinf(expected):
         return "unknown"
     words = (f"{expected:.{digits}g}" for digits in range(1, 17))
@@ -180,7 +179,7 @@ def error_words(expected: float | None, asked: float) -> str:
 
 
 def _full_model(full: model.FullModel) -> str:
-    """What all modes that the step can carry would have cost."""
+    """Describe the cost of all modes that the step supports."""
     limit = f"up to {full.frequency_limit_hz / 1e3:.4g} kHz = 1/(2 step)"
     if full.frequencies is None:
         return f"about {full.modes:.2g} modes {limit}, too many to count here"
@@ -195,7 +194,7 @@ def _full_model(full: model.FullModel) -> str:
 
 
 def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
-    """Until when an infinite plate would have done, where the first contact is over by then."""
+    """Say until when an infinite plate is sufficient; empty if the first contact lasts longer."""
     until_s, impacts = model.infinite_until_s, report.assessed.result.figures.impacts
     if model.plate_model == "infinite" or until_s is None or not impacts:
         return ""
@@ -208,7 +207,7 @@ def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
 
 
 def theory_words(found: model.Theory) -> str:
-    """Which theory a run took, and why."""
+    """Describe the plate theory of a run, and the reason for it."""
     size = f"Kirchhoff's theory may cost {found.kirchhoff_error.largest:.1g}"
     if STRUCTURES[found.chosen].solid:
         loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
@@ -219,7 +218,7 @@ def theory_words(found: model.Theory) -> str:
 
 
 def tail_words(found: model.Tail) -> str:
-    """What stands for the modes left out where that is no spring."""
+    """Describe the damped mode that replaces the truncated modes."""
     words, away = (
         f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",
         found.wavelengths_to_edge,
@@ -232,8 +231,15 @@ def tail_words(found: model.Tail) -> str:
 def what_limits(
     solid: bool, controlled: bool, of_file: bool, limit_hz: float, full_hz: float
 ) -> str:
-    """Why a run expects more error than was asked for, in words: of a solid, a controlled run, a
-    file of modes, up to `limit_hz` where the step carries `full_hz`."""
+    """Say why a run expects more error than requested.
+
+    Args:
+        solid: Whether the plate is an elastic solid.
+        controlled: Whether the run has a law.
+        of_file: Whether the modes come from a file.
+        limit_hz: Limit of the modes, Hz.
+        full_hz: Limit of the modes that the step supports, Hz.
+    """
     steps = (
         "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
         "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"

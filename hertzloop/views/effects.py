@@ -10,6 +10,16 @@ from hertzloop.analysis.effects import EffectState, Neglected, ValidityCheck
 from hertzloop.analysis.rounding import percent
 from hertzloop.views.format import Table, unwrapped
 
+_MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
+_HEADS = {
+    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
+    EffectState.LEFT_OUT: ("Neglected:", "yellow"),
+}
+
+_STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
+
+_BRIEF = {row.name: (row.brief or row.name, row.key) for row in ROWS}
+
 
 def not_evaluated(neglected: Neglected) -> str:
     """Return which effects have no size in this structure, in a sentence; empty if all have one."""
@@ -21,18 +31,8 @@ def not_evaluated(neglected: Neglected) -> str:
     )
 
 
-_HEADS = {
-    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
-    EffectState.LEFT_OUT: ("Neglected:", "yellow"),
-}
-
-_STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
-
-_BRIEF = {row.name: (row.brief or row.name, row.key) for row in ROWS}
-
-
 def sentences_of(found: Iterable[ValidityCheck]) -> list[tuple[str, str]]:
-    """Heads and sentences on effects out of range, then on neglected effects."""
+    """Return heads and sentences on effects out of range, then on neglected effects."""
     return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
 
 
@@ -46,7 +46,7 @@ def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]
     """Render each effect outside its limit on one line of at most 80 columns.
 
     Args:
-        found: The indicators.
+        found: The checks of a run.
 
     Returns:
         Head, style and text of each line: effects out of range first, then neglected ones.
@@ -66,12 +66,12 @@ def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]
 
 
 def neglected_lines(found: Iterable[ValidityCheck]) -> list[Text]:
-    """A sentence on each neglected effect."""
+    """Return a sentence on each effect that is neglected or out of range."""
     return [unwrapped((head, style), f" {said}") for head, style, said in _styled_sentences(found)]
 
 
 def table_of(found: Iterable[ValidityCheck]) -> Table:
-    """All indicators with their thresholds."""
+    """Return the table of all effects with their thresholds."""
     table = Table(title="Neglected effects")
     for heading in ("effect", "formula", "value", "threshold", ""):
         table.add_column(heading, justify="right" if heading in ("value", "threshold") else "left")
@@ -85,11 +85,8 @@ def table_of(found: Iterable[ValidityCheck]) -> Table:
     return table
 
 
-_MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
-
-
 def warning_lines(found: Iterable[ValidityCheck]) -> list[Text]:
-    """One line for each effect outside its limit."""
+    """Return one line for each effect outside its limit, at most eight."""
     known = brief_warnings(found)
     lines = [Text.assemble((head, style), f" {words}") for head, style, words in known]
     if len(lines) > _MOST_WARNINGS:

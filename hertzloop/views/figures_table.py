@@ -31,7 +31,7 @@ def figures_table(result: RunResult, known: Predictability, free: Figures | None
     """Return the table of at most ten figures that ends a run.
 
     Args:
-        ran: The run.
+        result: The run.
         known: How well its figures, and those without control, can be known.
         free: The figures of the same run without control. None if there is no comparison.
 

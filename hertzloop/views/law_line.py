@@ -8,7 +8,7 @@ _LONGEST = 200  # characters that are shown of a controller's own words
 
 
 def why_not_words(found: NotRepeatable | None) -> str:
-    """Why a run cannot be simulated again, in words that follow "since"; empty where it can."""
+    """Say why a run cannot be simulated again, in words that follow "since"; empty if it can."""
     if found is None:
         return ""
     if found.law is not None:
@@ -22,17 +22,17 @@ def why_not_words(found: NotRepeatable | None) -> str:
 
 
 def law_line(data: LawRan) -> str:
-    """Which law the forces of a recording come from."""
-    result, announced = law_words(data.law, data.law_digest), data.scene_law
-    if data.as_announced or (result and data.law == announced and data.law_digest is None):
-        return result
-    said = result or "not reported by the controller"
+    """Name the law that the forces of a recording come from."""
+    used, announced = law_words(data.law, data.law_digest), data.scene_law
+    if data.as_announced or (used and data.law == announced and data.law_digest is None):
+        return used
+    said = used or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)
     return f"{said} (the scene says {scene})" if announced else said
 
 
 def law_words(name: str | None, digest: str | None) -> str:
-    """A law's name, with no more of it than fits, and what its files are."""
+    """Return a law's name, shortened to fit, and the digest of its files if it is not shipped."""
     words = "".join(c for c in " ".join((name or "").split()) if c.isprintable())[:_LONGEST]
     own = name is not None and name not in shipped()
     return f"{words}, digest {digest[:_LONGEST]}" if digest and own else words

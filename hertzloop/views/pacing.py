@@ -10,7 +10,7 @@ from hertzloop.views.format import unwrapped
 
 
 def pacing_sentences(found: Pacing) -> list[str]:
-    """What a person can act on."""
+    """State missed deadlines, response times, and the pace that this machine supports."""
     missed = (
         f"{found.late_forces:,} of {found.steps:,} forces came late "
         f"({100 * found.share_late:.2g} %), at most {found.longest_row:,} in a row"
@@ -38,6 +38,7 @@ def pacing_sentences(found: Pacing) -> list[str]:
 
 
 def _pacing_advice(found: PacedClock) -> str:
+    """Recommend a pace, a latency or another computer."""
     controller, plant = found.controller_pace, found.plant_pace or found.controller_pace
     could = min(controller, plant)
     words = f"This machine, as it was, holds a pace of {could:.1g} with {100 * IN_TIME:g} % in time"
@@ -55,7 +56,7 @@ def _pacing_advice(found: PacedClock) -> str:
 def pacing_lines(
     found: Pacing | None, repeats: Path | None = None, differs: str | None = None
 ) -> list[Text]:
-    """What is to be said of pace and repetition, if anything."""
+    """Return sentences on pacing and repetition; none for a run that does neither."""
     lines = [unwrapped(sentence) for sentence in (pacing_sentences(found) if found else ())]
     if repeats:
         said = f"not the run in {repeats}: {differs}" if differs else (

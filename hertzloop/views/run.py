@@ -19,21 +19,6 @@ from hertzloop.views.pacing import pacing_lines
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 
-def _verification_line(report: RunReport) -> Text:
-    """What halving the step and doubling the modes changed."""
-    found, asked = report.verification, report.assessed.requested_accuracy
-    if found is None:
-        return unwrapped("Nothing to verify: no impact ends within the run.")
-    met = ("met", "") if found.largest <= asked else ("missed", "red")
-    return unwrapped(
-        f"Verified with half the step and modes to {found.frequency_limit_hz / 1e3:.4g} kHz: "
-        f"penetration {found.penetration:.1e}, rebound speed {found.rebound_speed:.1e}, "
-        f"plate energy {found.plate_energy:.1e}; requested {asked:g}: ",
-        met,
-        ".",
-    )
-
-
 def print_run(
     console: Console, report: RunReport, details: bool = False, warning: Text | None = None
 ) -> None:
@@ -65,8 +50,31 @@ def print_run(
     print_all(console, [*said, *_run_lines(report)])
 
 
+def next_lines(path: str) -> list[Text]:
+    """Return the path of the recording and the next command."""
+    return [
+        unwrapped("Recording: ", (path, "bold"), ". --details prints all figures."),
+        unwrapped("Next: ", (shlex.join(["hertzloop", "replay", path]), "bold")),
+    ]
+
+
+def _verification_line(report: RunReport) -> Text:
+    """Say what half the step and twice the modes changed."""
+    found, asked = report.verification, report.assessed.requested_accuracy
+    if found is None:
+        return unwrapped("Nothing to verify: no impact ends within the run.")
+    met = ("met", "") if found.largest <= asked else ("missed", "red")
+    return unwrapped(
+        f"Verified with half the step and modes to {found.frequency_limit_hz / 1e3:.4g} kHz: "
+        f"penetration {found.penetration:.1e}, rebound speed {found.rebound_speed:.1e}, "
+        f"plate energy {found.plate_energy:.1e}; requested {asked:g}: ",
+        met,
+        ".",
+    )
+
+
 def _run_lines(report: RunReport) -> list[Text]:
-    """Scene, law, errors, recording and the next command."""
+    """Return scene, law, errors, recording and the next command."""
     setup, books, path = report.setup, report.books, str(report.recording.path)
     return [
         Text(
@@ -85,16 +93,8 @@ def _run_lines(report: RunReport) -> list[Text]:
     ]
 
 
-def next_lines(path: str) -> list[Text]:
-    """Where the recording is, and the next command."""
-    return [
-        unwrapped("Recording: ", (path, "bold"), ". --details prints all figures."),
-        unwrapped("Next: ", (shlex.join(["hertzloop", "replay", path]), "bold")),
-    ]
-
-
 def _details(report: RunReport) -> list[Text | Table]:
-    """All impacts, noise figures, properties of the run and neglected effects."""
+    """Return all impacts, noise figures, properties of the run and neglected effects."""
     result, known = report.assessed.result, report.assessed.assessment.predictability
     found, free = result.figures, report.assessed.free or result.figures
     own, other = known.controlled, known.uncontrolled

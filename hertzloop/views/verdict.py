@@ -12,10 +12,9 @@ from hertzloop.analysis.span_figures import MUCH_DB
 from hertzloop.analysis.stability import Stability
 from hertzloop.views.digits import known_digits
 
-# Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 
-_LATER = {
+_LATER_CONTACTS = {
     verdicts.LaterContacts.NONE: "",
     verdicts.LaterContacts.PREDICTABLE: " in the first impact",
     verdicts.LaterContacts.UNPREDICTABLE: " (first impact; later ones are not predictable)",
@@ -24,9 +23,9 @@ _LATER = {
     ),
 }
 
-_CHANGED = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
+_OTHER_FIGURES = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 
-_MOVED = {
+_SENSITIVE_FIGURES = {
     SensitiveFigure.PENETRATION: "penetration",
     SensitiveFigure.REBOUND_SPEED: "rebound speed",
     SensitiveFigure.PLATE_ENERGY: "plate energy",
@@ -114,8 +113,9 @@ def _control(found: verdicts.Control) -> list[str]:
         return ["Control has no effect: the law never commands a force."]
     if found.outcome is verdicts.ControlEffect.UNPREDICTABLE:
         return ["The effect of control is unpredictable: the model error exceeds the change."]
+    # One digit: the second depends on where in a sample the contact begins.
     change = known_digits(abs(found.energy_db), ".1f", found.error_db)
-    over = _LATER[found.later]
+    over = _LATER_CONTACTS[found.later]
     said = [
         {
             verdicts.ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
@@ -138,8 +138,8 @@ def _control(found: verdicts.Control) -> list[str]:
 
 
 def _change_sentence(found: verdicts.Change) -> str:
-    if found.figure in _CHANGED:
-        return f"{_CHANGED[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
+    if found.figure in _OTHER_FIGURES:
+        return f"{_OTHER_FIGURES[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
         return "rebound height, from nearly zero"
     return (
@@ -177,7 +177,7 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     """
     figure, by_modes = found.most_moved, found.by_modes
     said = [
-        f"Accuracy missed: twice the modes change {_MOVED[figure]} "
+        f"Accuracy missed: twice the modes change {_SENSITIVE_FIGURES[figure]} "
         f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
     ]
     if found.latches_otherwise:
