@@ -1,4 +1,4 @@
-"""Figures of a run from its rows of truth."""
+"""Figures of a run, from its time series."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -28,10 +28,19 @@ from hertzloop.setup.build import free_series
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of a run: its impacts and as many noise figures; those of its first impact and of the
-    whole run, None without a contact, the latter also of the published scheme; whether the last
-    contact ended; the loop's stability, what it asks of the actuator and when that pushes, None of
-    one that never does; the effects that the run neglects, none of an unstable loop."""
+    """Figures of a run.
+
+    Attributes:
+        impacts: the impacts, in order.
+        noise: noise figures of each impact.
+        first_impact: figures of the first impact; None without a contact.
+        whole_run: figures of all contacts; None without one, and for the published scheme.
+        last_contact_ended: whether the last contact ended within the run.
+        stability: stability of the loop.
+        demand: demand on the actuator; None if it never acts.
+        push: when the actuator acts; None if it never acts.
+        neglected: the effects that the run neglects.
+    """
 
     impacts: list[Impact]
     noise: list[ImpactNoise]
@@ -46,7 +55,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Saturation:
-    """How often samples were out of the converter's range where it matters, and since when."""
+    """How often samples exceeded the range of the sensor, and since when, s."""
 
     times: int
     since_s: float
@@ -78,7 +87,7 @@ class RunResult:
 
 
 def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
-    """Figures of a run from rows of truth, at once or in blocks."""
+    """Compute the figures of a run from its time series, shape (10, steps), or from its blocks."""
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
     spec = setup.plant
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
@@ -104,14 +113,14 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
-# Cleared while the processes of a run need the cores: what is simulated beside them waits then.
+# Cleared while the processes of a run need the cores: a simulation in the background then waits.
 no_loop = Event()
 no_loop.set()
 
 
 @lru_cache(maxsize=4)
 def free_figures(setup: Setup) -> Figures | None:
-    """Figures of the same run without control, simulated here; None of a setup without a law."""
+    """Simulate the same run without control, on the same plate model; None without a law."""
     if not setup.has_law:
         return None
     without = setup.without_control(same_plate=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from hertzloop.analysis.recorded import LawRan, law_of
+from hertzloop.analysis.recorded import RecordedLaw, law_of
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
@@ -27,7 +27,7 @@ class NotRepeatable:
     or the sentence of an error."""
 
     reason: WhyNotRepeatable
-    law: LawRan | None = None
+    law: RecordedLaw | None = None
     error: str = ""
 
 

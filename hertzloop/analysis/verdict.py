@@ -1,4 +1,4 @@
-"""What a run comes to: whether control helped, in what, why not; what spoils the figures."""
+"""Assess a run: whether control helped, in what, why not, and what spoils the figures."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from hertzloop.analysis.figures import Figures, RunResult, Saturation, figures_o
 from hertzloop.analysis.law_accuracy import LawAccuracy, law_accuracy, stated_error
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.predictability import Predictability, errors_of, predictability
-from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
+from hertzloop.analysis.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
 from hertzloop.analysis.repeatability import NotRepeatable
 from hertzloop.analysis.span_figures import DECIBELS, change_db
 from hertzloop.bus.messages_pb2 import EventKind
@@ -26,7 +26,7 @@ _OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
 class ControlEffect(Enum):
     """What control does to the plate energy."""
 
-    IDLE = auto()  # the law never pushed
+    IDLE = auto()  # the law never commanded a force
     UNPREDICTABLE = auto()
     HELPS = auto()
     HARMS = auto()
@@ -44,8 +44,15 @@ class LaterContacts(Enum):
 
 @dataclass(frozen=True)
 class Change:
-    """By how much control changes another figure of the first impact, in dB, the rebound height in
-    per cent of that without control; its error; `from_nothing`: there was next to none."""
+    """Change of another figure of the first impact by control.
+
+    Attributes:
+        figure: name of the figure.
+        value: change in dB; for the rebound height, per cent of that without control.
+        error: error of the change, in the same unit.
+        better: whether control improves the figure.
+        from_nothing: whether the figure without control is nearly zero.
+    """
 
     figure: str
     value: float
@@ -56,9 +63,15 @@ class Change:
 
 @dataclass(frozen=True)
 class Reasons:
-    """Why control does not help, each None where it is no reason: time from touch to first force
-    and its share of the contact without control, share of the push while nothing touches, energy
-    that the actuator puts in, dent that a law takes for penetration."""
+    """Why control does not help; None for what is not a reason.
+
+    Attributes:
+        after_touch_s: time from the first contact to the first force, s.
+        late_share: that time over the contact time without control.
+        apart: share of the absolute impulse that acts without contact.
+        injected_j: work of the actuator on the plate, J.
+        dent_m: permanent indentation that the law mistakes for penetration, m.
+    """
 
     after_touch_s: float | None = None
     late_share: float | None = None
@@ -69,10 +82,18 @@ class Reasons:
 
 @dataclass(frozen=True)
 class Control:
-    """What control changes in the first impact: the plate energy in dB with its error, and other
-    figures; what is known of `later` contacts, and the change of the plate energy over all, None
-    where it is not predictable; numbers of contacts with and without control; `reasons` where it
-    does not help."""
+    """What control changes.
+
+    Attributes:
+        outcome: the effect on the plate energy.
+        energy_db: change of the plate energy in the first impact, dB.
+        error_db: error of that change, dB.
+        later: what is known of later contacts.
+        whole_db: change of the plate energy over all contacts, dB; None if not predictable.
+        contacts: numbers of contacts with and without control.
+        changes: changes of other figures.
+        reasons: why control does not help; None if it helps.
+    """
 
     outcome: ControlEffect
     energy_db: float = 0.0
@@ -86,8 +107,13 @@ class Control:
 
 @dataclass(frozen=True)
 class RunVerdict:
-    """What a run comes to. `control`: None where there is nothing to compare with; `law_accuracy`:
-    of a law that does not let the run keep its accuracy."""
+    """The verdict on a run.
+
+    Attributes:
+        result: the run.
+        control: what control changes; None if there is no run to compare with.
+        law_accuracy: set if the law prevents the run from keeping its accuracy.
+    """
 
     result: RunResult
     control: Control | None
@@ -96,8 +122,14 @@ class RunVerdict:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the figures of a run come to. `stated_error`: model error of the run, relative; None
-    where it is not known."""
+    """The assessment of a run's figures.
+
+    Attributes:
+        stated_error: model error of the run, relative; None if it is not known.
+        predictability: how well the impacts can be known.
+        law_accuracy: accuracy under the law; None if it was not evaluated.
+        verdict: the verdict on the run.
+    """
 
     stated_error: float | None
     predictability: Predictability
@@ -107,10 +139,19 @@ class Assessment:
 
 @dataclass(frozen=True)
 class RunAssessment:
-    """A recorded run with all of its figures, those of the same without control (None if it is that
-    itself), and what they come to."""
+    """A recorded run with its figures and their assessment.
 
-    law: LawRan
+    Attributes:
+        law: the law that the controller used.
+        result: the figures of the run.
+        yielded: the permanent indentation; None if the contact did not yield.
+        requested_accuracy: requested model error, relative.
+        pacing: missed deadlines; None for a run in lock-step.
+        free: figures of the same run without control; None if the run has no control.
+        assessment: what the figures show.
+    """
+
+    law: RecordedLaw
     result: RunResult
     yielded: Yield | None
     requested_accuracy: float
@@ -125,7 +166,7 @@ def assess_recording(
     free: Figures | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> RunAssessment:
-    """All figures of a recorded run, and what they come to.
+    """Compute all figures of a recorded run, and assess them.
 
     Args:
         setup: The setup of the run, whose closed loop is simulated again.
@@ -155,7 +196,7 @@ def assess(
     free: Figures | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> Assessment:
-    """What the figures of a run come to; arguments as for `assess_recording`."""
+    """Assess the figures of a run; arguments as for `assess_recording`."""
     accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.figures)
     result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
     known = predictability(setup, result, free, not_repeatable)
@@ -169,8 +210,8 @@ def verdict(
     known: Predictability | None = None,
     accuracy: LawAccuracy | None = None,
 ) -> RunVerdict:
-    """What a run comes to; without the figures of the same run without control (`free`) on that
-    alone which spoils its own."""
+    """Return the verdict on a run; without `free`, the figures of the run without control, it says
+    only what spoils the figures."""
     control, figures = None, result.figures
     comparable = bool(figures.impacts) and not figures.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
@@ -179,7 +220,7 @@ def verdict(
 
 
 def _control(result: RunResult, free: Figures, known: Predictability | None) -> Control:
-    """Whether control helped, in what, and why not."""
+    """Evaluate whether control helped, in what, and why not."""
     figures = result.figures
     if figures.push is None:
         return Control(ControlEffect.IDLE)
@@ -200,7 +241,7 @@ def _control(result: RunResult, free: Figures, known: Predictability | None) -> 
 
 
 def _predictable(value: float, error: float) -> bool:
-    """Whether any digit of a number is, by its largest absolute error; 0 where all digits are."""
+    """Return whether any digit of a number is predictable, given its largest absolute error."""
     return error == 0.0 or error < abs(value)
 
 
@@ -230,7 +271,7 @@ def _plate_energy(
 
 
 def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:
-    """Other figures of the first impact that are better or worse."""
+    """Yield other figures of the first impact that are better or worse."""
     if not figures.noise or not free.noise:
         return
     with_, without = vars(figures.noise[0]), vars(free.noise[0])
@@ -255,7 +296,7 @@ def _changes(figures: Figures, free: Figures, known: Predictability | None) -> I
 
 
 def _reasons(result: RunResult, contact_s: float) -> Reasons:
-    """What the rows say of the reasons."""
+    """Return the reasons that the figures show."""
     push = result.figures.push
     assert push is not None
     late = push.after_touch_s / contact_s

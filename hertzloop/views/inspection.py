@@ -13,7 +13,14 @@ from hertzloop.analysis.comparison import Comparison
 from hertzloop.analysis.figures import RunResult, figures_of
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.predictability import Predictability, errors_of, predictability
-from hertzloop.analysis.recorded import NEEDED_FIELDS, LawRan, Pacing, blocks_of, law_of, pacing_of
+from hertzloop.analysis.recorded import (
+    NEEDED_FIELDS,
+    Pacing,
+    RecordedLaw,
+    blocks_of,
+    law_of,
+    pacing_of,
+)
 from hertzloop.analysis.repeatability import why_not_repeatable
 from hertzloop.analysis.span_figures import SPAN_ROWS
 from hertzloop.analysis.verdict import saturation_of
@@ -41,7 +48,7 @@ class Inspected:
 
     recording: Recording
     problems: Sequence[str]
-    law: LawRan
+    law: RecordedLaw
     pacing: Pacing | None
     yielded: Yield | None
     result: RunResult | None

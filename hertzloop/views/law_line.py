@@ -1,6 +1,6 @@
 """Which law a run used, and why a run cannot be simulated again, in words."""
 
-from hertzloop.analysis.recorded import LawRan
+from hertzloop.analysis.recorded import RecordedLaw
 from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.controller.loading.registry import shipped
 
@@ -21,7 +21,7 @@ def why_not_words(found: NotRepeatable | None) -> str:
     }.get(found.reason, found.error)
 
 
-def law_line(data: LawRan) -> str:
+def law_line(data: RecordedLaw) -> str:
     """Name the law that the forces of a recording come from."""
     used, announced = law_words(data.law, data.law_digest), data.scene_law
     if data.as_announced or (used and data.law == announced and data.law_digest is None):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.recorded import law_ran
+from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
@@ -90,7 +90,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: st
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
-    assert law_ran(mine) == ("mine.py", loaded_law(scene).digest)
+    assert reported_law(mine) == ("mine.py", loaded_law(scene).digest)
     assert mine.law_source == (here / "mine.py").read_text()
 
 
