@@ -31,9 +31,10 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import record
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 
 SLOW_S = 0.5  # that the slow one takes for a message
 
@@ -309,7 +310,7 @@ def loop_costs() -> list[Cost]:
         def measure() -> float:
             with TemporaryDirectory() as folder:
                 options = RunOptions(transport, horizon=horizon)
-                report = run_scene(setup, Path(folder) / "a.mcap", options)
+                report = run_as_json(run_and_assess(setup, Path(folder) / "a.mcap", options))
             return float(report["wall_s"]) * 1e6 / setup.steps
 
         return measure

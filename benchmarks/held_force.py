@@ -31,7 +31,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.trust import against, judged
+from hertzloop.analysis.law_accuracy import simulated_law_accuracy
+from hertzloop.analysis.verification import against
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.setup import Setup, load, model_error
@@ -122,7 +123,7 @@ def outcome(theory: str, law: str, accuracy: float, random: np.random.Generator)
     found = [_error(setup, limit_hz) for limit_hz in (all_hz, twice_hz)]
     if None in found:
         return None
-    by_modes = judged(setup, setup.duration_s)
+    by_modes = simulated_law_accuracy(setup, setup.duration_s)
     material, h = spec.plate.material, keys["plate.thickness_m"]
     thin = h * math.sqrt(material.plane_strain_modulus_pa / (12.0 * material.density_kg_m3))
     return Outcome(

@@ -27,7 +27,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.meters import StabilityMeter
+from hertzloop.analysis.stability import StabilityAccumulator
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
@@ -333,10 +333,10 @@ def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
             # The law commands no number any more: it has run away.
             yield Check("impacts", case, predicted, math.inf, True, str(error)[:60])
             continue
-        meter = StabilityMeter(run)
-        meter.feed(0, rows)
+        accumulator = StabilityAccumulator(run)
+        accumulator.feed(0, rows)
         per_s = growth_of_rows(rows, run.step_s)
-        agrees = bool(meter.result().unstable)
+        agrees = bool(accumulator.result().unstable)
         yield Check(
             "impacts", case, predicted, per_s, agrees, "" if agrees else "not called unstable"
         )

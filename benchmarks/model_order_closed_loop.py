@@ -2,8 +2,8 @@
 
 The first impact of whole scenes, half of them with a damper in the contact, half with a contact
 that yields, each without and with a law: changes of gap, rebound speed and plate energy as in
-`hertzloop.analysis.trust.verify`, loop closed, against a quarter of the step and all modes up to
-twice the sampling frequency. (Twice the modes of the tightest request end near the sampling
+`hertzloop.analysis.verification.verify`, loop closed, against a quarter of the step and all modes
+up to twice the sampling frequency. (Twice the modes of the tightest request end near the sampling
 frequency, where the steps of a held force have a line; that would test the reference.)
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.model_order import drawn, material_name, random_spec
 from benchmarks.program import write_records
-from hertzloop.analysis import trust as law_accuracy
-from hertzloop.analysis.trust import Verification, against, finer_spec
+from hertzloop.analysis.law_accuracy import simulated_law_accuracy
+from hertzloop.analysis.verification import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
@@ -148,7 +148,7 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
 def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
     spec = setup.plant
     yields, expected = spec.contact.limit is not None, model_error.expected_error(setup)
-    under_law = law_accuracy.judged(setup, setup.duration_s)
+    under_law = simulated_law_accuracy(setup, setup.duration_s)
     return Outcome(
         scene=number,
         contact="yields" if yields else f"e {setup.scene.contact.restitution:g}",

@@ -36,12 +36,12 @@ from benchmarks.program import (
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.views.run import run_scene
 
 _SETTINGS = ["run.duration_s=0.0012", "controller.law=force_feedback"]
 _FIGURES = ("plate_energy_db", "rebound_percent", "peak_force_n")
@@ -72,7 +72,7 @@ def paced(setup: Setup, path: Path, pace: float) -> tuple[list[float], bool]:
     Returns:
         The latency of each sample, us, and whether lock-step with them gives the same bytes.
     """
-    run_scene(setup, path, RunOptions(pace=pace), lambda step: None)
+    run_and_assess(setup, path, RunOptions(pace=pace), lambda step: None)
     recording = read(path)
     latencies = [float(x) for x in latencies_of(recording)]
     again = setup.vary({_TRACE: latencies})

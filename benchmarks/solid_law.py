@@ -31,7 +31,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.trust import against, judged, stated_error
+from hertzloop.analysis.law_accuracy import simulated_law_accuracy, stated_error
+from hertzloop.analysis.verification import against
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.setup import Setup, load, model_error
@@ -117,7 +118,9 @@ def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outc
     both = _errors(setup, twice_hz, 2)
     if both is None:
         return None
-    stated = stated_error(model_error.expected_error(setup), judged(setup, setup.duration_s))
+    stated = stated_error(
+        model_error.expected_error(setup), simulated_law_accuracy(setup, setup.duration_s)
+    )
     assert stated is not None
     typed = [f"--set {key}={value}".replace(", ", ",") for key, value in (keys | more).items()]
     return Outcome(

@@ -18,6 +18,7 @@ import hertzloop
 from benchmarks.program import app_of
 from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
+from hertzloop.cli.commands import leaves
 from hertzloop.scenes.keys import keys, page
 from tests import figure_page
 
@@ -65,7 +66,7 @@ def commands(page: Path, programs: tuple[str, ...] = ("hertzloop ",)) -> list[li
 def test_documented_commands_exist(page: Path) -> None:
     """Command and options; the files that they name need not be there."""
     for words in commands(page):
-        [leaf] = [leaf for leaf in app.leaves() if words[1:][: len(leaf.words.split())]
+        [leaf] = [leaf for leaf in leaves() if words[1:][: len(leaf.words.split())]
                   == leaf.words.split()]  # fmt: skip
         command, rest = app.loaded(leaf), words[1 + len(leaf.words.split()) :]
         options = {
@@ -98,7 +99,7 @@ def test_every_program_has_its_line() -> None:
 
 def test_every_command_has_its_line() -> None:
     told = (DOCS / "reference" / "commands.md").read_text()
-    for leaf in app.leaves():
+    for leaf in leaves():
         assert re.search(rf"`(hertzloop )?{leaf.words}\b", told), leaf.words
 
 

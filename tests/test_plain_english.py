@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.cli import app
+from hertzloop.cli.commands import leaves
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -87,7 +88,7 @@ def raised(path: Path) -> Iterator[tuple[int, str]]:
 
 def helps() -> Iterator[tuple[str, str]]:
     """Yield every command with its summary, its example and all help texts of its page."""
-    for leaf in app.leaves():
+    for leaf in leaves():
         command = app.loaded(leaf)
         told = [leaf.summary, leaf.example, command.help or "", command.epilog or ""]
         told += [getattr(param, "help", None) or "" for param in command.params]

@@ -11,21 +11,14 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from hertzloop.analysis.effects import EffectState, Facts, names_by_state
+from hertzloop.analysis.effects import EffectState, names_by_state
+from hertzloop.analysis.figure_rows import described, figure, rows_of
 from hertzloop.analysis.impacts import first_impact, impacts_of_rows
-from hertzloop.analysis.meters import (
-    ExtremesMeter,
-    SpanFigures,
-    Stability,
-    StabilityMeter,
-    WholeRunMeter,
-    audible_modes,
-    changes_db,
-    described,
-    figure,
-    of_impact,
-    rows_of,
-)
+from hertzloop.analysis.run_context import RunContext
+from hertzloop.analysis.span_figures import SpanFigures, changes_db, of_impact
+from hertzloop.analysis.stability import Stability, StabilityAccumulator
+from hertzloop.analysis.statistics import ExtremesAccumulator
+from hertzloop.analysis.whole_run import WholeRunAccumulator, audible_modes
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate
 from hertzloop.plant.figures.impacts import Impact
@@ -268,9 +261,9 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
 
 def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
     """What rows of truth say of the closed loop. Raises UnstableLoop."""
-    meter = StabilityMeter(setup)
-    meter.feed(0, rows)
-    found = meter.result()
+    accumulator = StabilityAccumulator(setup)
+    accumulator.feed(0, rows)
+    found = accumulator.result()
     if found.unstable:
         times = found.most_injected
         raise UnstableLoop(
@@ -294,9 +287,11 @@ def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
 
 def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
     spec = setup.plant
-    meter = ExtremesMeter(spec)
-    meter.feed(0, rows)
-    return names_by_state(Facts(setup, meter.result(impacts), rows.shape[1] * setup.step_s))
+    accumulator = ExtremesAccumulator(spec)
+    accumulator.feed(0, rows)
+    return names_by_state(
+        RunContext(setup, accumulator.result(impacts), rows.shape[1] * setup.step_s)
+    )
 
 
 def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
@@ -316,8 +311,8 @@ def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, l
     impacts = [one.impact for one in found]
     if span == "impact":
         return of_impact(found[0]), impacts, found[0].over
-    meter = WholeRunMeter(spec)
-    meter.feed(0, rows)
-    whole = meter.result(impacts)
+    accumulator = WholeRunAccumulator(spec)
+    accumulator.feed(0, rows)
+    whole = accumulator.result(impacts)
     assert whole is not None
     return whole, impacts, rows.shape[1]

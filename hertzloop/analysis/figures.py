@@ -1,4 +1,4 @@
-"""Figures of a run from its rows of truth."""
+"""Figures of a run, from its time series."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,9 +7,18 @@ from threading import Event
 
 import numpy as np
 
-from hertzloop.analysis import meters
 from hertzloop.analysis.effects import Neglected, neglected
 from hertzloop.analysis.impacts import Block, impacts_of_blocks
+from hertzloop.analysis.span_figures import SpanFigures, of_impact
+from hertzloop.analysis.stability import Stability, StabilityAccumulator
+from hertzloop.analysis.statistics import (
+    ActuatorDemand,
+    ActuatorDemandAccumulator,
+    ExtremesAccumulator,
+    ForceTiming,
+    ForceTimingAccumulator,
+)
+from hertzloop.analysis.whole_run import WholeRunAccumulator
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -19,36 +28,53 @@ from hertzloop.setup.build import free_series
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of a run: its impacts and as many noise figures; those of its first impact and of the
-    whole run, None without a contact, the latter also of the published scheme; whether the last
-    contact ended; the loop's stability, what it asks of the actuator and when that pushes, None of
-    one that never does; the effects that the run neglects, none of an unstable loop."""
+    """Figures of a run.
+
+    Attributes:
+        impacts: the impacts, in order.
+        noise: noise figures of each impact.
+        first_impact: figures of the first impact; None without a contact.
+        whole_run: figures of all contacts; None without one, and for the published scheme.
+        last_contact_ended: whether the last contact ended within the run.
+        stability: stability of the loop.
+        demand: demand on the actuator; None if it never acts.
+        push: when the actuator acts; None if it never acts.
+        neglected: the effects that the run neglects.
+    """
 
     impacts: list[Impact]
     noise: list[ImpactNoise]
-    first_impact: meters.SpanFigures | None
-    whole_run: meters.SpanFigures | None
+    first_impact: SpanFigures | None
+    whole_run: SpanFigures | None
     last_contact_ended: bool
-    stability: meters.Stability
-    demand: meters.Demand | None
-    push: meters.Push | None
+    stability: Stability
+    demand: ActuatorDemand | None
+    push: ForceTiming | None
     neglected: Neglected
 
 
 @dataclass(frozen=True)
 class Saturation:
-    """How often samples were out of the converter's range where it matters, and since when."""
+    """How often samples exceeded the range of the sensor, and since when, s."""
 
     times: int
     since_s: float
 
 
 @dataclass(frozen=True)
-class Ran:
-    """A run to be judged: its figures, and what is known of it besides. `injected_j`: the
-    actuator's share of the plate energy; `dent_m`: what a contact that yields leaves, 0 without;
-    `late`: whether forces came too late, so that not the law alone decided;
-    `law_models_yield`: whether the law declares that it allows for a permanent dent."""
+class RunResult:
+    """The result of a run, to be assessed.
+
+    Attributes:
+        figures: the figures of the run.
+        scene_law: the law that the scene names; None if it is not known.
+        expected_error: expected model error, relative; None if it is not known.
+        injected_j: work of the actuator on the plate, J.
+        dent_m: permanent indentation, m.
+        late: whether forces came too late, so that the law alone did not decide.
+        saturation: saturation of the sensor, if any.
+        law_models_yield: whether the law declares that it allows for a permanent indentation.
+    """
 
     figures: Figures
     scene_law: str | None
@@ -61,20 +87,20 @@ class Ran:
 
 
 def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
-    """Figures of a run from rows of truth, at once or in blocks."""
+    """Compute the figures of a run from its time series, shape (10, steps), or from its blocks."""
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
     spec = setup.plant
-    stable, asked = meters.StabilityMeter(setup), meters.DemandMeter(spec)
-    extremes, push = meters.ExtremesMeter(spec), meters.PushMeter(setup)
-    whole = meters.WholeRunMeter(spec) if SCHEMES[setup.scheme].conserves else None
-    for meter in (stable, asked, extremes, push, whole):
-        blocks = meter.through(blocks) if meter else blocks
+    stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
+    extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(setup)
+    whole = WholeRunAccumulator(spec) if SCHEMES[setup.scheme].conserves else None
+    for accumulator in (stable, asked, extremes, push, whole):
+        blocks = accumulator.through(blocks) if accumulator else blocks
     impacts: list[Impact] = []
     noise: list[ImpactNoise] = []
     first, ended = None, True
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
         for found in impacts_of_blocks(setup, blocks):
-            first = first or meters.of_impact(found)
+            first = first or of_impact(found)
             impacts.append(found.impact)
             noise.append(found.noise)
             ended = found.ended
@@ -87,14 +113,14 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
-# Cleared while the processes of a run need the cores: what is simulated beside them waits then.
+# Cleared while the processes of a run need the cores: a simulation in the background then waits.
 no_loop = Event()
 no_loop.set()
 
 
 @lru_cache(maxsize=4)
 def free_figures(setup: Setup) -> Figures | None:
-    """Figures of the same run without control, simulated here; None of a setup without a law."""
+    """Simulate the same run without control, on the same plate model; None without a law."""
     if not setup.has_law:
         return None
     without = setup.without_control(same_plate=True)

@@ -46,9 +46,13 @@ _WHOLE = 480  # samples: a whole number of steps
 
 
 @dataclass(frozen=True)
-class Heard:
-    """Sound pressure at a point from the start of a run on, Pa, `rate_hz` samples a second of
-    simulated time."""
+class SoundPressure:
+    """Sound pressure at a point, from the start of a run on.
+
+    Attributes:
+        pressure_pa: samples, shape (samples,), Pa.
+        rate_hz: samples per second of simulated time.
+    """
 
     pressure_pa: np.ndarray
     rate_hz: float
@@ -179,10 +183,10 @@ def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
     return Grid(steps, step_s, up_to)
 
 
-def listen(setup: Setup, drive: Drive, listener_m: np.ndarray, grid: Grid) -> Heard:
+def listen(setup: Setup, drive: Drive, listener_m: np.ndarray, grid: Grid) -> SoundPressure:
     """Sound pressure of a run at a point."""
     found = pressure_pa(radiator_of(setup), drive, listener_m, grid)
-    return Heard(found, 1.0 / grid.step_s)
+    return SoundPressure(found, 1.0 / grid.step_s)
 
 
 @dataclass(frozen=True)
@@ -235,11 +239,11 @@ def _limit_hz(setup: Setup) -> float:
     return min(RADIATED_UP_TO_HZ, setup.plant.frequency_limit_hz)
 
 
-def write_wavs(heard: dict[Path, Heard]) -> float:
+def write_wavs(sounds: dict[Path, SoundPressure]) -> float:
     """Write 16 bit files on one scale; the pressure that is full scale, Pa (0 for silence)."""
-    loudest = max(one.peak_pa for one in heard.values())
+    loudest = max(one.peak_pa for one in sounds.values())
     full_pa = loudest / _PEAK
-    for path, one in heard.items():
+    for path, one in sounds.items():
         share = one.pressure_pa / full_pa if full_pa > 0.0 else one.pressure_pa
         samples = np.round(np.clip(share, -1.0, 1.0) * _FULL_SCALE).astype("<i2")
         with wave.open(sound := BytesIO(), "wb") as file:
@@ -251,7 +255,7 @@ def write_wavs(heard: dict[Path, Heard]) -> float:
     return full_pa
 
 
-def heard_of(
+def write_sounds(
     recording: Recording,
     setup: Setup,
     folder: Path,
@@ -260,7 +264,25 @@ def heard_of(
     tail_s: float,
     energy: bool = False,
 ) -> dict[str, Any]:
-    """Write the sounds; what was heard. Raises RecordingError, SceneError, OSError."""
+    """Write the sound of a recording as WAV files, with and without control.
+
+    Args:
+        recording: The recording.
+        setup: The setup of the run.
+        folder: The folder for the files.
+        at: The listener, from the plate centre: x, y and height, m.
+        slow: Factor by which the sound is slowed down.
+        tail_s: Time after the run, s.
+        energy: Whether to compute the radiated energies as well.
+
+    Returns:
+        Files, levels and energies by run, as `listen --json` writes them.
+
+    Raises:
+        RecordingError: The recording cannot be used.
+        SceneError: The structure has no shapes on a grid, or the run is not finite.
+        OSError: A file cannot be written.
+    """
     grid = grid_of(setup, tail_s, slow)
     size = setup.size_m or (0.0, 0.0)
     place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
@@ -269,22 +291,22 @@ def heard_of(
     if setup.has_law:
         free = free_series(setup.without_control())
         runs = {"with-control": recorded, "without-control": free}
-    heard: dict[Path, Heard] = {}
+    sounds: dict[Path, SoundPressure] = {}
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
     for name, blocks in runs.items():
         path = folder / f"{recording.path.stem}-{name}.wav"
         drive = drive_of(setup, blocks)
-        heard[path] = listen(setup, drive, place, grid)
+        sounds[path] = listen(setup, drive, place, grid)
         data["runs"][name] = {
             "file": str(path),
-            "peak_pa": heard[path].peak_pa,
-            "exposure_pa2_s": heard[path].exposure_pa2_s,
-            "level_db": _level(heard[path].exposure_pa2_s),
+            "peak_pa": sounds[path].peak_pa,
+            "exposure_pa2_s": sounds[path].exposure_pa2_s,
+            "level_db": _level(sounds[path].exposure_pa2_s),
         }
         if energy:
             found = radiated(setup, drive, grid)
             data["runs"][name] |= asdict(found) if found else {}
-    data["full_scale_pa"] = write_wavs(heard)
+    data["full_scale_pa"] = write_wavs(sounds)
     return data
 
 

@@ -192,3 +192,15 @@ def parts_of(setup: Setup, books: Books) -> PlantParts:
         radiation=Radiation(faces, books.air_dissipated_j) if faces else None,
         model=chosen_model(setup),
     )
+
+
+def structure_summary(setup: Setup) -> dict[str, Any]:
+    """The structure: `name`, `closed_form`, and what its modes are worth; see `Reached` and
+    `ModalStructure.mobility_ratio`."""
+    what = setup.structure
+    if what.quality is None:
+        plain = what.simply_supported is not None
+        return {"name": "a simply supported plate" if plain else str(what), "closed_form": True}
+    modes = setup.scene.plate.modes
+    of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
+    return {"name": str(what), "closed_form": False, **what.quality, **of_file}

@@ -1,4 +1,4 @@
-"""What a recording holds: rows of truth, the law that ran, how a paced run kept pace."""
+"""What a recording holds: time series, the law of the controller, and the pacing."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -63,9 +63,15 @@ def stacked(columns: Arrays) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class LawRan:
-    """`law`, `law_digest`: what the controller said that it ran, None if it did not say;
-    `scene_law`, `scene_law_digest`: what was announced, None where that is not known."""
+class RecordedLaw:
+    """The law of a recorded run.
+
+    Attributes:
+        law: the law that the controller reported; None if it reported none.
+        law_digest: digest of that law's files.
+        scene_law: the law that the plant announced; None if it is not known.
+        scene_law_digest: digest of the announced law's files.
+    """
 
     law: str | None
     law_digest: str | None
@@ -74,22 +80,22 @@ class LawRan:
 
     @property
     def as_announced(self) -> bool:
-        """Whether the controller said that it ran the scene's law, file for file."""
+        """Whether the controller reported the announced law, with the same files."""
         digests = self.law_digest or "", self.scene_law_digest or ""
         return bool(self.law) and self.law == self.scene_law and same_law(*digests)
 
 
-def law_ran(recording: Recording) -> tuple[str, str]:
-    """Name and digest of the law that the controller said it ran; empty where it did not."""
+def reported_law(recording: Recording) -> tuple[str, str]:
+    """Return name and digest of the law that the controller reported; empty if it reported none."""
     end = recording.ends.get(CONTROLLER)
     return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
 
 
-def law_of(recording: Recording) -> LawRan:
-    """Which law the forces of a recording come from."""
-    ran, digest = law_ran(recording)
+def law_of(recording: Recording) -> RecordedLaw:
+    """Return the law that the forces of a recording come from."""
+    ran, digest = reported_law(recording)
     announced = recording.metadata.get("law") or _law_of_scene(recording)
-    return LawRan(
+    return RecordedLaw(
         ran or None, digest or None, announced, recording.metadata.get("law_digest") or None
     )
 

@@ -1,22 +1,16 @@
-"""What a run comes to: whether control helped, in what, why not; what spoils the figures."""
+"""Assess a run: whether control helped, in what, why not, and what spoils the figures."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
-from hertzloop.analysis.meters import DECIBELS, change_db
+from hertzloop.analysis.figures import Figures, RunResult, Saturation, figures_of
+from hertzloop.analysis.law_accuracy import LawAccuracy, law_accuracy, stated_error
 from hertzloop.analysis.model import Yield, yield_of
-from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
-from hertzloop.analysis.trust import (
-    LawAccuracy,
-    NotAgain,
-    Predictability,
-    errors_of,
-    law_accuracy,
-    predictability,
-    stated_error,
-)
+from hertzloop.analysis.predictability import Predictability, errors_of, predictability
+from hertzloop.analysis.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
+from hertzloop.analysis.repeatability import NotRepeatable
+from hertzloop.analysis.span_figures import DECIBELS, change_db
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.reader import Event, Recording
@@ -32,16 +26,15 @@ _OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
 class ControlEffect(Enum):
     """What control does to the plate energy."""
 
-    IDLE = auto()  # the law never pushed
+    IDLE = auto()  # the law never commanded a force
     UNPREDICTABLE = auto()
     HELPS = auto()
     HARMS = auto()
     HARDLY = auto()
 
 
-class Later(Enum):
-    """What is known of the contacts after the first impact, of which a change of the plate energy
-    is."""
+class LaterContacts(Enum):
+    """What is known of the contacts after the first impact."""
 
     NONE = auto()
     PREDICTABLE = auto()
@@ -51,8 +44,15 @@ class Later(Enum):
 
 @dataclass(frozen=True)
 class Change:
-    """By how much control changes another figure of the first impact, in dB, the rebound height in
-    per cent of that without control; its error; `from_nothing`: there was next to none."""
+    """Change of another figure of the first impact by control.
+
+    Attributes:
+        figure: name of the figure.
+        value: change in dB; for the rebound height, per cent of that without control.
+        error: error of the change, in the same unit.
+        better: whether control improves the figure.
+        from_nothing: whether the figure without control is nearly zero.
+    """
 
     figure: str
     value: float
@@ -63,9 +63,15 @@ class Change:
 
 @dataclass(frozen=True)
 class Reasons:
-    """Why control does not help, each None where it is no reason: time from touch to first force
-    and its share of the contact without control, share of the push while nothing touches, energy
-    that the actuator puts in, dent that a law takes for penetration."""
+    """Why control does not help; None for what is not a reason.
+
+    Attributes:
+        after_touch_s: time from the first contact to the first force, s.
+        late_share: that time over the contact time without control.
+        apart: share of the absolute impulse that acts without contact.
+        injected_j: work of the actuator on the plate, J.
+        dent_m: permanent indentation that the law mistakes for penetration, m.
+    """
 
     after_touch_s: float | None = None
     late_share: float | None = None
@@ -76,15 +82,23 @@ class Reasons:
 
 @dataclass(frozen=True)
 class Control:
-    """What control changes in the first impact: the plate energy in dB with its error, and other
-    figures; what is known of `later` contacts, and the change of the plate energy over all, None
-    where it is not predictable; numbers of contacts with and without control; `reasons` where it
-    does not help."""
+    """What control changes.
+
+    Attributes:
+        outcome: the effect on the plate energy.
+        energy_db: change of the plate energy in the first impact, dB.
+        error_db: error of that change, dB.
+        later: what is known of later contacts.
+        whole_db: change of the plate energy over all contacts, dB; None if not predictable.
+        contacts: numbers of contacts with and without control.
+        changes: changes of other figures.
+        reasons: why control does not help; None if it helps.
+    """
 
     outcome: ControlEffect
     energy_db: float = 0.0
     error_db: float = 0.0
-    later: Later = Later.NONE
+    later: LaterContacts = LaterContacts.NONE
     whole_db: float | None = None
     contacts: tuple[int, int] = (1, 1)
     changes: tuple[Change, ...] = ()
@@ -93,18 +107,29 @@ class Control:
 
 @dataclass(frozen=True)
 class RunVerdict:
-    """What a run comes to. `control`: None where there is nothing to compare with; `law_accuracy`:
-    of a law that does not let the run keep its accuracy."""
+    """The verdict on a run.
 
-    ran: Ran
+    Attributes:
+        result: the run.
+        control: what control changes; None if there is no run to compare with.
+        law_accuracy: set if the law prevents the run from keeping its accuracy.
+    """
+
+    result: RunResult
     control: Control | None
     law_accuracy: LawAccuracy | None = None
 
 
 @dataclass(frozen=True)
-class Conclusions:
-    """What the figures of a run come to. `stated_error`: model error of the run, relative; None
-    where it is not known."""
+class Assessment:
+    """The assessment of a run's figures.
+
+    Attributes:
+        stated_error: model error of the run, relative; None if it is not known.
+        predictability: how well the impacts can be known.
+        law_accuracy: accuracy under the law; None if it was not evaluated.
+        verdict: the verdict on the run.
+    """
 
     stated_error: float | None
     predictability: Predictability
@@ -113,23 +138,35 @@ class Conclusions:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A recorded run with all of its figures, those of the same without control (None if it is that
-    itself), and what they come to."""
+class RunAssessment:
+    """A recorded run with its figures and their assessment.
 
-    law: LawRan
-    ran: Ran
+    Attributes:
+        law: the law that the controller used.
+        result: the figures of the run.
+        yielded: the permanent indentation; None if the contact did not yield.
+        requested_accuracy: requested model error, relative.
+        pacing: missed deadlines; None for a run in lock-step.
+        free: figures of the same run without control; None if the run has no control.
+        assessment: what the figures show.
+    """
+
+    law: RecordedLaw
+    result: RunResult
     yielded: Yield | None
     requested_accuracy: float
     pacing: Pacing | None
     free: Figures | None
-    conclusions: Conclusions
+    assessment: Assessment
 
 
-def judge(
-    setup: Setup, recording: Recording, free: Figures | None, not_again: NotAgain | None = None
-) -> Judged:
-    """All figures of a recorded run, and what they come to.
+def assess_recording(
+    setup: Setup,
+    recording: Recording,
+    free: Figures | None,
+    not_repeatable: NotRepeatable | None = None,
+) -> RunAssessment:
+    """Compute all figures of a recorded run, and assess them.
 
     Args:
         setup: The setup of the run, whose closed loop is simulated again.
@@ -139,7 +176,7 @@ def judge(
     """
     books, law = recording.books, law_of(recording)
     figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)
-    ran = Ran(
+    result = RunResult(
         figures,
         law.scene_law,
         books.expected_error if books else None,
@@ -149,39 +186,42 @@ def judge(
         saturation=saturation_of(recording.events),
         law_models_yield=setup.law_models_yield,
     )
-    found = conclusions(setup, ran, free, not_again)
-    return Judged(law, ran, yield_of(books), setup.accuracy, pacing, free, found)
+    found = assess(setup, result, free, not_repeatable)
+    return RunAssessment(law, result, yield_of(books), setup.accuracy, pacing, free, found)
 
 
-def conclusions(
-    setup: Setup, ran: Ran, free: Figures | None, not_again: NotAgain | None = None
-) -> Conclusions:
-    """What the figures of a run come to; arguments as for `judge`."""
-    accuracy = None if ran.late or not_again else law_accuracy(setup, ran.figures)
-    ran = replace(ran, expected_error=stated_error(ran.expected_error, accuracy))
-    known = predictability(setup, ran, free, not_again)
-    found = verdict(ran, free, known, accuracy)
-    return Conclusions(ran.expected_error, known, accuracy, found)
+def assess(
+    setup: Setup,
+    result: RunResult,
+    free: Figures | None,
+    not_repeatable: NotRepeatable | None = None,
+) -> Assessment:
+    """Assess the figures of a run; arguments as for `assess_recording`."""
+    accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.figures)
+    result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
+    known = predictability(setup, result, free, not_repeatable)
+    found = verdict(result, free, known, accuracy)
+    return Assessment(result.expected_error, known, accuracy, found)
 
 
 def verdict(
-    ran: Ran,
+    result: RunResult,
     free: Figures | None = None,
     known: Predictability | None = None,
     accuracy: LawAccuracy | None = None,
 ) -> RunVerdict:
-    """What a run comes to; without the figures of the same run without control (`free`) on that
-    alone which spoils its own."""
-    control, figures = None, ran.figures
+    """Return the verdict on a run; without `free`, the figures of the run without control, it says
+    only what spoils the figures."""
+    control, figures = None, result.figures
     comparable = bool(figures.impacts) and not figures.stability.unstable
-    if comparable and free is not None and free.impacts and ran.scene_law != NO_CONTROL:
-        control = _control(ran, free, known)
-    return RunVerdict(ran, control, accuracy if accuracy and not accuracy.kept else None)
+    if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
+        control = _control(result, free, known)
+    return RunVerdict(result, control, accuracy if accuracy and not accuracy.kept else None)
 
 
-def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
-    """Whether control helped, in what, and why not."""
-    figures = ran.figures
+def _control(result: RunResult, free: Figures, known: Predictability | None) -> Control:
+    """Evaluate whether control helped, in what, and why not."""
+    figures = result.figures
     if figures.push is None:
         return Control(ControlEffect.IDLE)
     contacts = len(figures.impacts), len(free.impacts)
@@ -195,19 +235,19 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
         outcome = ControlEffect.HARMS
     reasons = None
     if outcome is not ControlEffect.HELPS:
-        reasons = _reasons(ran, free.impacts[0].duration_s)
+        reasons = _reasons(result, free.impacts[0].duration_s)
     changes = tuple(_changes(figures, free, known))
     return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
 
 
 def _predictable(value: float, error: float) -> bool:
-    """Whether any digit of a number is, by its largest absolute error; 0 where all digits are."""
+    """Return whether any digit of a number is predictable, given its largest absolute error."""
     return error == 0.0 or error < abs(value)
 
 
 def _plate_energy(
     figures: Figures, free: Figures, known: Predictability | None
-) -> tuple[float, float, Later, float | None]:
+) -> tuple[float, float, LaterContacts, float | None]:
     """Change of the plate energy in the first impact (dB), its error, what is known of later
     contacts, and the change over all of them where that is predictable to the printed digit."""
     sums, errors, whole = [], [], []
@@ -219,19 +259,19 @@ def _plate_energy(
         errors.append([errors_of(of, i).get("plate_energy_j", 0.0) for i in range(len(sums[-1]))])
     energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
     if len(sums[0]) == len(sums[1]) == 1:
-        return energy, error, Later.NONE, None
-    if known and known.not_again:
-        later, over_all = Later.UNKNOWN, None
+        return energy, error, LaterContacts.NONE, None
+    if known and known.not_repeatable:
+        later, over_all = LaterContacts.UNKNOWN, None
     elif error <= HARDLY_DB:
-        later, over_all = Later.PREDICTABLE, energy
+        later, over_all = LaterContacts.PREDICTABLE, energy
     else:
-        later, over_all = Later.UNPREDICTABLE, None
+        later, over_all = LaterContacts.UNPREDICTABLE, None
     first = change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0])
     return *first, later, over_all
 
 
 def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:
-    """Other figures of the first impact that are better or worse."""
+    """Yield other figures of the first impact that are better or worse."""
     if not figures.noise or not free.noise:
         return
     with_, without = vars(figures.noise[0]), vars(free.noise[0])
@@ -255,18 +295,18 @@ def _changes(figures: Figures, free: Figures, known: Predictability | None) -> I
             yield Change(key, share, error, height < before, from_nothing)
 
 
-def _reasons(ran: Ran, contact_s: float) -> Reasons:
-    """What the rows say of the reasons."""
-    push = ran.figures.push
+def _reasons(result: RunResult, contact_s: float) -> Reasons:
+    """Return the reasons that the figures show."""
+    push = result.figures.push
     assert push is not None
     late = push.after_touch_s / contact_s
-    mistaken = ran.dent_m != 0.0 and not ran.law_models_yield
+    mistaken = result.dent_m != 0.0 and not result.law_models_yield
     return Reasons(
         after_touch_s=push.after_touch_s if late > _MUCH else None,
         late_share=late if late > _MUCH else None,
         apart=push.apart if push.apart > _MUCH else None,
-        injected_j=ran.injected_j if ran.injected_j > 0.0 else None,
-        dent_m=ran.dent_m if mistaken else None,
+        injected_j=result.injected_j if result.injected_j > 0.0 else None,
+        dent_m=result.dent_m if mistaken else None,
     )
 
 

@@ -34,7 +34,7 @@ from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.sweeps.uncertain import read_uncertain
 from hertzloop.views.format import Table, unwrapped
-from hertzloop.views.run import spans_differ
+from hertzloop.views.verdict import spans_differ
 
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget, InPlant

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from hertzloop.analysis.recorded import law_ran
+from hertzloop.analysis.recorded import reported_law
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
@@ -114,7 +114,7 @@ def replay(
         err.say(f"{file}: {problem}")
     if note := loaded_law(setup).identity_note():
         err.say(note)
-    ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
+    ran = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
     law_replay.draw(found, (f"recorded: {ran}", loaded_law(setup).name), target)
     out.say(_difference(found, loaded_law(setup).name))
     out.say(f"written: {target}")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.listening import write_sounds
 from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument
 from hertzloop.cli.terminal import err, fail, out
@@ -54,7 +54,7 @@ def listen(
         err.say(f"{file}: {problem}")
     options.make_folder(folder)
     try:
-        data = heard_of(recording, scene_of(recording), folder, at, slow, tail, energy)
+        data = write_sounds(recording, scene_of(recording), folder, at, slow, tail, energy)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     _show(data)

@@ -81,7 +81,7 @@ def _draw_responses(recording: Recording, folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.analysis.recorded import pacing_of, responses_of
     from hertzloop.studies import law_on as law_replay
-    from hertzloop.views.run import pacing_sentences
+    from hertzloop.views.pacing import pacing_sentences
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
@@ -152,17 +152,18 @@ def compare(
 
 
 def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
-    from hertzloop.analysis.meters import RunFigures, compared
+    from hertzloop.analysis.comparison import compared
+    from hertzloop.analysis.span_figures import RunFigures
     from hertzloop.views import inspection
-    from hertzloop.views.run import comparison_as_json
+    from hertzloop.views.run_json import comparison_as_json
 
     figures = []
     for recording in (left, right):
         one = inspection.inspected(recording)
-        if one.ran is None or one.ran.figures.first_impact is None:
+        if one.result is None or one.result.figures.first_impact is None:
             why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no figures: {why}", 1)
-        figures.append(RunFigures(one.ran.figures.first_impact, one.ran.figures.whole_run))
+        figures.append(RunFigures(one.result.figures.first_impact, one.result.figures.whole_run))
         out.say(
             f"{'AB'[len(figures) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}")  # fmt: skip
@@ -175,7 +176,7 @@ def _compare_figures(left: Recording, right: Recording, json_file: Path | None) 
 def _horizon(recording: Recording, tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
-    from hertzloop.analysis.trust import horizon_step
+    from hertzloop.analysis.predictability import horizon_step
 
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)

@@ -10,21 +10,23 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.analysis.trust import check_verifiable
+from hertzloop.analysis.verification import check_verifiable
 from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
 from hertzloop.processes import fork_server
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup.controller import check_buildable, loaded_law
-from hertzloop.views import run as run_view
 from hertzloop.views.format import unwrapped
+from hertzloop.views.run import print_run
+from hertzloop.views.run_json import run_as_json
 
 
 @options.takes(realtime="auto")
@@ -94,7 +96,7 @@ def run(
         observer,
         progress(resolved.name, resolved.steps) as advance,
     ):
-        report = run_view.run_of(resolved, recording, request, advance)
+        report = run_and_assess(resolved, recording, request, advance)
     growth = warning = None
     if (
         resolved.has_law and not loaded_law(resolved).not_linear and not request.controller
@@ -111,8 +113,8 @@ def run(
         head = "Linear loop:" if undecided else "Linear loop unstable:"
         warning = unwrapped((head, "bold red"), f" {unstable_line(growth)}")
     linear = {"linear_loop": None if growth is None else asdict(growth)}
-    data = run_view.run_as_json(report) | linear
-    run_view.print_run(out, report, details, warning)
+    data = run_as_json(report) | linear
+    print_run(out, report, details, warning)
     options.write_json(json_file, data)
     if report.differs:
         raise typer.Exit(1)

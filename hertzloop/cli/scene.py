@@ -115,17 +115,18 @@ def check(
 
     # 0.07 s, which the other commands save.
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
-    from hertzloop.views.run import effects_as_json, neglected_lines, not_evaluated, table_of
+    from hertzloop.views.effects import neglected_lines, not_evaluated, table_of
+    from hertzloop.views.run_json import effects_as_json
 
     neglected = neglected_of_scene(resolved)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
     if not neglected.stable:
         out.print("The closed loop is unstable; neglected effects are not evaluated.")
-    elif not neglected.findings:
+    elif not neglected.checks:
         out.print("No contact occurs within the run, so no effect is neglected.")
     else:
-        print_all(out, [table_of(neglected.findings), *neglected_lines(neglected.findings)])
-        for one in neglected.findings:
+        print_all(out, [table_of(neglected.checks), *neglected_lines(neglected.checks)])
+        for one in neglected.checks:
             if one.state == EffectState.NOT_KNOWN:
                 out.say(f"Unknown: {one.sentence}.")
         if lacking := not_evaluated(neglected):

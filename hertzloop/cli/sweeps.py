@@ -32,7 +32,7 @@ from hertzloop.studies.sweeps.sweep import (
 )
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 from hertzloop.views.format import Table, unwrapped
-from hertzloop.views.run import spans_differ
+from hertzloop.views.verdict import spans_differ
 
 
 @options.takes()

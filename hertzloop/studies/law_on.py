@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.analysis.effects import time_words
 from hertzloop.analysis.recorded import SHARES, Pacing, Responses
+from hertzloop.analysis.rounding import time_words
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, parse
 from hertzloop.setup.controller import build_controller

@@ -9,18 +9,36 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis.figures import Ran, figures_of
-from hertzloop.analysis.meters import SPAN_ROWS, Comparison
+from hertzloop.analysis.comparison import Comparison
+from hertzloop.analysis.figures import RunResult, figures_of
 from hertzloop.analysis.model import Yield, yield_of
-from hertzloop.analysis.recorded import NEEDED_FIELDS, LawRan, Pacing, blocks_of, law_of, pacing_of
-from hertzloop.analysis.trust import Predictability, errors_of, predictability, why_not_again
+from hertzloop.analysis.predictability import Predictability, errors_of, predictability
+from hertzloop.analysis.recorded import (
+    NEEDED_FIELDS,
+    Pacing,
+    RecordedLaw,
+    blocks_of,
+    law_of,
+    pacing_of,
+)
+from hertzloop.analysis.repeatability import why_not_repeatable
+from hertzloop.analysis.span_figures import SPAN_ROWS
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.analysis.verdict import verdict as verdict_of
 from hertzloop.recordings.reader import JoinedStream, Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
-from hertzloop.views import run as run_view
+from hertzloop.views.details import demand_words, yield_words
+from hertzloop.views.effects import neglected_lines, warning_lines
+from hertzloop.views.figures_table import figures_table
 from hertzloop.views.format import Table, print_all, unwrapped
+from hertzloop.views.impacts_table import impacts_table
+from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.noise_table import noise_table
+from hertzloop.views.pacing import pacing_lines
+from hertzloop.views.run import next_lines
+from hertzloop.views.run_json import figures_as_json, pacing_as_json, predictability_as_json
+from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 
 @dataclass(frozen=True)
@@ -30,10 +48,10 @@ class Inspected:
 
     recording: Recording
     problems: Sequence[str]
-    law: LawRan
+    law: RecordedLaw
     pacing: Pacing | None
     yielded: Yield | None
-    ran: Ran | None
+    result: RunResult | None
     known: Predictability | None
     verdict: Sequence[str] = ()
 
@@ -48,14 +66,14 @@ def inspected(recording: Recording) -> Inspected:
         problem = _unlike(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
-                ran = Ran(
+                result = RunResult(
                     figures_of(setup, blocks_of(recording)), law.scene_law,
                     books.expected_error if books else None, late=pacing is not None,
                     saturation=saturation_of(recording.events),
                 )  # fmt: skip
-                known = predictability(setup, ran, None, why_not_again(recording))
-                verdict = run_view.verdict_sentences(verdict_of(ran, known=known))
-                return replace(bare, ran=ran, known=known, verdict=verdict)
+                known = predictability(setup, result, None, why_not_repeatable(recording))
+                verdict = verdict_sentences(verdict_of(result, known=known))
+                return replace(bare, result=result, known=known, verdict=verdict)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
@@ -115,11 +133,11 @@ def summary(found: Inspected) -> dict[str, Any]:
             "energy": recording.books.energy_residual,
         }
         data["yield"] = asdict(found.yielded) if found.yielded else None
-    data["pacing"] = run_view.pacing_as_json(found.pacing)
-    if found.ran is None or known is None:
+    data["pacing"] = pacing_as_json(found.pacing)
+    if found.result is None or known is None:
         return data | _NO_FIGURES | {"verdict": []}
-    figures = run_view.figures_as_json(found.ran.figures)
-    known_as_json = run_view.predictability_as_json(known)
+    figures = figures_as_json(found.result.figures)
+    known_as_json = predictability_as_json(known)
     return data | figures | {"predictability": known_as_json, "verdict": list(found.verdict)}
 
 
@@ -151,7 +169,7 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         found: The recording, as inspected.
         details: Whether to print all tables as well.
     """
-    recording, ran, known = found.recording, found.ran, found.known
+    recording, result, known = found.recording, found.result, found.known
     said: list[Text | Table] = [
         unwrapped(("Missing or damaged:", "red"), f" {problem}") for problem in found.problems
     ]
@@ -159,19 +177,19 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         said.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
         said.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
-    if ran and known:
-        said += run_view.verdict_lines(found.verdict, ran.figures.stability.unstable)
-        if ran.figures.impacts:
-            said.append(run_view.figures_table(ran, known))
-        why_not = run_view.why_not_words(known.not_again)
-        if why_not and len(ran.figures.impacts) > 1 and not details:
+    if result and known:
+        said += verdict_lines(found.verdict, result.figures.stability.unstable)
+        if result.figures.impacts:
+            said.append(figures_table(result, known))
+        why_not = why_not_words(known.not_repeatable)
+        if why_not and len(result.figures.impacts) > 1 and not details:
             said.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
-        said += run_view.warning_lines(ran.figures.neglected.findings)
+        said += warning_lines(result.figures.neglected.checks)
     if details:
         said += _details(found)
-    said += run_view.pacing_lines(found.pacing)
+    said += pacing_lines(found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
-    said.append(Text(f"Scene {scene}, seed {seed}. Law: {run_view.law_line(found.law)}."))
+    said.append(Text(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
     if recording.books is not None:
         said.append(
             Text(
@@ -179,7 +197,7 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
                 f"momentum {recording.books.momentum_residual:.1e} (relative)."
             )
         )
-    print_all(console, [*said, *run_view.next_lines(str(recording.path))])
+    print_all(console, [*said, *next_lines(str(recording.path))])
 
 
 def _details(found: Inspected) -> list[Text | Table]:
@@ -195,19 +213,17 @@ def _details(found: Inspected) -> list[Text | Table]:
     said: list[Text | Table] = [table]
     if recording.others:
         said.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
-    figures = found.ran.figures if found.ran else None
-    own, why_not = (
-        (known.controlled, run_view.why_not_words(known.not_again)) if known else (None, "")
-    )
-    said.append(run_view.impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
+    figures = found.result.figures if found.result else None
+    own, why_not = (known.controlled, why_not_words(known.not_repeatable)) if known else (None, "")
+    said.append(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
     if figures and figures.noise:
         errors = [errors_of(own, 0, "noise_errors")]
-        said.append(run_view.noise_table([("", figures.noise[0])], errors=errors))
+        said.append(noise_table([("", figures.noise[0])], errors=errors))
     if figures and figures.demand:
-        said.append(Text(f"Actuator demand: {run_view.demand_words(figures.demand)}."))
+        said.append(Text(f"Actuator demand: {demand_words(figures.demand)}."))
     if found.yielded:
-        said.append(Text(f"Yield: {run_view.yield_words(found.yielded)}."))
-    return [*said, *(run_view.neglected_lines(figures.neglected.findings) if figures else ())]
+        said.append(Text(f"Yield: {yield_words(found.yielded)}."))
+    return [*said, *(neglected_lines(figures.neglected.checks) if figures else ())]
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

@@ -8,7 +8,7 @@ from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, load, shipped
-from hertzloop.views.run import law_line, law_words
+from hertzloop.views.law_line import law_line, law_words
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
 _LONGEST = 40  # characters of a value

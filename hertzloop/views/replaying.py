@@ -8,8 +8,8 @@ import numpy as np
 
 from hertzloop.analysis.curves import Overlay, overlay
 from hertzloop.analysis.deflection import deflection
-from hertzloop.analysis.meters import StabilityMeter
 from hertzloop.analysis.recorded import pacing_of, pieces_of
+from hertzloop.analysis.stability import StabilityAccumulator
 from hertzloop.bus.streams import LAST_NS
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.reader import Recording
@@ -24,7 +24,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.setup.build import free_series
 from hertzloop.views import provenance
-from hertzloop.views.run import pacing_sentences
+from hertzloop.views.pacing import pacing_sentences
 
 has_display = viewer.has_display
 _OF_TWIN = ("xi", "F_c", "F_a", "v_p", "plate")
@@ -171,8 +171,8 @@ def _told(
     lines: list[str],
 ) -> Told:
     """`twin` with its curves and the length of its steps, s."""
-    meter, truth = StabilityMeter(setup), recording.truth
-    blocks = meter.through(pieces_of(recording))
+    accumulator, truth = StabilityAccumulator(setup), recording.truth
+    blocks = accumulator.through(pieces_of(recording))
     near = replay_data.full_rate_spans(
         [(contact.first, contact.end) for contact in contacts], truth.samples
     )
@@ -183,7 +183,7 @@ def _told(
     told = [*described[:2], *lines, *described[2:]]
     if paced := pacing_of(recording):
         told += pacing_sentences(paced)[:2]
-    since_s, until_ns = meter.result().since_s, LAST_NS
+    since_s, until_ns = accumulator.result().since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)
         told.insert(0, f"**Unstable** from {1e3 * since_s:z.3f} ms on")

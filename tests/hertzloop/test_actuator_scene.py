@@ -9,7 +9,7 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import verify
+from hertzloop.analysis.verification import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P

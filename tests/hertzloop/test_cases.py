@@ -9,7 +9,7 @@ import pytest
 
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import digest_of, figures_of_case
-from hertzloop.analysis.meters import PushMeter
+from hertzloop.analysis.statistics import ForceTimingAccumulator
 from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.scenes.errors import SceneError
@@ -46,10 +46,10 @@ def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> N
     scene = load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback"])
     rows, found = simulate(scene).rows, set()
     for size in (1800, 1000, 512, 333, 100, 7):
-        meter = PushMeter(scene)
+        accumulator = ForceTimingAccumulator(scene)
         for first in range(0, rows.shape[1], size):
-            meter.feed(first, rows[:, first : first + size])
-        found.add(meter.result())
+            accumulator.feed(first, rows[:, first : first + size])
+        found.add(accumulator.result())
     assert len(found) == 1
 
 

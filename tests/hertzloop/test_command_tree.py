@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hertzloop.cli import app
+from hertzloop.cli.commands import Leaf, leaves
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.setup"}
 
@@ -30,13 +31,13 @@ def here(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str
     return int(str(end.value.code or 0)), said.out + said.err
 
 
-def commands() -> Iterator[tuple[app.Leaf, Any]]:
-    for leaf in app.leaves():
+def commands() -> Iterator[tuple[Leaf, Any]]:
+    for leaf in leaves():
         yield leaf, app.loaded(leaf)
 
 
 def test_there_are_at_most_30_leaves_each_once() -> None:
-    words = [leaf.words for leaf in app.leaves()]
+    words = [leaf.words for leaf in leaves()]
     assert len(words) == len(set(words)) <= 30
 
 
@@ -44,13 +45,13 @@ def test_the_help_fits_on_one_screen() -> None:
     done = called(["--help"])
     assert done.returncode == 0
     assert len(done.stdout.splitlines()) <= 50
-    for leaf in app.leaves():
+    for leaf in leaves():
         assert leaf.words.split()[0] in done.stdout
 
 
-@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
+@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
 def test_each_help_starts_with_its_purpose_and_ends_with_an_example(
-    leaf: app.Leaf, capsys: pytest.CaptureFixture[str]
+    leaf: Leaf, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = app.loaded(leaf)
     first = command.help.split("\n\n")[0].replace("\n", " ").strip()
@@ -62,16 +63,16 @@ def test_each_help_starts_with_its_purpose_and_ends_with_an_example(
     assert "Example: hertzloop" in text
 
 
-@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
-def test_each_example_is_a_command_line_that_the_command_accepts(leaf: app.Leaf) -> None:
+@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
+def test_each_example_is_a_command_line_that_the_command_accepts(leaf: Leaf) -> None:
     command = app.loaded(leaf)
     words = shlex.split(leaf.example)[len(leaf.words.split()) :]
     context = command.make_context(leaf.words, words, resilient_parsing=False)
     assert context is not None
 
 
-@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
-def test_each_refuses_an_unknown_option(leaf: app.Leaf, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
+def test_each_refuses_an_unknown_option(leaf: Leaf, capsys: pytest.CaptureFixture[str]) -> None:
     code, text = here([*leaf.words.split(), "--nonsense"], capsys)
     assert code == 2
     assert "--nonsense" in text

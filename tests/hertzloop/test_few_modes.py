@@ -41,7 +41,7 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
     )
     assert setup.plant.damped_tail
     assert model_error.expected_error(setup) == 0.15
-    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert found.value == model_error.expected_error(setup)
     assert found.state is EffectState.LEFT_OUT
     assert "the modes end at 462 Hz, and a contact of 41.2 us reaches 2.43e+04 Hz" in found.sentence
@@ -58,7 +58,7 @@ def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Pa
         build_plant(six(tmp_path, known))
     setup = six(tmp_path, known, "plate.tail=spring")
     assert model_error.expected_error(setup) == 1.0
-    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert found.state is EffectState.OUT_OF_RANGE
     assert words in found.sentence
     assert "impacts may be off by 100 %" in found.sentence
@@ -131,10 +131,10 @@ def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:
     setup = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=0"])
     beyond = np.sum(1 / 0.3 / (2 * np.pi * np.arange(81, 200_000) * 1000.0) ** 2)
     assert beyond_m_n(setup.structure) == pytest.approx(beyond, rel=0.02)
-    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert 0.0 < found.value < 0.1
     with_rest = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=1e-9"])
-    assert not [one for one in neglected_of_scene(with_rest).findings if one.name == ROW]
+    assert not [one for one in neglected_of_scene(with_rest).checks if one.name == ROW]
 
 
 def test_the_share_beyond_a_low_frequency() -> None:

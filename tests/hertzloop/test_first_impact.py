@@ -14,7 +14,7 @@ from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
 from hertzloop.analysis.impacts import impacts_of_rows
-from hertzloop.analysis.meters import SpanFigures, changes_db
+from hertzloop.analysis.span_figures import SpanFigures, changes_db
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
@@ -28,7 +28,7 @@ from hertzloop.studies.report.results import page_of_results
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk
 from hertzloop.studies.tuning import best_of
-from hertzloop.views.run import noise_rows
+from hertzloop.views.noise_table import noise_rows
 from tests.commands import invoke
 from tests.hertzloop.own_laws import ECHO
 

@@ -13,9 +13,10 @@ import hertzloop
 from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import resolve
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -39,7 +40,7 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
 
 @pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
 def test_every_transport_gives_the_same_run(
-    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.TransportName"
+    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.runs.TransportName"
 ) -> None:
     recorded = hertzloop.run(scene, tmp_path / "a.mcap", transport=transport)
     memory = hertzloop.simulate(scene)
@@ -98,7 +99,9 @@ def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
 def test_a_run_has_figures_and_a_verdict_those_of_the_command(
     scene: hertzloop.Scene, tmp_path: Path
 ) -> None:
-    told = run_scene(resolve(scene), tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
+    told = run_as_json(
+        run_and_assess(resolve(scene), tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
+    )
     memory, recorded = hertzloop.simulate(scene), hertzloop.read(tmp_path / "a.mcap")
     for one in (memory, recorded):
         assert one.verdict == told["verdict"]

@@ -16,9 +16,9 @@ import pytest
 
 from hertzloop.bus import lane, lane_kernels
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports
 from tests.tiers import default
@@ -79,7 +79,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
             code, err, _ = finish(process)
             assert code == 0, err
     ours = load("aluminium-3mm", [*SETTINGS, *more])
-    run_scene(ours, tmp_path / "ours.mcap", RunOptions(transport=Transport.COMPILED))
+    run_and_assess(ours, tmp_path / "ours.mcap", RunOptions(transport=Transport.COMPILED))
     found, expected = read(tmp_path / "c.mcap"), read(tmp_path / "ours.mcap")
     assert not found.problems
     for stream in ("daq", "force", "truth"):

@@ -6,17 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.trust import (
-    LawAccuracy,
-    Verification,
-    against,
-    finer_spec,
-    judged,
-    stated_error,
-)
+from hertzloop.analysis.law_accuracy import LawAccuracy, simulated_law_accuracy, stated_error
+from hertzloop.analysis.verification import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import law_accuracy_sentences
+from hertzloop.views.verdict import law_accuracy_sentences
 from tests.commands import invoke
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
@@ -35,7 +29,7 @@ def near(v_thr_m_s: float, *settings: str) -> Setup:
 
 @pytest.mark.full
 def test_a_threshold_within_the_error_is_said() -> None:
-    found = judged(near(-0.442), UNTIL_S)
+    found = simulated_law_accuracy(near(-0.442), UNTIL_S)
     assert found is not None
     assert (found.delay_us, found.finer_delay_us) == (6.0, 7.0)
     assert found.by_modes.largest > 10.0 * found.asked
@@ -48,7 +42,10 @@ def test_a_threshold_within_the_error_is_said() -> None:
 @pytest.mark.full
 def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
     scene = near(-0.442)
-    found, true = judged(scene, UNTIL_S), against(scene, simulate(scene).rows, finer_spec(scene))
+    found, true = (
+        simulated_law_accuracy(scene, UNTIL_S),
+        against(scene, simulate(scene).rows, finer_spec(scene)),
+    )
     assert found is not None
     assert true is not None
     for figure in ("penetration", "rebound_speed", "plate_energy"):
@@ -64,7 +61,7 @@ def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
 def test_a_threshold_further_off_keeps_what_was_asked(
     v_thr_m_s: float, settings: list[str]
 ) -> None:
-    found = judged(near(v_thr_m_s, *settings), UNTIL_S)
+    found = simulated_law_accuracy(near(v_thr_m_s, *settings), UNTIL_S)
     assert found is not None
     assert found.delay_us == found.finer_delay_us
     assert found.kept
@@ -74,7 +71,7 @@ def test_a_threshold_further_off_keeps_what_was_asked(
 def test_what_moves_without_another_decision_is_said_too() -> None:
     """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
     scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
-    found = judged(scene, 3e-3)
+    found = simulated_law_accuracy(scene, 3e-3)
     assert found is not None
     assert found.delay_us == found.finer_delay_us
     assert not found.kept
@@ -99,7 +96,7 @@ def test_a_run_states_the_larger_error() -> None:
 
 @pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])
 def test_shipped_scenes_keep_it(name: str) -> None:
-    found = judged(load(name, ["controller.law=slope_threshold"]), 5e-3)
+    found = simulated_law_accuracy(load(name, ["controller.law=slope_threshold"]), 5e-3)
     assert found is not None
     assert found.kept
 
@@ -117,7 +114,7 @@ def test_shipped_scenes_keep_it(name: str) -> None:
     ],
 )
 def test_where_nothing_can_be_said(settings: list[str]) -> None:
-    assert judged(load("aluminium-3mm", settings), 2e-3) is None
+    assert simulated_law_accuracy(load("aluminium-3mm", settings), 2e-3) is None
 
 
 @pytest.mark.full

@@ -9,15 +9,16 @@ from rich.console import Console
 from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.model import parts_of
 from hertzloop.analysis.recorded import law_of
-from hertzloop.analysis.verdict import judge
+from hertzloop.analysis.run_report import RunReport
+from hertzloop.analysis.verdict import assess_recording
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection
-from hertzloop.views import run as report
-from hertzloop.views.run import law_line
+from hertzloop.views.law_line import law_line
+from hertzloop.views.run import print_run
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
@@ -54,14 +55,14 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     assert law_line(law_of(recorded)) == "slope_threshold"
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    judged = judge(SCENE, recorded, free_figures(SCENE))
+    assessed = assess_recording(SCENE, recorded, free_figures(SCENE))
     assert recorded.books is not None
-    about = recorded.books, report.struck(SCENE), parts_of(SCENE, recorded.books)
-    ran = report.RunReport(SCENE, recorded, judged, *about, "zenoh", 1.0, 1)
+    about = recorded.books, parts_of(SCENE, recorded.books)
+    ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: inspection.show(console, inspection.inspected(recorded)),
-        lambda console: report.print_run(console, ran),
+        lambda console: print_run(console, ran),
     ):
         printed = StringIO()
         show(Console(width=200, file=printed))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.cli import app
+from hertzloop.cli.commands import GROUPS, leaves
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from tests.hertzloop.own_laws import write_law
@@ -108,8 +108,8 @@ def test_latency_up_to_the_end_is_accepted_and_off_needs_no_force() -> None:
 
 
 def test_h_is_help_for_every_command() -> None:
-    paths = [leaf.words.split() for leaf in app.leaves()]
-    for path in [[], *([name] for name in app.GROUPS), *paths]:
+    paths = [leaf.words.split() for leaf in leaves()]
+    for path in [[], *([name] for name in GROUPS), *paths]:
         full, short = call(*path, "--help"), call(*path, "-h")
         assert (short.exit_code, short.output) == (0, full.output), path
 

@@ -10,11 +10,11 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import launcher
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, next_line, start, wait_for
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
@@ -91,7 +91,7 @@ def test_a_report_is_of_the_run_that_was_started(
 
     monkeypatch.setattr(launcher, "record_in_process", replaced)
     with pytest.raises(RecordingError, match="another run has replaced it"):
-        run_scene(
+        run_and_assess(
             load("aluminium-3mm", SHORT),
             tmp_path / "run.mcap",
             RunOptions(transport=Transport.COMPILED),

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.recorded import law_ran
+from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import controller_table
@@ -23,7 +24,6 @@ from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup, load, parse, resolve
 from hertzloop.setup.controller import loaded_law
 from hertzloop.studies.sweeps.evaluate import run_case
-from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
@@ -42,7 +42,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def record(scene: Setup, path: Path, transport: str = "compiled") -> Recording:
-    run_scene(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
+    run_and_assess(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)
     assert not recording.problems
     return recording
@@ -90,7 +90,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: st
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
-    assert law_ran(mine) == ("mine.py", loaded_law(scene).digest)
+    assert reported_law(mine) == ("mine.py", loaded_law(scene).digest)
     assert mine.law_source == (here / "mine.py").read_text()
 
 

@@ -31,7 +31,7 @@ from hertzloop.recordings.writer import Recorder
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import print_all
-from hertzloop.views.run import pacing_lines
+from hertzloop.views.pacing import pacing_lines
 from tests.commands import invoke
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import (

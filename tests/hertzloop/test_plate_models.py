@@ -12,7 +12,7 @@ from benchmarks import plate_models as thickness
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import against, verify
+from hertzloop.analysis.verification import against, verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
@@ -21,7 +21,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, model_error
 from hertzloop.setup.build import build_plant
 from hertzloop.setup.plate_model import widest_limit_hz
-from hertzloop.views.run import error_words, what_limits
+from hertzloop.views.details import error_words, what_limits
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
+from hertzloop.analysis.predictability import CHAOTIC, errors_of, horizon_step, known_impacts
 from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from hertzloop.views.run import headings, impact_rows, known_digits, noise_rows
+from hertzloop.views.digits import known_digits
+from hertzloop.views.impacts_table import impact_headings, impact_rows
+from hertzloop.views.noise_table import noise_rows
 from tests.commands import invoke
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
@@ -89,7 +91,7 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
     impact, noise = found.impacts[0], found.noise[0]
     assert impact.plate_energy_j == pytest.approx(noise.transmitted_j)
     rows, _ = impact_rows(found.impacts, known)
-    row = dict(zip(headings(found.impacts), rows[0], strict=True))
+    row = dict(zip(impact_headings(found.impacts), rows[0], strict=True))
     cells = dict(noise_rows([noise], False, [errors_of(known, 0, "noise_errors")]))
     assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["plate energy (uJ)"]
     assert row["plate energy (uJ)"].startswith(("about", "unknown"))

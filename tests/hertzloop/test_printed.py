@@ -11,12 +11,17 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from hertzloop.analysis.run_report import RunReport
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.setup import load
-from hertzloop.views import run as tables
+from hertzloop.views.details import run_table
+from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
-from hertzloop.views.run import RunReport, impacts_table, run_as_json, run_of, table_of
+from hertzloop.views.impacts_table import impacts_table
+from hertzloop.views.noise_table import noise_rows, noise_table
+from hertzloop.views.run_json import run_as_json
 from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +58,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
         "actuator.bandwidth_hz=50e3",
     ]  # fmt: skip
     path = tmp_path_factory.mktemp("printed") / "a.mcap"
-    return run_of(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
+    return run_and_assess(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +83,7 @@ def quantities(words: str) -> list[float]:
 
 @pytest.mark.full
 def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(ran.judged.ran.figures.neglected.findings))
+    _, *rows = lines(table_of(ran.assessed.result.figures.neglected.checks))
     sides = set()
     for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
         words = {"left out": "neglected", "not known": "unknown"}
@@ -97,9 +102,12 @@ def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None
 @pytest.mark.full
 def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
-    assert ran.judged.free is not None
-    cases = [("with", ran.judged.ran.figures.noise[0]), ("without", ran.judged.free.noise[0])]
-    header, *rows = lines(tables.noise_table(cases))
+    assert ran.assessed.free is not None
+    cases = [
+        ("with", ran.assessed.result.figures.noise[0]),
+        ("without", ran.assessed.free.noise[0]),
+    ]
+    header, *rows = lines(noise_table(cases))
     assert header[1:] == ["with", "without", "change"]
     assert {row[0] for row in rows} == set(NOISE)
     for label, with_control, without, change in rows:
@@ -113,12 +121,12 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
             of_amplitude = label.startswith(("peak pressure", "largest plate"))
             decibel = (20 if of_amplitude else 10) * math.log10(ratio)
             assert float(change[:-3]) == pytest.approx(decibel, abs=0.0051)
-    assert len(lines(tables.noise_table(cases, False))[0]) == 3
+    assert len(lines(noise_table(cases, False))[0]) == 3
 
 
 @pytest.mark.full
 def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
-    header, *rows = lines(impacts_table("Impacts", ran.judged.ran.figures.impacts))
+    header, *rows = lines(impacts_table("Impacts", ran.assessed.result.figures.impacts))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
@@ -128,30 +136,30 @@ def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
 def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
     without = ImpactNoise(**{field.name: 1.0 for field in fields(ImpactNoise)})
     under = replace(without, contact_time_s=0.447, next_impact_speed_m_s=1e4)
-    rows = {row[0]: row[-1] for row in tables.noise_rows([under, without], compare=True)}
+    rows = {row[0]: row[-1] for row in noise_rows([under, without], compare=True)}
     assert rows["contact time"] == "-55.3 %"
     assert rows["next impact speed"] == "from nearly zero"
     assert rows["rebound height"] == "+0.0 %"
     back = replace(without, next_impact_speed_m_s=-0.2)
-    rows = {row[0]: row[-1] for row in tables.noise_rows([under, back], compare=True)}
+    rows = {row[0]: row[-1] for row in noise_rows([under, back], compare=True)}
     assert rows["next impact speed"] == ""
 
 
 @pytest.mark.full
 def test_energies_of_a_heavy_sphere_need_no_exponent(ran: RunReport) -> None:
     """A narrow terminal cuts an exponent off: "3.164e+..."."""
-    figures = ran.judged.ran.figures
+    figures = ran.assessed.result.figures
     impact = replace(figures.impacts[0], plate_energy_j=0.031639)
     header, row = lines(impacts_table("Impacts", [impact]))
     assert dict(zip(header, row, strict=True))["plate energy (mJ)"] == "31.64"
     heavy = replace(figures.noise[0], transmitted_j=0.031639)
-    rows = {row[0]: row[1] for row in tables.noise_rows([heavy], compare=False)}
+    rows = {row[0]: row[1] for row in noise_rows([heavy], compare=False)}
     assert rows["transmitted energy, in time"] == "31.64 mJ"
 
 
 @pytest.mark.full
 def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
-    rows = {label: words for label, words in lines(tables.run_table(ran))}
+    rows = {label: words for label, words in lines(run_table(ran))}
     assert "scheme" not in rows
     printed = {label: quantities(words) for label, words in rows.items()}
     demand, limit = report["demand"], report["limiting_pressure"]
@@ -171,7 +179,7 @@ def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
     assert rows["steps"] == f"{report['steps']:,}"
     assert "one face" in rows["radiation"]
     of_study = replace(ran, setup=load("aluminium-3mm", ["run.scheme=thesis2008"]))
-    assert "flaws included" in dict(lines(tables.run_table(of_study)))["scheme"]
+    assert "flaws included" in dict(lines(run_table(of_study)))["scheme"]
 
 
 @pytest.mark.full
@@ -199,8 +207,8 @@ def test_no_cell_of_a_table_is_cut(ran: RunReport, tmp_path: Path) -> None:
         assert max(map(len, ruled)) <= 80, words
     for width in (80, 50, 30):
         for table in (
-            impacts_table("Impacts", ran.judged.ran.figures.impacts), tables.run_table(ran),
-            table_of(ran.judged.ran.figures.neglected.findings),
+            impacts_table("Impacts", ran.assessed.result.figures.impacts), run_table(ran),
+            table_of(ran.assessed.result.figures.neglected.checks),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

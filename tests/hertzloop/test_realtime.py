@@ -10,8 +10,9 @@ import pytest
 
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import realtime
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.setup import load
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.processes import hertzloop
 
 ROOT = Path(__file__).parents[2]
@@ -145,7 +146,7 @@ with p.loop(lambda: steps[0]):
 
 def test_a_run_says_what_was_granted(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0015"])
-    report = run_scene(scene, tmp_path / "a.mcap", RunOptions(realtime="off"))
+    report = run_as_json(run_and_assess(scene, tmp_path / "a.mcap", RunOptions(realtime="off")))
     assert report["realtime"] == "off"
     assert "auto" in hertzloop("run", "--help").stdout
     assert os.sched_getscheduler(0) == os.SCHED_OTHER

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.listening import radiator_of
-from hertzloop.analysis.trust import check_verifiable
+from hertzloop.analysis.verification import check_verifiable
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import DEFAULT, load, parse, shipped

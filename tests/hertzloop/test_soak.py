@@ -18,8 +18,9 @@ import psutil
 import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.setup import Setup
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start, wait_for
 from tests.hertzloop.short_runs import scene
 
@@ -59,7 +60,7 @@ def run_once(short: Setup, folder: Path, transport: Transport, *, fast_lane: boo
     options = RunOptions(
         transport, overwrite=True, timeout_s=EVENTUALLY_S, fast_lane=fast_lane, realtime="auto"
     )
-    report = run_scene(short, folder / "run.mcap", options)
+    report = run_as_json(run_and_assess(short, folder / "run.mcap", options))
     assert report["impacts"] is not None
 
 

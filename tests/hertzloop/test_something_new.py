@@ -44,7 +44,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.analysis.trust import verify
+from hertzloop.analysis.verification import verify
 from hertzloop.setup import load
 from hertzloop.recordings.reader import read
 

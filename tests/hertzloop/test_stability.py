@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis import meters as stability
 from hertzloop.analysis.cases import UnstableLoop, figures_of_case
-from hertzloop.analysis.meters import UNSTABLE, Stability
+from hertzloop.analysis.stability import UNSTABLE, Stability, StabilityAccumulator
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
@@ -24,10 +23,10 @@ EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
 
 
 def stability_of(scene: Setup, rows: np.ndarray, size: int = 1 << 30) -> Stability:
-    meter = stability.StabilityMeter(scene)
-    for _ in meter.through(in_blocks(rows, size)):
+    accumulator = StabilityAccumulator(scene)
+    for _ in accumulator.through(in_blocks(rows, size)):
         pass
-    return meter.result()
+    return accumulator.result()
 
 
 @pytest.mark.full
@@ -74,15 +73,15 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
 def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stability, "UNSTABLE", 1e-6)
+    monkeypatch.setattr("hertzloop.analysis.stability.UNSTABLE", 1e-6)
     scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).rows
     place = rows[XI_P] if scene.plant.same_point else rows[XI_A]
     whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
     assert found == whole  # to the bit: blocks depend on how fast the machine is
-    meter = stability.StabilityMeter(scene)
+    accumulator = StabilityAccumulator(scene)
     injected = np.cumsum(rows[F_A, :-1] * np.diff(place))
-    expected = np.max(np.abs(injected)) / meter.impact_j
+    expected = np.max(np.abs(injected)) / accumulator.impact_j
     assert whole.most_injected == pytest.approx(expected, rel=1e-9)
     assert whole.largest_force_n == np.max(np.abs(rows[F_A]))
     assert whole.unstable
@@ -90,8 +89,8 @@ def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.M
 
 def test_since_when() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.002"])
-    meter = stability.StabilityMeter(scene)
-    e, rows = meter.impact_j, np.zeros((10, 9))
+    accumulator = StabilityAccumulator(scene)
+    e, rows = accumulator.impact_j, np.zeros((10, 9))
     rows[F_A] = 1.0
     # Work after every step: beyond the impact's energy, back, and beyond for good.
     rows[XI_P] = np.array([0.0, 0.5, 1.5, 0.9, 2.0, 8.0, 30.0, -20.0, 50.0]) * e
@@ -104,13 +103,13 @@ def test_since_when() -> None:
 
 def test_no_work_is_done_over_missing_steps() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.002"])
-    meter = stability.StabilityMeter(scene)
-    e, rows = meter.impact_j, np.zeros((10, 9))
+    accumulator = StabilityAccumulator(scene)
+    e, rows = accumulator.impact_j, np.zeros((10, 9))
     rows[F_A] = 1.0
     rows[XI_P] = np.array([0.0, 0.5, 1.5, 900.0, 900.0, 900.0, 900.5, 920.0, 921.0]) * e
-    for _ in meter.through([(0, rows[:, :3]), (14, rows[:, 4:6]), (16, rows[:, 6:])]):
+    for _ in accumulator.through([(0, rows[:, :3]), (14, rows[:, 4:6]), (16, rows[:, 6:])]):
         pass
-    found = meter.result()
+    found = accumulator.result()
     assert found.most_injected == pytest.approx(22.5)
     assert found.since_s == pytest.approx(1 * scene.step_s)
 
@@ -139,12 +138,12 @@ def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
 
 def test_what_takes_energy_out_does_not_pump() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.002"])
-    meter = stability.StabilityMeter(scene)
+    accumulator = StabilityAccumulator(scene)
     rows = np.zeros((10, 4))
     rows[F_A] = 1.0
-    rows[XI_P] = np.array([0.0, -1.5, -3.0, -2.5]) * meter.impact_j
-    meter.feed(0, rows)
-    found = meter.result()
+    rows[XI_P] = np.array([0.0, -1.5, -3.0, -2.5]) * accumulator.impact_j
+    accumulator.feed(0, rows)
+    found = accumulator.result()
     assert not found.pumps
     assert found.fed_in <= 0.0
     assert found.most_injected == pytest.approx(3.0)

@@ -16,6 +16,7 @@ from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.structure import oscillator_shapes
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
@@ -26,7 +27,7 @@ from hertzloop.setup import Setup, load, parse
 from hertzloop.setup.build import build_plant
 from hertzloop.setup.controller import build_controller
 from hertzloop.studies.margin.margin import margin_of
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
@@ -172,7 +173,9 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     recordings = []
     for transport in Transport:
         path = tmp_path / f"{transport.value}.mcap"
-        report = run_scene(scene, path, RunOptions(transport=transport, timeout_s=120.0))
+        report = run_as_json(
+            run_and_assess(scene, path, RunOptions(transport=transport, timeout_s=120.0))
+        )
         assert abs(report["residuals"]["energy"]) < 1e-10
         assert "the modes of lossy.csv" in report["struck"]["name"]
         assert report["noise"][0]["radiated_j"] != report["noise"][0]["radiated_j"]  # nan

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.__main__ import lacks_explained
-from hertzloop.cli import app
+from hertzloop.cli.commands import leaves
 from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import HERTZLOOP
 from tests.hertzloop.short_runs import SHORT
@@ -100,7 +100,7 @@ def works(before: tuple[str, ...]) -> bool:
 
 
 def test_every_command_is_tried_or_left_out_for_a_reason() -> None:
-    assert COMMANDS.keys() | OTHERS == {leaf.words for leaf in app.leaves()}
+    assert COMMANDS.keys() | OTHERS == {leaf.words for leaf in leaves()}
 
 
 @pytest.mark.parametrize("words", [["--version"], ["law", "--help"]])

@@ -13,6 +13,7 @@ from hertzloop.controller.law import About, Keys
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording
@@ -21,7 +22,6 @@ from hertzloop.scenes.toml import to_toml
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
 from hertzloop.setup import load, parse
-from hertzloop.views.run import run_scene
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
 
@@ -135,7 +135,7 @@ def test_a_controller_that_stalls_in_a_paced_run_is_repeated(back):
 def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
     path, short = tmp_path / "paced.mcap", ["run.duration_s=0.0012", SHORT[1]]
     setup = load("aluminium-3mm", short)
-    run_scene(setup, path, RunOptions(pace=0.01), lambda step: None)
+    run_and_assess(setup, path, RunOptions(pace=0.01), lambda step: None)
     again = load("aluminium-3mm", [*short, f"controller.latency_trace={path}"])
     rows = simulate(again.with_plate_model(setup.plate_model)).rows
     assert np.array_equal(rows, rows_of(read_recording(path)))

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import run_scene
+from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.lanes import Pair
 from tests.tiers import default
 
@@ -160,7 +161,9 @@ def record(
     lane: bool = True,
 ) -> Recording:
     """A run as `hertzloop run` does it."""
-    report = run_scene(scene, path, RunOptions(transport, horizon=horizon, fast_lane=lane))
+    report = run_as_json(
+        run_and_assess(scene, path, RunOptions(transport, horizon=horizon, fast_lane=lane))
+    )
     assert report["steps"] == scene.steps
     assert report["lane"] == "JOINED" * (lane and transport == Transport.ZENOH)
     return checked(read(path), scene)

@@ -12,12 +12,12 @@ import pytest
 
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.setup.controller import bound_law, loaded_law
-from hertzloop.views.run import run_scene
 from tests.commands import invoke
 
 pytest.importorskip("fmpy")
@@ -98,7 +98,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 def recorded(law: Path, path: Path, transport: Transport) -> Recording:
     scene = scene_of(law, "controller.gain=2e6", "controller.latency_us=2")
-    run_scene(scene, path, RunOptions(transport=transport))
+    run_and_assess(scene, path, RunOptions(transport=transport))
     return read(path)
 
 

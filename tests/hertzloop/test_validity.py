@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.effects import ROWS, neglected_of_scene
+from hertzloop.analysis.effect_rows import ROWS
+from hertzloop.analysis.effects import neglected_of_scene
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from hertzloop.views.run import effects_as_json
+from hertzloop.views.run_json import effects_as_json
 from tests.commands import invoke
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
@@ -180,7 +181,7 @@ def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
         load("aluminium-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.4"])
     )
     assert not unstable.stable
-    assert not unstable.findings
+    assert not unstable.checks
     early = neglected_of_scene(load("aluminium-3mm", ["run.duration_s=0.0005"]))
     assert early.stable
     assert effects_as_json(early) == {"validity": [], "warnings": []}

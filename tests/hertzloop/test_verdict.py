@@ -8,14 +8,16 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.effects import Neglected
-from hertzloop.analysis.figures import Figures, Ran, Saturation
-from hertzloop.analysis.meters import Push, Stability
-from hertzloop.analysis.trust import ImpactErrors, NotAgain, Obstacle, Predictability
+from hertzloop.analysis.figures import Figures, RunResult, Saturation
+from hertzloop.analysis.predictability import ImpactErrors, Predictability
+from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
+from hertzloop.analysis.stability import Stability
+from hertzloop.analysis.statistics import ForceTiming
 from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.recordings.reader import Event, older_fact
-from hertzloop.views.run import verdict_sentences
+from hertzloop.views.verdict import verdict_sentences
 from tests.commands import invoke
 
 
@@ -108,7 +110,7 @@ def noise(radiated_j: float) -> ImpactNoise:
 STABLE = Stability(False, False, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def figures(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: Push) -> Figures:
+def figures(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: ForceTiming) -> Figures:
     """Figures of a run of which no more is known than these."""
     return Figures(
         list(impacts), list(sounds), None, None, True, STABLE, None, push, Neglected(None)
@@ -119,13 +121,13 @@ def said_of(
     impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Figures,
     known: Predictability | None = None, saturation: Saturation | None = None,
 ) -> list[str]:  # fmt: skip
-    push = Push(1e-6, 0.0)
-    ran = Ran(figures(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
-    return verdict_sentences(verdict(ran, free, known))
+    push = ForceTiming(1e-6, 0.0)
+    result = RunResult(figures(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
+    return verdict_sentences(verdict(result, free, known))
 
 
 def test_the_words_follow_the_figures() -> None:
-    free = figures([impact(1e-4)], [noise(1e-5)], Push(1e-6, 0.0))
+    free = figures([impact(1e-4)], [noise(1e-5)], ForceTiming(1e-6, 0.0))
     assert said_of([impact(1e-4)], [noise(1e-5)], free) == [
         "Control leaves plate energy nearly unchanged."
     ]
@@ -145,19 +147,19 @@ def test_the_words_follow_the_figures() -> None:
 
 
 def test_what_is_not_predictable_is_not_added_up() -> None:
-    free = figures([impact(1e-4), impact(1e-5)], [], Push(0.0, 0.0))
+    free = figures([impact(1e-4), impact(1e-5)], [], ForceTiming(0.0, 0.0))
 
     def known(*errors_j: float) -> list[ImpactErrors]:
         return [ImpactErrors(1.0 if e == 0.0 else 1e3, {"plate_energy_j": e}, {}) for e in errors_j]
 
-    def said(controlled: list[ImpactErrors] | None, not_again: NotAgain | None = None) -> str:
+    def said(controlled: list[ImpactErrors] | None, not_again: NotRepeatable | None = None) -> str:
         known_of = Predictability(1e-3, controlled, known(0.0, 0.0), not_again)
         return said_of([impact(5e-5), impact(9e-5)], [], free, known_of)[0]
 
     assert said(known(0.0, 0.0)) == "Control reduces plate energy by 3.0 dB in the first impact."
     later = "Control reduces plate energy by 3.0 dB (first impact; later ones are not predictable)."
     assert said(known(0.0, 4e-5)) == later
-    foreign = NotAgain(Obstacle.NOT_HERE, error="it is foreign")
+    foreign = NotRepeatable(WhyNotRepeatable.NOT_HERE, error="it is foreign")
     assert "it is unknown whether later ones are predictable" in said(None, foreign)
     assert "plate energy by 3 dB (first" in said(known(1e-5, 4e-5))
     assert said(known(9e-5, 4e-5)).startswith("The effect of control is unpredictable")

@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.analysis.trust import _START, Verification, finer_spec, past_first_impact, verify
+from hertzloop.analysis.verification import (
+    _START,
+    Verification,
+    finer_spec,
+    past_first_impact,
+    verify,
+)
 from hertzloop.loop.compiled import finer_loop, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import Plant

@@ -70,7 +70,7 @@ from pathlib import Path
 from hertzloop.processes import warmup
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.views.run import run_scene
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.setup import load
 from hertzloop.setup.controller import build_controller
 from hertzloop.jit.progress import report_compiling
@@ -89,7 +89,7 @@ build_controller(scene)  # its law
 told = []
 with report_compiling(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
-        run_scene(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
+        run_and_assess(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
 print(told)
 """
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.analysis.recorded import law_ran
+from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
 from hertzloop.controller.loading.law import LawError
@@ -273,7 +273,7 @@ def test_wrong_in_the_run(here: Path, how: str, transport: str) -> None:
     assert recording.truth.samples > 2000
     told = next(problem for problem in recording.problems if words in problem)
     assert told.count(f"failed: {words}") == 1  # the role that heard of it adds nothing
-    assert law_ran(recording)[0] == "mine.py"
+    assert reported_law(recording)[0] == "mine.py"
 
 
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:

@@ -9,7 +9,7 @@ import hertzloop
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.model import limiting_pressure
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.trust import verify
+from hertzloop.analysis.verification import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.figures.impacts import impacts_in
@@ -18,7 +18,7 @@ from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.views.run import pressure_words
+from hertzloop.views.details import pressure_words
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.meters import control_force_n
+from hertzloop.analysis.statistics import control_force_n
 from hertzloop.loop.compiled import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.setup import Setup, resolve

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.analysis.meters import control_force_n
+from hertzloop.analysis.statistics import control_force_n
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m

@@ -15,10 +15,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hertzloop.analysis.figures import free_figures
-from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.listening import write_sounds
+from hertzloop.analysis.predictability import errors_of
 from hertzloop.analysis.recorded import law_of
-from hertzloop.analysis.trust import errors_of, why_not_again
-from hertzloop.analysis.verdict import Judged, judge
+from hertzloop.analysis.repeatability import why_not_repeatable
+from hertzloop.analysis.verdict import RunAssessment, assess_recording
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.replay.as_rerun import Shown
@@ -33,10 +34,13 @@ from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
-from hertzloop.views import run as run_view
+from hertzloop.views.effects import sentences_of
+from hertzloop.views.impacts_table import impact_headings, impact_rows
+from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.noise_table import noise_rows
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
-from hertzloop.views.run import law_line
+from hertzloop.views.verdict import verdict_sentences
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
@@ -150,8 +154,8 @@ def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     without = free_figures(setup) if shown.told.twin is not None else None
-    found = judge(setup, recording, without, why_not_again(recording))
-    figures, verdict = found.ran.figures, found.conclusions.verdict
+    found = assess_recording(setup, recording, without, why_not_repeatable(recording))
+    figures, verdict = found.result.figures, found.assessment.verdict
     unstable = figures.stability.unstable
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
@@ -162,8 +166,8 @@ def page_of(recording: Recording) -> str:
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
         unstable=unstable,
-        verdict=run_view.verdict_sentences(verdict),
-        neglected=run_view.sentences_of(figures.neglected.findings),
+        verdict=verdict_sentences(verdict),
+        neglected=sentences_of(figures.neglected.checks),
         margin=margin,
         margin_png=margin_png,
         tables=_tables(found, not unstable),
@@ -184,37 +188,37 @@ def page_of(recording: Recording) -> str:
     )  # fmt: skip
 
 
-def _tables(found: Judged, compare: bool) -> list[ResultTable]:
+def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
     """Noise figures of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
-    runs = [found.ran.figures, *([found.free] if found.free else [])]
+    runs = [found.result.figures, *([found.free] if found.free else [])]
     if not all(run.noise for run in runs):
         return []
-    known = found.conclusions.predictability
+    known = found.assessment.predictability
     digits = [known.controlled, known.uncontrolled][: len(runs)]
     names = ["with control", "without"] if found.free else ["this run"]
     compare = compare and found.free is not None
-    rows = run_view.noise_rows(
+    rows = noise_rows(
         [run.noise[0] for run in runs], compare,
         [errors_of(each, 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
-        why_not = run_view.why_not_words(known.not_again) if run is runs[0] else ""
-        rows, notes = run_view.impact_rows(run.impacts, each, why_not)
+        why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""
+        rows, notes = impact_rows(run.impacts, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        headings = [f"impacts, {name}", *run_view.headings(run.impacts)]
+        headings = [f"impacts, {name}", *impact_headings(run.impacts)]
         tables.append(ResultTable("", headings, numbered, "; ".join(notes)))
     return tables
 
 
 def _law(recording: Recording) -> tuple[str, str, str]:
-    ran = law_line(law_of(recording))
+    result = law_line(law_of(recording))
     try:
-        return ran, text_of_law(recording), ""
+        return result, text_of_law(recording), ""
     except RecordingError as error:
-        return ran, "", str(error)
+        return result, "", str(error)
 
 
 def _margin(recording: Recording, setup: Setup) -> tuple[list[str], str]:
@@ -277,7 +281,7 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
     """Sounds at 1 m, their data as base64 of a WAV file, or why there are none."""
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         try:
-            heard = heard_of(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
+            heard = write_sounds(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
         except SceneError as error:
             return [], str(error)
         return [
@@ -292,11 +296,11 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
 
 def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """How to come to the same samples, in words and as commands."""
-    file, ran = shlex.quote(recording.path.name), law_of(recording)
+    file, result = shlex.quote(recording.path.name), law_of(recording)
     (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
     again = shlex.quote(f"{recording.path.stem}-again.mcap")
-    if not ran.as_announced:
-        own = ran.law or "not named by the controller"
+    if not result.as_announced:
+        own = result.law or "not named by the controller"
         return (
             f"The forces came from a controller outside hertzloop with the law {own}. Start that "
             "controller and these two processes in three terminals, in any order.",
@@ -314,8 +318,8 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
     if name == setup.name and not changed:
         return same, [f"hertzloop run {name} --seed {setup.seed}"]
     run, first = f"hertzloop run {setup.name}.toml", []
-    if ran.law not in shipped_laws() and has_text:
-        law = str(ran.law).partition(":")
+    if result.law not in shipped_laws() and has_text:
+        law = str(result.law).partition(":")
         first = [f"hertzloop inspect {file} --law {shlex.quote(law[0])}"]
         run += f" --set {shlex.quote('controller.law=' + ''.join(law))}"
     return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]

@@ -13,13 +13,13 @@ from hertzloop.analysis.recorded import rows_of
 from hertzloop.bus.port import BusError
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import RunFailed
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.studies.sweeps.design import keys_of
-from hertzloop.views.run import run_scene
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def _digest(
     varied = setup.vary({key: row[key] for key in keys})
     case = varied.with_plate_model(row["plate_model"]).with_steps(int(row["steps"]))
     path = folder / "case.mcap"
-    run_scene(case, path, RunOptions(transport=Transport(transport), overwrite=True))
+    run_and_assess(case, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)
     coded = case.sensor.bits is not None
     samples = recording.daq.arrays["code" if coded else "value"]

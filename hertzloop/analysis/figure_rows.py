@@ -1,0 +1,50 @@
+"""A figure is one row, from which tables, pictures, JSON, files and the reference page are made."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+# A figure is one row: tables, pictures, JSON, files and the reference page are made of it.
+Kind = TypeVar("Kind", bound=type)
+
+
+@dataclass(frozen=True)
+class FigureRow:
+    """A figure.
+
+    Attributes:
+        meaning: what it is, with its unit.
+        words: heading in tables and pictures, without unit; "" where it has none.
+        unit: the unit there.
+        factor: from the value to that unit.
+        db: factor of the logarithm of its ratio in dB, 0 of one that is compared in per cent.
+        of: what makes the value of what the figures are taken from, or the path of an attribute.
+        shown: whether the command and the report show it without being asked.
+        without: the value without control.
+    """
+
+    meaning: str
+    words: str = ""
+    unit: str = ""
+    factor: float = 1.0
+    db: float = 0.0
+    of: Callable[[Any], Any] | str = ""
+    shown: bool = False
+    without: float = 0.0
+
+
+def figure(*about: Any, **more: Any) -> Any:
+    """A field of a dataclass of figures; arguments as in `FigureRow`."""
+    return field(metadata={"figure": FigureRow(*about, **more)})
+
+
+def rows_of(kind: type) -> dict[str, FigureRow]:
+    """The figures of a dataclass by name."""
+    return {one.name: one.metadata["figure"] for one in fields(kind)}
+
+
+def described(kind: Kind) -> Kind:
+    """A dataclass of figures whose docstring says what each is."""
+    told = (f"        {name}: {row.meaning}." for name, row in rows_of(kind).items())
+    kind.__doc__ = f"{kind.__doc__}\n    Attributes:\n" + "\n".join(told) + "\n    "
+    return kind

@@ -1,0 +1,61 @@
+"""The Python interface: scenes, runs, recordings, sweeps, tuning and fits.
+
+`import hertzloop` offers these names. The command line uses the same functions.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from hertzloop.api.measurements import fit, read_record, read_records
+from hertzloop.api.runs import Run, compare, read, run, simulate
+from hertzloop.api.scenes import load, scene_names, vary
+from hertzloop.api.studies import linear, modes, sweep, tune
+from hertzloop.extras import need
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from hertzloop.analysis.comparison import Comparison, Difference
+    from hertzloop.analysis.span_figures import RunFigures, SpanFigures
+    from hertzloop.bus.port import BusError
+    from hertzloop.bus.streams import StreamFault
+    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies.fit.fit import FitError, FitResult
+    from hertzloop.studies.fit.records import Record, RecordError
+    from hertzloop.studies.sweeps.design import DesignError
+    from hertzloop.studies.sweeps.pool import SweepFailed
+
+__all__ = [
+    "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
+    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
+    "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare",
+    "fit", "linear", "load", "modes", "read", "read_record", "read_records", "run", "scene_names",
+    "simulate", "sweep", "tune", "vary",
+]  # fmt: skip
+
+# Names that are loaded at their first use, since a script that only simulates needs none of them.
+_NAMES_BY_MODULE = {
+    "analysis.comparison": ("Comparison", "Difference"),
+    "analysis.span_figures": ("RunFigures", "SpanFigures"),
+    "bus.port": ("BusError",),
+    "bus.streams": ("StreamFault",),
+    "interop.environment": ("ImpactEnv",),
+    "processes.launcher": ("RunFailed",),
+    "recordings.writer": ("RecordingError",),
+    "studies.fit.fit": ("FitError", "FitResult"),
+    "studies.fit.records": ("Record", "RecordError"),
+    "studies.sweeps.design": ("DesignError",),
+    "studies.sweeps.pool": ("SweepFailed",),
+}
+_MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "ImpactEnv":
+        need("gymnasium")
+    if name in _MODULES:
+        return getattr(import_module(f"hertzloop.{_MODULES[name]}"), name)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

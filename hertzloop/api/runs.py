@@ -1,0 +1,351 @@
+"""Runs for scripts: simulate, run, read and compare."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from hertzloop.api.scenes import AnyScene, resolved
+from hertzloop.bus.sockets import own_folder
+from hertzloop.extras import need
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.time_series import TRUTH
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.loading import parse as parse_scene
+from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup, model_error, resolve
+from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from hertzloop.analysis.comparison import Comparison
+    from hertzloop.analysis.figures import RunResult
+    from hertzloop.analysis.repeatability import NotRepeatable
+    from hertzloop.analysis.span_figures import RunFigures
+    from hertzloop.bus.messages_pb2 import Books as BooksMessage
+    from hertzloop.loop.run_options import RunOptions
+    from hertzloop.plant.plant import Balance
+    from hertzloop.recordings.reader import Event, Recording
+
+TransportName = Literal["zenoh", "inprocess", "compiled"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulated run, from memory or from a recording.
+
+    Attributes:
+        scene: the scene, as simulated.
+        impacts: the contacts, in order.
+        noise: noise figures, one for each contact.
+        energy_residual: missing part of the energy balance, relative.
+        momentum_residual: missing part of the momentum balance, relative.
+        events: events of a recording; empty without one.
+        path: the recording, if one was kept.
+        pacing: late forces and response times of a paced run, with the names of
+            `hertzloop inspect --json`; None in lock-step.
+    """
+
+    scene: Scene
+    impacts: list[Impact]
+    noise: list[ImpactNoise]
+    energy_residual: float
+    momentum_residual: float
+    events: "list[Event]"
+    path: Path | None = None
+    pacing: dict[str, Any] | None = None
+    _compute_result: Callable[[], "RunResult"] | None = field(
+        default=None, repr=False, compare=False
+    )
+    _streams: "_Streams | None" = field(default=None, repr=False, compare=False)
+    _not_repeatable: "NotRepeatable | None" = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def truth(self) -> "xr.Dataset":
+        """The time series, with unit and meaning in `attrs`.
+
+        Dataset over `step`, one variable a column, each of shape (steps,): gap `xi_m`, sphere
+        `xi_s_m`, plate `xi_p_m` (m), plate velocity `v_p_m_s` (m/s), contact force `f_c_n` and
+        actuator force `f_a_n` (N, means of a step). Needs the extra `python`.
+        """
+        assert self._streams is not None
+        return labelled_arrays().truth_of(self._streams.columns, self._streams.step_s)
+
+    @cached_property
+    def samples(self) -> "xr.DataArray":
+        """Measured samples, shape (samples,), in the unit of the sensed quantity.
+
+        Needs the extra `python`.
+        """
+        assert self._streams is not None
+        values, every_s = self._streams.values, self._streams.sample_s
+        label = sensed_label(self._streams.quantity)
+        return labelled_arrays().labelled(values, label, "sample", np.arange(len(values)) * every_s)
+
+    @cached_property
+    def force(self) -> "xr.DataArray | None":
+        """Commanded forces, N, shape (steps,); None for a run that was not recorded.
+
+        Needs the extra `python`.
+        """
+        assert self._streams is not None
+        values, step_s = self._streams.commanded, self._streams.step_s
+        if values is None:
+            return None
+        return labelled_arrays().labelled(
+            values, FORCE_LABEL, "step", np.arange(len(values)) * step_s
+        )
+
+    @cached_property
+    def _result(self) -> "RunResult":
+        assert self._compute_result is not None
+        return self._compute_result()
+
+    @property
+    def figures(self) -> "RunFigures":
+        """Figures of the first impact and of the whole run, SI units.
+
+        `hertzloop run` and `hertzloop inspect` print these figures.
+        """
+        from hertzloop.analysis.span_figures import RunFigures
+
+        found = self._result.figures
+        return RunFigures(found.first_impact, found.whole_run)
+
+    @cached_property
+    def verdict(self) -> list[str]:
+        """Sentences of the verdict that `hertzloop run` prints.
+
+        The property simulates the run without control.
+        """
+        from hertzloop.analysis.figures import free_figures
+        from hertzloop.analysis.verdict import assess
+        from hertzloop.views.verdict import verdict_sentences
+
+        setup = resolve(self.scene)
+        found = assess(setup, self._result, free_figures(setup), self._not_repeatable)
+        return verdict_sentences(found.verdict)
+
+    def without_control(self) -> "Run":
+        """Simulate the run with the law off, on the same plate model.
+
+        Returns:
+            The run without control.
+        """
+        return simulate(resolve(self.scene).without_control(same_plate=True).scene)
+
+
+@dataclass(frozen=True)
+class _Streams:
+    """Arrays of a run and what labels them."""
+
+    columns: Mapping[str, np.ndarray]
+    values: np.ndarray
+    commanded: np.ndarray | None
+    quantity: str
+    step_s: float
+    sample_s: float
+
+
+def labelled_arrays() -> Any:
+    """Return the module that labels arrays; it needs a package that an extra brings."""
+    need("xarray")
+    return import_module("hertzloop.views.labelled")
+
+
+def simulate(scene: AnyScene) -> Run:
+    """Simulate a scene in this process, in one compiled loop.
+
+    The samples have the same bytes as those of a run over the bus.
+
+    Args:
+        scene: the scene, or its name or TOML file.
+
+    Returns:
+        The run, in memory. It has no `force` and no `events`.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+    from hertzloop.loop import compiled
+    from hertzloop.loop.plant_streams import truth_columns
+
+    setup = resolved(scene)
+    found = compiled.simulate(setup)
+    columns = truth_columns(found.rows, setup, setup.plant.same_point)
+    return _run_from(setup, found.rows, columns, found.values, None, found.books)
+
+
+def run(
+    scene: AnyScene,
+    recording: str | Path | None = None,
+    *,
+    transport: TransportName = "zenoh",
+    overwrite: bool = False,
+    horizon: int | None = None,
+    pace: float | None = None,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> Run:
+    """Run a scene, by default as processes over zenoh, and record it.
+
+    Args:
+        scene: the scene, or its name or TOML file.
+        recording: MCAP file to write; without one, the run is kept in memory only.
+        transport: "zenoh" (processes), "inprocess" or "compiled"; all give the same bytes.
+        overwrite: whether an existing file may be replaced.
+        horizon: largest number of steps that the plant may run ahead; None for the default. It
+            changes the speed and no sample.
+        pace: simulated time over wall time, 1 for real time: the plant follows the wall clock
+            and waits for no force. None for lock-step.
+        on_progress: called with the number of finished steps.
+
+    Returns:
+        The run, as read from its recording.
+
+    Raises:
+        SceneError: the scene cannot be run, or `pace` does not fit the other arguments.
+        RunFailed: a process failed.
+        BusError: a process is missing or was lost.
+        StreamFault: a message was lost, repeated or malformed.
+        RecordingError: the recording cannot be written.
+    """
+    from hertzloop.loop.run_options import RunOptions, Transport
+    from hertzloop.processes.launcher import record
+
+    options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
+    setup = resolved(scene)
+    if pace is not None:
+        _check_pace(setup, options)
+    if recording is not None:
+        record(setup, Path(recording), options, on_progress)
+        return read(recording)
+    with own_folder() as folder:
+        path = Path(folder) / "run.mcap"
+        record(setup, path, options, on_progress)
+        return replace(read(path), path=None)
+
+
+def _check_pace(setup: Setup, options: "RunOptions") -> None:
+    """Raise SceneError for a run that cannot be by the wall clock."""
+    from hertzloop.loop.paced import check_pace
+    from hertzloop.loop.run_options import Transport
+    from hertzloop.processes.warmup import ensure_compiled
+
+    assert options.pace is not None
+    if options.transport is not Transport.ZENOH:
+        raise SceneError(
+            f"pace = {options.pace:g} needs processes of their own; transport = "
+            f"'{options.transport}' has none"
+        )
+    if options.horizon is not None:
+        raise SceneError(
+            f"horizon = {options.horizon} needs the lock-step; with a pace the plant waits for no "
+            "force"
+        )
+    check_pace(setup, options.pace, options.timeout_s)
+    # A process that compiles answers nobody.
+    ensure_compiled(setup, paced=True)
+
+
+def read(recording: str | Path) -> Run:
+    """Read a recording.
+
+    Args:
+        recording: MCAP file of a run.
+
+    Returns:
+        The run.
+
+    Raises:
+        RecordingError: the file cannot be read, is damaged or not a recording, or its scene
+            cannot be simulated by this version.
+    """
+    from hertzloop.analysis.recorded import rows_of
+    from hertzloop.recordings.reader import read as read_recording
+    from hertzloop.recordings.writer import RecordingError
+
+    found = read_recording(Path(recording))
+    if found.problems or found.books is None:
+        raise RecordingError(
+            f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
+        )
+    try:
+        scene = parse_scene(found.scene_toml)
+    except SceneError as error:
+        words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
+        raise RecordingError(words) from error
+    names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
+    kept = {name: found.truth.arrays[name] for name in names}
+    return _run_from(resolve(scene), rows_of(found), kept, found.daq_values, found, found.books)
+
+
+def _run_from(
+    setup: Setup,
+    rows: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    values: np.ndarray,
+    recording: "Recording | None",
+    books: "Balance | BooksMessage",
+) -> Run:
+    from hertzloop.analysis.figures import RunResult, figures_of
+    from hertzloop.analysis.impacts import impacts_of_rows
+    from hertzloop.analysis.recorded import law_of, pacing_of, stacked
+    from hertzloop.analysis.repeatability import why_not_repeatable
+    from hertzloop.analysis.verdict import saturation_of
+    from hertzloop.views.run_json import pacing_as_json
+
+    step_s = setup.step_s
+    found = impacts_of_rows(setup, rows)
+    law, not_repeatable, saturation, pacing = setup.law_reference, None, None, None
+    if recording is not None:
+        law, not_repeatable = law_of(recording).scene_law or "", why_not_repeatable(recording)
+        saturation, pacing = saturation_of(recording.events), pacing_of(recording)
+
+    def compute_result() -> RunResult:
+        return RunResult(
+            figures_of(setup, stacked(dict(columns))), law, model_error.expected_error(setup),
+            books.injected_j, books.dent_m, pacing is not None, saturation,
+            setup.law_models_yield,
+        )  # fmt: skip
+
+    commanded = None
+    if recording is not None:
+        commanded = recording.force.arrays.get("force_n", np.empty(0))
+    return Run(
+        scene=setup.scene,
+        impacts=[one.impact for one in found],
+        noise=[one.noise for one in found],
+        energy_residual=books.energy_residual,
+        momentum_residual=books.momentum_residual,
+        events=recording.events if recording is not None else [],
+        path=recording.path if recording is not None else None,
+        pacing=pacing_as_json(pacing),
+        _compute_result=compute_result,
+        _streams=_Streams(
+            columns, values, commanded, setup.quantity, step_s, setup.every_steps * step_s
+        ),
+        _not_repeatable=not_repeatable,
+    )
+
+
+def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
+    """Compare the figures of two runs.
+
+    Args:
+        a: the reference.
+        b: the run to compare with it.
+
+    Returns:
+        One row per figure. `print` shows the table of `hertzloop compare --figures`.
+    """
+    from hertzloop.analysis.comparison import compared
+    from hertzloop.views.inspection import PrintedComparison
+
+    found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))
+    return PrintedComparison(found.rows)

@@ -1,0 +1,254 @@
+"""The properties of a run that `--details` prints: scheme, plate model, latency, residuals."""
+
+import math
+from typing import Any
+
+from hertzloop.analysis import model
+from hertzloop.analysis.run_report import RunReport
+from hertzloop.analysis.statistics import ActuatorDemand
+from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.loop.run_options import Transport
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.registry import STRUCTURES
+from hertzloop.setup import Setup
+from hertzloop.setup.controller import mean_latency_us
+from hertzloop.views.format import Table
+from hertzloop.views.law_line import law_line
+
+
+def run_table(report: RunReport) -> Table:
+    """Return the table of a run's properties; a row without a value is left out."""
+    setup, parts, wall_s = report.setup, report.parts, report.wall_s
+    books, demand = report.books, report.assessed.result.figures.demand
+    assessed, full = report.assessed, parts.model and parts.model.full
+    structure = report.structure
+    asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
+    told = parts.theory if asked is None or asked.solid else None  # None: "auto"
+    factor = setup.duration_s / wall_s if wall_s else math.inf
+    note = SCHEMES[setup.scheme].note
+    limit = parts.limiting_pressure
+    rows = (
+        ("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}"),
+        ("law that ran", law_line(assessed.law)),
+        ("steps", f"{setup.steps:,}"),
+        ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, "
+                      f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s"),
+        ("scheme", note and f"{setup.scheme}: {note}"),
+        ("actuator demand", demand and demand_words(demand)),
+        ("limiting pressure", limit and pressure_words(limit)),
+        ("yield", assessed.yielded and yield_words(assessed.yielded)),
+        ("radiation", parts.radiation and radiation_words(parts.radiation)),
+        ("mean latency", mean_latency_words(setup)),
+        ("exchanges", _exchanges(report)),
+        ("real-time profile", report.realtime),
+        ("structure", "" if structure["closed_form"] else _structure_words(structure)),
+        ("plate theory", told and theory_words(told)),
+        ("plate model", _model_order(report)),
+        ("truncated modes", parts.tail and tail_words(parts.tail)),
+        ("full model", full and "modes_in_file" not in structure and _full_model(full)),
+        ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
+        ("contact solve", f"at most {books.newton_iterations_max} evaluations a step"),
+        ("residuals", f"energy {books.energy_residual:.1e}, "
+                      f"momentum {books.momentum_residual:.1e} (relative)"),
+    )  # fmt: skip
+    table = Table("", "", show_header=False)
+    for heading, words in rows:
+        if words:
+            table.add_row(heading, words)
+    return table
+
+
+def mean_latency_words(setup: Setup) -> str:
+    """State the mean latency of the force that acts; empty if every command has the same."""
+    line = setup.line
+    if not (line.jitter_steps or line.trace or line.drop_out_probability):
+        return ""
+    mean_us = mean_latency_us(setup)
+    if math.isnan(mean_us):
+        return "no command acts within the run"
+    return (
+        f"{mean_us:.1f} us of the force that acts: commands keep their order, so "
+        "that a late one delays those behind it"
+    )
+
+
+_LANES = {
+    "JOINED": "in the fast lane",
+    "UNSAID": "over the bus; the controller knows of no fast lane",
+    "OTHER_HOST": "over the bus, the controller being on another host",
+    "NOT_ALLOWED": "over the bus; the controller could not open the plant's shared memory",
+    "SWITCHED_OFF": "over the bus, the controller's fast lane being switched off",
+}
+
+
+def _exchanges(report: RunReport) -> str:
+    """Say how many exchanges took place, at which rate, and over which channel."""
+    words = f"{report.exchanges:,}"
+    if report.transport != Transport.ZENOH:
+        return words
+    way = _LANES.get(report.lane, "over the bus, without fast lane")
+    return f"{words}, {report.exchanges / max(report.wall_s, 1e-9):,.0f}/s, {way}"
+
+
+def _structure_words(found: dict[str, Any]) -> str:
+    """Describe a structure that is not a simply supported plate, and how well it is known."""
+    if "low_modes" in found:
+        return (
+            f"{found['name']}: {found['low_modes']} modes by Ritz's method, whose frequencies "
+            f"change by {found['low_change']:.1g} at most with the basis; those beyond, by phases "
+            f"at the edges, to {found['beyond_error']:.1g}"
+        )
+    source = f"{found['modes_in_file']}, sha256 {found['sha256'][:16]}"
+    words = [f"{found['name']}: {source}"]
+    if found["mobility_ratio"] is not None:
+        words.append(f"their mean mobility is {found['mobility_ratio']:.3g} of an infinite plate's")
+    return "; ".join(words)
+
+
+def yield_words(found: model.Yield) -> str:
+    """Describe the permanent dent and the dissipated energy of a contact that yielded."""
+    return f"a dent of {found.dent_m * 1e6:.3g} um, {found.dissipated_j * 1e6:.4g} uJ dissipated"
+
+
+def pressure_words(limit: dict[str, Any]) -> str:
+    """Describe the pressure at which a contact yields, and where it comes from."""
+    words, by = f"{limit['pressure_pa'] * 1e-9:.3g} GPa", limit["by"]
+    if by is None:
+        return f"{words}, as the scene says"
+    return (
+        f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
+        f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:z.0f} %"
+    )
+
+
+def radiation_words(found: model.Radiation) -> str:
+    """Describe the energy that the plate radiated."""
+    faces = "one face" if found.faces == 1 else "two faces"
+    return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
+
+
+def demand_words(asked: ActuatorDemand) -> str:
+    """Describe the largest force, slew rate and power that a run demanded of its actuator."""
+    words = f"{asked.force_n:.4g} N, {asked.slew_n_s * 1e-6:.3g} N/us, {asked.power_w:.3g} W"
+    if asked.delay_s:
+        words += f"; its bandwidth adds {asked.delay_s * 1e6:.3g} us to the latency"
+    return words
+
+
+def _model_order(report: RunReport) -> str:
+    """Describe the plate model, its expected error, and whether that meets the request."""
+    books, model, (expected, asked) = report.books, report.parts.model, report.expects
+    limit_hz, words = books.frequency_limit_hz, error_words(expected, asked)
+    if model is None:  # all modes that the step carries
+        return (
+            f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz (pi/dt), as published"
+        )
+    if model.plate_model == "infinite":
+        chosen = f"infinite plate, a dashpot of {model.impedance_n_s_m:.4g} N s/m"
+        if expected is None or math.isinf(expected):
+            return f"{chosen}; what the missing reflections cost by the run's end is not known"
+        found = f"{chosen}; missing reflections may cost {words} by the run's end"
+        return f"{found} (requested: {asked:g}; missed)" if missed(expected, asked) else found
+    chosen = (
+        f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz; "
+        f"expected truncation error {words} of penetration or plate energy"
+    )
+    if not missed(expected, asked):
+        return chosen
+    theory, law = report.parts.theory, report.assessed.law.scene_law
+    why = what_limits(
+        theory is not None and STRUCTURES[theory.chosen].solid, law != NO_CONTROL,
+        "modes_in_file" in report.structure, limit_hz, model.full.frequency_limit_hz,
+    )  # fmt: skip
+    return f"{chosen} (requested: {asked:g}; {why})"
+
+
+def missed(expected: float | None, asked: float) -> bool:
+    """Return whether a run expects more error than requested."""
+    return expected is not None and expected > 1.001 * asked
+
+
+def error_words(expected: float | None, asked: float) -> str:
+    """Return the expected error of a run, with the digits that show a missed request."""
+    if expected is None or math.isinf(expected):
+        return "unknown"
+    words = (f"{expected:.{digits}g}" for digits in range(1, 17))
+    if not missed(expected, asked):
+        return next(words)
+    return next(word for word in words if float(word) > asked)
+
+
+def _full_model(full: model.FullModel) -> str:
+    """Describe the cost of all modes that the step supports."""
+    limit = f"up to {full.frequency_limit_hz / 1e3:.4g} kHz = 1/(2 step)"
+    if full.frequencies is None:
+        return f"about {full.modes:.2g} modes {limit}, too many to count here"
+    words = [f"{full.frequencies:,} frequencies {limit}"]
+    if full.frequency_ratio is not None:
+        words.append(f"{full.frequency_ratio:.3g} times as many")
+    if full.measured_ratio is not None:
+        words.append(f"a step under force takes {full.measured_ratio:.3g} times as long (measured)")
+    elif full.frequency_ratio is not None:
+        words.append("a ratio of frequencies, not of measured time")
+    return "; ".join(words)
+
+
+def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
+    """Say until when an infinite plate is sufficient; empty if the first contact lasts longer."""
+    until_s, impacts = model.infinite_until_s, report.assessed.result.figures.impacts
+    if model.plate_model == "infinite" or until_s is None or not impacts:
+        return ""
+    if impacts[0].start_s + impacts[0].duration_s > until_s:
+        return ""
+    return (
+        f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
+        f"(run.plate_model, requested: {report.assessed.requested_accuracy:g})"
+    )
+
+
+def theory_words(found: model.Theory) -> str:
+    """Describe the plate theory of a run, and the reason for it."""
+    size = f"Kirchhoff's theory may cost {found.kirchhoff_error.largest:.1g}"
+    if STRUCTURES[found.chosen].solid:
+        loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
+        return f"three dimensions; {size}{loud if found.jumps else ''}"
+    if found.why_not_3d:
+        return f"Kirchhoff; {size}, but {found.why_not_3d}"
+    return f"Kirchhoff; {size}, no more than asked"
+
+
+def tail_words(found: model.Tail) -> str:
+    """Describe the damped mode that replaces the truncated modes."""
+    words, away = (
+        f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",
+        found.wavelengths_to_edge,
+    )
+    if away >= found.needed:
+        return words
+    return f"{words}; not known so close to an edge, {away:.2g} of {found.needed:g} wavelengths"
+
+
+def what_limits(
+    solid: bool, controlled: bool, of_file: bool, limit_hz: float, full_hz: float
+) -> str:
+    """Say why a run expects more error than requested.
+
+    Args:
+        solid: Whether the plate is an elastic solid.
+        controlled: Whether the run has a law.
+        of_file: Whether the modes come from a file.
+        limit_hz: Limit of the modes, Hz.
+        full_hz: Limit of the modes that the step supports, Hz.
+    """
+    steps = (
+        "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
+        "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
+    )
+    if solid:
+        allowed = "all that this step, or a contact as wide as the waves, allows"
+        return f"{steps}; or it is {allowed}" if controlled else allowed
+    if of_file:
+        return "all modes of the file"
+    if limit_hz < (1.0 - 1e-9) * full_hz:
+        return steps
+    return "the limit of this time step; a smaller run.step_ns supports more modes"

@@ -1,0 +1,77 @@
+"""Numbers as text: with the digits that their error leaves, and with their unit."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from hertzloop.analysis.figure_rows import FigureRow
+
+UNKNOWN = "unknown"  # in the place of a number without a predictable digit
+
+LEGEND = f"{UNKNOWN}: not predictable"
+
+_PLAIN = 7  # digits before the decimal point that are written without an exponent
+
+
+def known_digits(value: float, form: str, error: float = 0.0) -> str:
+    """Write a number with the digits that its error leaves.
+
+    Args:
+        value: The number.
+        form: Format specification of a number without error.
+        error: Largest absolute error; 0 where all digits are predictable.
+
+    Returns:
+        The number as `form` has it or with fewer digits, "about 100" where digits before the
+        decimal point are not predictable, `UNKNOWN` where none is.
+    """
+    # `z`: what is rounded to zero has no sign.
+    usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
+    if error == 0.0:
+        return usual
+    if not error < abs(value):  # as `_predictable` of analysis.verdict has it
+        return UNKNOWN
+    whole = math.floor(math.log10(abs(value)))
+    digits = max(whole - math.floor(math.log10(error)), 1)
+    # `#` keeps the zeros that are known.
+    sign = "+" if form.startswith("+") else ""
+    known = f"{value:{sign}#.{digits}g}".replace(".e", "e").removesuffix(".")
+    shown = min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
+    return about(value, digits, sign) if shown is known and whole >= digits else shown
+
+
+def about(value: float, digits: int = 2, sign: str = "") -> str:
+    """A rounded number in words, e.g. "about 300"; 0 digits before the point are no news."""
+    rounded = float(f"{value:.{digits}g}")
+    plain = abs(rounded) < 10.0**_PLAIN
+    return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
+
+
+def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
+    """Return the factor from J and the unit in which four digits of energies need no exponent."""
+    large = max((abs(energy) for energy in energies_j), default=0.0) >= 1e-2
+    return (1e3, "mJ") if large else (1e6, "uJ")
+
+
+def cells(
+    row: FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
+) -> list[str]:
+    """A figure of several runs with its unit and predictable digits; `without`: what nan says."""
+    factor, unit = row.factor, row.unit
+    if unit == "uJ":
+        factor, unit = energy_unit(value for value in values if not math.isnan(value))
+    return [
+        without
+        if math.isnan(value)
+        else with_unit(known_digits(value * factor, form, error * factor), unit)
+        for value, error in zip(values, errors, strict=True)
+    ]
+
+
+def with_unit(number: str, unit: str) -> str:
+    return number if number == UNKNOWN else f"{number} {unit}"
+
+
+def in_db(found: tuple[float, float], form: str) -> str:
+    """A change in dB and its error in words; empty where there is none."""
+    change, wrong = found
+    return "" if math.isnan(change) else with_unit(known_digits(change, form, wrong), "dB")

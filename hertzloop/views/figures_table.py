@@ -1,0 +1,79 @@
+"""The table of at most ten figures that ends a run."""
+
+import math
+from collections.abc import Sequence
+
+from hertzloop.analysis.figures import Figures, RunResult
+from hertzloop.analysis.predictability import ImpactErrors, Predictability, errors_of
+from hertzloop.analysis.span_figures import DECIBELS, SPAN_ROWS, change_db
+from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.views.digits import cells, in_db, known_digits, with_unit
+from hertzloop.views.format import Table
+
+# Label, span, key and format of a figure.
+_FIGURES: tuple[tuple[str, str, str, str], ...] = (
+    ("contacts, whole run", "whole_run", "contacts", ".0f"),
+    ("contact time, first contact", "first_impact", "contact_time_s", ".4g"),
+    ("peak contact force", "first_impact", "peak_force_n", ".4g"),
+    ("rebound speed", "first_impact", "rebound_speed_m_s", ".3g"),
+    ("rebound height", "first_impact", "rebound_height_m", ".3g"),
+    ("plate energy, whole run", "whole_run", "plate_energy_j", ".4g"),
+    ("plate energy", "first_impact", "plate_energy_j", ".4g"),
+    ("radiated energy to 20 kHz", "first_impact", "radiated_j", ".4g"),
+    ("largest plate speed", "first_impact", "plate_speed_max_m_s", ".4g"),
+    ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", ".3g"),
+)
+
+_IN_DB = {*DECIBELS} - {"peak_force_n"}
+
+
+def figures_table(result: RunResult, known: Predictability, free: Figures | None = None) -> Table:
+    """Return the table of at most ten figures that ends a run.
+
+    Args:
+        result: The run.
+        known: How well its figures, and those without control, can be known.
+        free: The figures of the same run without control. None if there is no comparison.
+
+    Returns:
+        One row for each figure: with control, without control, and the change, in dB for energies
+        and amplitudes, and in per cent of the value without control otherwise.
+    """
+    compare = free is not None and not result.figures.stability.unstable
+    cases = [(result.figures, known.controlled), *([(free, known.uncontrolled)] if free else [])]
+    own = "no control" if result.scene_law == NO_CONTROL else "with control"
+    right = [own, "without"][: len(cases)] + ["change"] * compare
+    table = Table("figure", right=right, title="Figures of the first impact")
+    for label, span, key, form in _FIGURES:
+        found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]
+        wrong = [_error_of(digits, span, key) for _, digits in cases]
+        row = cells(SPAN_ROWS[key], found, wrong, form, "-")
+        if compare:
+            row.append("" if key == "contacts" else _change_of_figure(key, *found, *wrong))
+        table.add_row(label, *(cell.strip() for cell in row))
+    return table
+
+
+def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
+    """The largest absolute error of a figure; 0 if all its digits are predictable."""
+    if span == "first_impact":
+        errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
+        return errors.get(key, 0.0)
+    if key != "plate_energy_j":
+        return 0.0
+    return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
+
+
+def _change_of_figure(
+    key: str, value: float, reference: float, error: float, reference_error: float
+) -> str:
+    """The change that control makes; empty if it has no meaning."""
+    if math.isnan(value) or math.isnan(reference) or reference == 0.0:
+        return ""
+    if key in _IN_DB:
+        times = DECIBELS[key]
+        return in_db(change_db(value, reference, times, error, reference_error), "+.1f")
+    if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
+        return ""
+    wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
+    return with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")

@@ -1,0 +1,38 @@
+"""Which law a run used, and why a run cannot be simulated again, in words."""
+
+from hertzloop.analysis.recorded import RecordedLaw
+from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
+from hertzloop.controller.loading.registry import shipped
+
+_LONGEST = 200  # characters that are shown of a controller's own words
+
+
+def why_not_words(found: NotRepeatable | None) -> str:
+    """Say why a run cannot be simulated again, in words that follow "since"; empty if it can."""
+    if found is None:
+        return ""
+    if found.law is not None:
+        law = law_line(found.law)
+        return f"the forces may not come from the law of the scene: {law}"
+    return {
+        WhyNotRepeatable.NOT_ENDED: "the run did not end",
+        WhyNotRepeatable.TOO_LONG: "it takes too long to simulate this run again",
+        WhyNotRepeatable.NOT_HERE: f"the run cannot be simulated here: {found.error}",
+    }.get(found.reason, found.error)
+
+
+def law_line(data: RecordedLaw) -> str:
+    """Name the law that the forces of a recording come from."""
+    used, announced = law_words(data.law, data.law_digest), data.scene_law
+    if data.as_announced or (used and data.law == announced and data.law_digest is None):
+        return used
+    said = used or "not reported by the controller"
+    scene = law_words(announced, data.scene_law_digest)
+    return f"{said} (the scene says {scene})" if announced else said
+
+
+def law_words(name: str | None, digest: str | None) -> str:
+    """Return a law's name, shortened to fit, and the digest of its files if it is not shipped."""
+    words = "".join(c for c in " ".join((name or "").split()) if c.isprintable())[:_LONGEST]
+    own = name is not None and name not in shipped()
+    return f"{words}, digest {digest[:_LONGEST]}" if digest and own else words

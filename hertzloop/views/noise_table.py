@@ -1,0 +1,89 @@
+"""The table of noise and vibration figures of the first impact."""
+
+import math
+from collections.abc import Sequence
+
+from hertzloop.analysis.figure_rows import FigureRow
+from hertzloop.analysis.span_figures import SPAN_ROWS, change_db
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
+from hertzloop.views.format import Table
+
+# Noise figures in the order of their table; words and units of those that no span has.
+_OF_NOISE = {
+    "contact_time_s": FigureRow("", "contact time", "us", 1e6),
+    "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
+    "transmitted_j": FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
+    "transmitted_spectrum_j": FigureRow("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
+    "radiated_maidanik_j": FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+}
+
+_NOISE_ROWS = {
+    name: _OF_NOISE.get(name) or SPAN_ROWS[name]
+    for name in (
+        "contact_time_s", "next_impact_speed_m_s", "rebound_height_m", "longhorn_j", "holmes_j",
+        "peak_pressure_pa", "transmitted_j", "transmitted_spectrum_j", "plate_speed_max_m_s",
+        "radiated_j", "radiated_maidanik_j", "sound_j", "sound_maidanik_j",
+    )
+}  # fmt: skip
+
+
+def noise_table(
+    columns: list[tuple[str, ImpactNoise]],
+    compare: bool = True,
+    errors: Sequence[dict[str, float]] = (),
+) -> Table:
+    """Noise figures of the first impact, one column a case; the change from the second to the
+    first in dB where there are two and they `compare`, in per cent for speed, height and time.
+    `errors`: of each column's figures, none where all digits count."""
+    compare = compare and len(columns) == 2
+    right = [*(heading for heading, _ in columns), *["change"] * compare]
+    table = Table("figure", right=right, title="Noise and vibration of the first impact")
+    rows = noise_rows([figures for _, figures in columns], compare, errors)
+    for row in rows:
+        table.add_row(*row)
+    notes = []
+    if any(math.isnan(figures.radiated_j) for _, figures in columns):
+        notes.append("radiation is known for simply supported plates with modes that can be summed")
+    if any(UNKNOWN in row for row in rows):
+        notes.append(LEGEND)
+    table.caption = "; ".join(notes) or None
+    return table
+
+
+def noise_rows(
+    columns: Sequence[ImpactNoise], compare: bool, errors: Sequence[dict[str, float]] = ()
+) -> list[list[str]]:
+    """The rows of that table: label, a cell for every column, and the change if they `compare`."""
+    rows = []
+    for key, row in _NOISE_ROWS.items():
+        values = [getattr(one, key) for one in columns]
+        wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
+        written = cells(row, values, wrong, ".4g", "not defined")
+        if compare:
+            written.append(_change(row, *values, *wrong))
+        rows.append([row.words, *written])
+    return rows
+
+
+def _change(
+    row: FigureRow,
+    value: float,
+    reference: float,
+    error: float = 0.0,
+    reference_error: float = 0.0,
+) -> str:
+    """The change in dB for energies and amplitudes, in per cent otherwise; empty where the sign
+    of a value makes it meaningless."""
+    if reference == 0.0 or math.isnan(value):
+        return ""
+    if not row.db:
+        if reference < 0.0 or value < 0.0:
+            return ""
+        if value > 1e3 * reference:  # what is divided by lies within the model's error
+            return "from nearly zero"
+        share = 100.0 * (value / reference - 1.0)
+        wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
+        return with_unit(known_digits(share, "+.1f", wrong), "%")
+    return in_db(change_db(value, reference, row.db, error, reference_error), "+.2f")

@@ -1,0 +1,66 @@
+"""How a paced run kept up with the wall clock, and whether a repeated run gave the same bytes."""
+
+from pathlib import Path
+
+from rich.text import Text
+
+from hertzloop.analysis.recorded import IN_TIME, PacedClock, Pacing
+from hertzloop.analysis.rounding import time_words
+from hertzloop.views.format import unwrapped
+
+
+def pacing_sentences(found: Pacing) -> list[str]:
+    """State missed deadlines, response times, and the pace that this machine supports."""
+    missed = (
+        f"{found.late_forces:,} of {found.steps:,} forces came late "
+        f"({100 * found.share_late:.2g} %), at most {found.longest_row:,} in a row"
+    )
+    if not found.late_forces:
+        missed = f"None of {found.steps:,} forces came late"
+    clock = found.clock
+    if clock is None:
+        if found.is_repeat:
+            return [f"{missed}, as in the run that this one repeats."]
+        return [
+            f"{missed} in what was recorded; the response times, which the plant tells at the end "
+            "of a run, are not in it."
+        ]
+    said = [
+        f"Pace {clock.pace:g}: {missed}"
+        + (f", the worst {time_words(clock.late_max_us)} late" * bool(found.late_forces))
+        + f"; the plant itself was at most {time_words(clock.behind_max_us)} behind the "
+        "clock.",
+        "From a sample to its answer: "
+        + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
+        + f" (of {time_words(clock.slack_us)} that this pace leaves).",
+    ]
+    return [*said, _pacing_advice(clock)]
+
+
+def _pacing_advice(found: PacedClock) -> str:
+    """Recommend a pace, a latency or another computer."""
+    controller, plant = found.controller_pace, found.plant_pace or found.controller_pace
+    could = min(controller, plant)
+    words = f"This machine, as it was, holds a pace of {could:.1g} with {100 * IN_TIME:g} % in time"
+    if could >= found.pace:
+        return f"{words}: this pace is below the limit."
+    if plant < controller:
+        return f"{words}: the plant limits the pace. Use --pace {could:.1g} or less."
+    more_us = float(f"{found.latency_wanted_us:.2g}")
+    return (
+        f"{words}: use --pace {could:.1g} or less, increase controller.latency_us by {more_us:g}, "
+        "or use an idle computer (and --realtime on)."
+    )
+
+
+def pacing_lines(
+    found: Pacing | None, repeats: Path | None = None, differs: str | None = None
+) -> list[Text]:
+    """Return sentences on pacing and repetition; none for a run that does neither."""
+    lines = [unwrapped(sentence) for sentence in (pacing_sentences(found) if found else ())]
+    if repeats:
+        said = f"not the run in {repeats}: {differs}" if differs else (
+            f"the same bytes as in {repeats}"
+        )  # fmt: skip
+        lines.append(unwrapped((f"Repeated: {said}.", "red" if differs else "bold")))
+    return lines

@@ -1,0 +1,140 @@
+"""A run as plain data, which `--json` writes."""
+
+import math
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+from hertzloop.analysis import model
+from hertzloop.analysis import verdict as verdicts
+from hertzloop.analysis.comparison import Comparison
+from hertzloop.analysis.effects import EffectState, Neglected
+from hertzloop.analysis.figures import Figures
+from hertzloop.analysis.law_accuracy import LawAccuracy
+from hertzloop.analysis.predictability import Predictability
+from hertzloop.analysis.recorded import Pacing
+from hertzloop.analysis.run_report import RunReport
+from hertzloop.analysis.verification import Verification
+from hertzloop.views.law_line import why_not_words
+from hertzloop.views.verdict import verdict_sentences
+
+
+def effects_as_json(neglected: Neglected) -> dict[str, Any]:
+    """`validity`: all effects, fields as in `ValidityCheck`; `warnings`: sentences on those out of
+    range."""
+    shown = [asdict(found) for found in neglected.checks]
+    beyond = [one for one in shown if one["state"] == EffectState.OUT_OF_RANGE]
+    return {"validity": shown, "warnings": [f"{one['name']}: {one['sentence']}" for one in beyond]}
+
+
+def _plain(found: Any) -> Any:
+    """Dataclasses, alone or in a list, as dictionaries; anything else as it is."""
+    if isinstance(found, list):
+        return [asdict(one) for one in found]
+    return asdict(found) if is_dataclass(found) else found  # type: ignore[arg-type]
+
+
+def figures_as_json(found: Figures) -> dict[str, Any]:
+    """`impacts` and `noise`, a dictionary each; `first_impact`, `whole_run`, `stability`, `demand`
+    and `push`; `validity` and `warnings` as in `effects_as_json`."""
+    data = {name: _plain(value) for name, value in vars(found).items() if name != "neglected"}
+    return data | effects_as_json(found.neglected)
+
+
+def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
+    """Missed deadlines of a paced or repeated run, and what the clock said of a paced one."""
+    if found is None:
+        return None
+    data = asdict(found)
+    clock, is_repeat = data.pop("clock"), data.pop("is_repeat")
+    return data | (clock or {"pace": None, "is_repeat": is_repeat})
+
+
+def predictability_as_json(found: Predictability) -> dict[str, Any]:
+    """Fields as in `Predictability`; `why_not` in words."""
+    return {
+        "disturbance": found.disturbance,
+        "model_error": found.model_error,
+        "controlled": _plain(found.controlled),
+        "uncontrolled": _plain(found.uncontrolled),
+        "why_not": why_not_words(found.not_repeatable),
+    }
+
+
+def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
+    """A dictionary for each figure, with fields as in `Difference`."""
+    return [asdict(row) for row in found.rows]
+
+
+def verification_as_json(found: Verification) -> dict[str, Any]:
+    """Fields as in `Verification`, and `largest`."""
+    return asdict(found) | {"largest": found.largest}
+
+
+def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
+    """Fields as in `LawAccuracy`, `kept`, and `largest` of the changes."""
+    return asdict(found) | {
+        "by_modes": verification_as_json(found.by_modes),
+        "kept": found.kept,
+        "largest": found.by_modes.largest,
+    }
+
+
+def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
+    """All figures of a recorded run, and what they come to."""
+    result, ends = found.result, found.assessment
+    data = {
+        **asdict(found.law),
+        "injected_j": result.injected_j,
+        "yield": _plain(found.yielded),
+        "expected_error": ends.stated_error,
+        "requested_accuracy": found.requested_accuracy,
+        **figures_as_json(result.figures),
+        "pacing": pacing_as_json(found.pacing),
+    }
+    if found.free is not None:
+        data["uncontrolled"] = figures_as_json(found.free)
+    law = ends.law_accuracy
+    return data | {
+        "predictability": predictability_as_json(ends.predictability),
+        "law_accuracy": None if law is None else law_accuracy_as_json(law),
+        "verdict": verdict_sentences(ends.verdict),
+    }
+
+
+def _parts(found: model.PlantParts) -> dict[str, Any]:
+    data: dict[str, Any] = asdict(found)
+    if found.theory is not None:
+        data["theory"]["kirchhoff_error"] = found.theory.kirchhoff_error._asdict()
+    return data
+
+
+def run_as_json(report: RunReport) -> dict[str, Any]:
+    """Everything that `run --json` writes."""
+    setup, books, wall_s, assessed = report.setup, report.books, report.wall_s, report.assessed
+    data = {
+        "scene": setup.name,
+        "seed": setup.seed,
+        "transport": report.transport,
+        "scheme": setup.scheme,
+        "steps": setup.steps,
+        "wall_s": wall_s,
+        "real_time_factor": setup.duration_s / wall_s if wall_s else math.inf,
+        "exchanges": report.exchanges,
+        "lane": report.lane,
+        "realtime": report.realtime,
+        "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
+        **_parts(report.parts),
+        "frequencies": books.frequencies,
+        "frequency_limit_hz": books.frequency_limit_hz,
+        "struck": report.structure,
+        "newton_iterations_max": books.newton_iterations_max,
+        "recording": str(report.recording.path),
+        "uncontrolled": figures_as_json(assessed.free or assessed.result.figures),
+        **assessment_as_json(assessed),
+    }
+    if report.repeats:
+        data |= {"repeats": str(report.repeats), "differs": report.differs}
+    if report.verifies:
+        found = report.verification
+        data["verification"] = None if found is None else verification_as_json(found)
+    return data
