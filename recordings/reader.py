@@ -11,7 +11,6 @@ run, and a `Track` joins the blocks of a stream and names those that do not foll
 
 import heapq
 import os
-import re
 import stat
 import struct
 import sys
@@ -36,10 +35,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 
 from hertzloop.bus import streams
-from hertzloop.bus.events import MODES
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from hertzloop.bus.streams import DecodedBlock, MessageError, not_finite
-from hertzloop.recordings import writer
+from hertzloop.recordings import file_format, writer
 from hertzloop.whole_files import whole_file
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -102,19 +100,20 @@ class Walk:
         return os.pread(self.handle, length, at)
 
     @cached_property
-    def library(self) -> str:
-        """What wrote the file, as its header says; empty where that cannot be read."""
+    def header(self) -> Header:
+        """Which program wrote the file, and its profile; empty if the header cannot be read."""
+        nothing = Header(profile="", library="")
         try:
             opcode, length = self.head(len(MAGIC))
             header = Header.read(ReadDataStream(BytesIO(self.read(len(MAGIC) + 9, length))))
-        except Exception:  # whatever the library makes of bytes that mean nothing
-            return ""
-        return header.library if opcode == Opcode.HEADER else ""
+        except Exception:  # the mcap library raises errors of many kinds for damaged bytes
+            return nothing
+        return header if opcode == Opcode.HEADER else nothing
 
     @property
     def is_ours(self) -> bool:
         """Whether hertzloop wrote the file, which leaves no checksum out, or nobody knows."""
-        return self.library in ("", writer.LIBRARY)
+        return self.header.library in ("", file_format.LIBRARY)
 
     def left_out(self, at: int) -> None:
         """Note that the record at a byte has no checksum. Raises Damaged where it must have one."""
@@ -658,12 +657,13 @@ MOST_TEXT = 200_000_000  # characters of all events together
 _MOST_PROBLEMS = 40
 _NAMELESS = "events"  # of a publisher that is no role
 _KINDS = {
-    topic: next(s for s in streams.STREAMS.values() if s.topic == topic) for topic in writer.TOPICS
+    topic: next(s for s in streams.STREAMS.values() if s.topic == topic)
+    for topic in file_format.TOPICS
 }
 
 
-class Fact(NamedTuple):
-    """What programs read of an event."""
+class EventData(NamedTuple):
+    """The part of an event that programs read; only the sentence is known of kind SENTENCE."""
 
     kind: EventKind = EventKind.SENTENCE
     number: int = 0
@@ -675,13 +675,13 @@ class Fact(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Event:
     """Simulated time in ns, publisher ("plant", "controller"), level as in foxglove.Log, the
-    sentence for people, and the fact for programs."""
+    sentence for people, and the data for programs."""
 
     time_ns: int
     name: str
     level: int
     message: str
-    fact: Fact = field(default=Fact(), repr=False)
+    data: EventData = field(default=EventData(), repr=False)
 
 
 class Taken(NamedTuple):
@@ -752,9 +752,9 @@ class Intake:
             self.problems.append("and more problems of this kind")
 
     def _attachment(self, attachment: Attachment) -> None:
-        if attachment.name == writer.LAW_ATTACHMENT:
+        if attachment.name == file_format.LAW_ATTACHMENT:
             self.law_source = self.law_source or attachment.data.decode(errors="replace")
-        if attachment.name != writer.SCENE_ATTACHMENT:
+        if attachment.name != file_format.SCENE_ATTACHMENT:
             return
         if self.scene_toml:
             self._problem("there is a second scene; the first is used")
@@ -765,7 +765,7 @@ class Intake:
             raise Damaged("the scene is not text") from error
 
     def _metadata(self, metadata: Metadata) -> None:
-        if metadata.name == writer.RUN_METADATA:
+        if metadata.name == file_format.RUN_METADATA:
             if self.metadata is None:
                 self.metadata = dict(metadata.metadata)
                 try:
@@ -774,7 +774,7 @@ class Intake:
                     self._problem("the run's id cannot be read")
             elif not any("a second scene" in problem for problem in self.problems):
                 self._problem("there is a second description of the run; the first is used")
-        elif metadata.name == writer.RESULT_METADATA:
+        elif metadata.name == file_format.RESULT_METADATA:
             if self.result is not None:
                 self._problem("there is a second result of the run; the first is used")
             else:
@@ -869,8 +869,8 @@ class Intake:
         self.text += len(log.message) + len(log.name) + len(log.quantity)
         if self.text > MOST_TEXT:
             raise Refused(f"the events have more than {MOST_TEXT} characters")
-        fact = fact_of(log) if log.kind else older_fact(log.name, log.message)
-        self.events.append(Event(told, sys.intern(log.name), log.level, log.message, fact))
+        data = event_data(log)
+        self.events.append(Event(told, sys.intern(log.name), log.level, log.message, data))
 
     def reconcile(self) -> None:
         """Compare what came with what the roles announced, and with the length of the run."""
@@ -933,7 +933,8 @@ class Intake:
         hello = self.hello
         if hello is None:
             return
-        described, announced = writer.described_by(hello), self.announced_toml or hello.scene_toml
+        described = file_format.run_metadata(hello)
+        announced = self.announced_toml or hello.scene_toml
         if not self.scene_toml:
             self._problem("the scene is that of the hello: the file has no other")
             self.scene_toml = announced
@@ -985,38 +986,10 @@ def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
     return order
 
 
-_OF_PLANT = (
-    (EventKind.CONTACT_BEGAN, re.compile(r"contact (?P<number>[0-9]{1,18}) began")),
-    (EventKind.CONTACT_ENDED, re.compile(r"contact (?P<number>[0-9]{1,18}) ended")),
-    (EventKind.RANGE_LEFT, re.compile(r"(?P<quantity>\w+) left the converter's range")),
-    (EventKind.RANGE_REGAINED, re.compile(r"(?P<quantity>\w+) is back in the converter's range")),
-)
-_LAW = re.compile(r"law (mode )?(\w+) -> (mode )?(\w+)(, .*)?")
-
-
-def fact_of(event: Any) -> Fact:
+def event_data(event: Any) -> EventData:
     """The typed part of a message `Event`."""
     quantity = sys.intern(event.quantity)
-    return Fact(event.kind, event.number, quantity, event.mode_before, event.mode)
-
-
-def older_fact(name: str, message: str) -> Fact:
-    """The fact in an event of an earlier version; of another sentence, that no more is known."""
-    if name == "controller" and (change := _LAW.fullmatch(message)):
-        before, mode = _mode(change[2]), _mode(change[4])
-        if before is not None and mode is not None:
-            return Fact(EventKind.LAW_MODE, mode_before=before, mode=mode)
-    for kind, pattern in _OF_PLANT if name == "plant" else ():
-        if found := pattern.fullmatch(message):
-            said = found.groupdict()
-            return Fact(kind, int(said.get("number", 0)), said.get("quantity", ""))
-    return Fact()
-
-
-def _mode(said: str) -> int | None:
-    if said in MODES:
-        return MODES.index(said)
-    return int(said) if re.fullmatch(r"-?[0-9]{1,18}", said) else None
+    return EventData(event.kind, event.number, quantity, event.mode_before, event.mode)
 
 
 _DAMAGES_NAMED = 5
@@ -1128,7 +1101,7 @@ class Source:
             # The record that names them is lost, or comes later. The summary repeats it; without
             # one, our writer's order is the best guess, and what a message is shows when it is
             # decoded.
-            guessed = walk.late_channels or dict(enumerate(writer.TOPICS, 1))
+            guessed = walk.late_channels or dict(enumerate(file_format.TOPICS, 1))
             named = intake.unknown_channels <= set(intake.channels)
             again = Intake(guessed | intake.channels, unnamed_channels=not named, keep=keep)
             intake = self._drained(again, self.records())
@@ -1187,11 +1160,19 @@ def read(path: Path, keep: bool = False) -> Recording:
 
 def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intake]:
     source = Source(path)
-    if source.walk().library == writer.EXPORT_LIBRARY:
+    if source.walk().header.library == file_format.EXPORT_LIBRARY:
         raise writer.UnreadableRecording(
             f"{path} is an export of a recording, with one message a sample. Give the recording"
         )
     intake, walk = source.look(keep)
+    if intake.metadata is not None and (version := file_format.other_format(intake.metadata)):
+        if walk.header.profile != file_format.PROFILE:
+            raise writer.UnreadableRecording(
+                f"{path} {version}, this hertzloop reads format version "
+                f"{file_format.FORMAT_VERSION}. Record the run again, or read the file with the "
+                "version of hertzloop that wrote it."
+            )
+        intake.problems.append(f"the file's description {version}, unlike its header")
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:

@@ -15,13 +15,19 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from hertzloop.bus import streams
-from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.recordings.file_format import (
+    FORMAT_KEY,
+    FORMAT_VERSION,
+    LAW_ATTACHMENT,
+    LIBRARY,
+    PROFILE,
+    RESULT_METADATA,
+    RUN_METADATA,
+    SCENE_ATTACHMENT,
+    TOPICS,
+    run_metadata,
+)
 
-SCENE_ATTACHMENT = "scene.toml"
-LAW_ATTACHMENT = "law"
-RUN_METADATA, RESULT_METADATA = "run", "result"
-LIBRARY, EXPORT_LIBRARY = "hertzloop", "hertzloop export"  # in the headers of files
-TOPICS = tuple(dict.fromkeys(stream.topic for stream in streams.STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05
 
@@ -70,25 +76,25 @@ class RecordingWriter:
             self._writer = Writer(
                 self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
             )
-            self._writer.start(profile="hertzloop", library=LIBRARY)
+            self._writer.start(profile=PROFILE, library=LIBRARY)
         return self._writer
 
-    def scene(self, text: str, metadata: dict[str, str], law: str = "") -> None:
-        """What is recorded, and the text of its law; written first, so that it survives whatever
-        happens."""
+    def scene(self, text: str, metadata: dict[str, str]) -> None:
+        """Write the scene and the description of the run, with the format version.
+
+        Call it first: what stands at the start of the file survives a killed process.
+        """
 
         def write() -> None:
             writer = self._begun()
             writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
-            if law:
-                writer.add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", law.encode())
-            writer.add_metadata(RUN_METADATA, metadata)
+            writer.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT_VERSION})
             writer.flush()
 
         self._guarded(write)
 
     def law(self, text: str) -> None:
-        """The text of the law, where that comes after the scene."""
+        """Write the text of the law."""
         self._guarded(
             lambda: self._begun().add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", text.encode())
         )
@@ -173,24 +179,6 @@ def _schema_of(shown: type[Message], message: type[Message]) -> FileDescriptorSe
     return schema
 
 
-def described_by(hello: Hello) -> dict[str, str]:
-    """What a recording says of its run, from the hello."""
-    pace = {"pace": f"{hello.pace:g}"} if hello.pace else {}
-    repeats = {"repeats": f"{hello.repeats:x}"} if hello.repeats else {}
-    return {
-        "scene": hello.scene,
-        "run_id": f"{hello.run_id:x}",
-        "seed": str(hello.seed),
-        "steps": str(hello.steps),
-        "step_ns": str(hello.step_ns),
-        "versions": hello.versions,
-        "law": hello.law,
-        "law_digest": hello.law_digest,
-        **pace,
-        **repeats,
-    }
-
-
 def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
     """The file, open and locked, with what it holds; and whether it is new."""
     # A pipe without a reader is refused: nobody waits for one.
@@ -262,7 +250,7 @@ class Recorder:
         stream = envelope.stream
         if stream == "hello":
             scene = self._scene or header.scene_toml
-            self._writer.scene(scene, described_by(header), header.law_source)
+            self._writer.scene(scene, run_metadata(header))
             self._end_ns = header.steps * header.step_ns
         elif stream == "scene":
             self._scene = header.scene_toml

@@ -278,12 +278,12 @@ def saturation_of(events: Iterable[Event]) -> Saturation | None:
     for event in events:
         if event.name != "plant":
             continue
-        kind = event.fact.kind
+        kind = event.data.kind
         if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
             touching = kind == EventKind.CONTACT_BEGAN
         elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
             out, counted = kind == EventKind.RANGE_LEFT, False
-            of_gap = event.fact.quantity == "xi"
+            of_gap = event.data.quantity == "xi"
         matters = touching or not of_gap
         if out and matters and not counted:
             since_ns.append(event.time_ns)

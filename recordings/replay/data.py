@@ -395,10 +395,10 @@ def law_states(recording: Recording, controlled: bool = True) -> list[tuple[int,
     end = recording.ends.get("controller")
     states: list[tuple[int, str]] = []
     for event in recording.events:
-        if event.name == "controller" and event.fact.kind == EventKind.LAW_MODE:
+        if event.name == "controller" and event.data.kind == EventKind.LAW_MODE:
             if not states:
-                states.append((0, mode_name(event.fact.mode_before)))
-            states.append((event.time_ns, mode_name(event.fact.mode)))
+                states.append((0, mode_name(event.data.mode_before)))
+            states.append((event.time_ns, mode_name(event.data.mode)))
     if not states and end and end.set_up.law not in ("", law):
         return [(0, "not told")]
     return states or [(0, "idle" if controlled else "off")]

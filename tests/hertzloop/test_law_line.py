@@ -66,10 +66,3 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
         printed = StringIO()
         show(Console(width=200, file=printed))
         assert said in printed.getvalue()
-
-
-def test_an_older_recording() -> None:
-    """It was made before controllers said their law, or a scene had all of today's keys."""
-    older = read(Path(__file__).parents[1] / "recordings" / "before-set-up.mcap")
-    assert not older.problems
-    assert law_line(law_of(older)).startswith("not reported by the controller")

@@ -194,7 +194,7 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     assert found.longest_row > 500
     assert found.clock is not None
     assert found.clock.response_us["max"] > 90_000
-    late = [e.message for e in first.events if e.fact.kind == EventKind.FORCES_LATE]
+    late = [e.message for e in first.events if e.data.kind == EventKind.FORCES_LATE]
     assert len(late) <= 3
     assert re.match(rf"late forces? ([0-9]+ to )?{found.late_forces}:", late[-1])
 

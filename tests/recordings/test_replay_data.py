@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
 from hertzloop.recordings import reader
-from hertzloop.recordings.reader import Event, Fact, JoinedStream, Recording
+from hertzloop.recordings.reader import Event, EventData, JoinedStream, Recording
 from hertzloop.recordings.replay import blueprint, data, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay.data import (
@@ -172,9 +172,9 @@ def test_moments_stay_within_a_run_of_few_steps(
 
 def test_states_of_the_law_come_from_its_events() -> None:
     events = [
-        Event(1_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=0, mode=1)),
-        Event(1_500, "plant", 2, "...", Fact(EventKind.CONTACT_BEGAN, 1)),
-        Event(2_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=1, mode=2)),
+        Event(1_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=0, mode=1)),
+        Event(1_500, "plant", 2, "...", EventData(EventKind.CONTACT_BEGAN, 1)),
+        Event(2_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=1, mode=2)),
     ]
     recording = Recording(Path("a.mcap"), events=events)
     assert replay_data.law_states(recording) == [
