@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
     from hertzloop.processes.launcher import RunFailed
-    from hertzloop.recordings.reader import Event, Recording
+    from hertzloop.recordings.recording import Event, Recording
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies.fit.fit import FitError, FitResult
     from hertzloop.studies.fit.records import Record, RecordError

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import SAMPLED, Arrays, JoinedStream, Recording
+from hertzloop.recordings.joined_stream import Arrays, JoinedStream
+from hertzloop.recordings.recording import SAMPLED, Recording
 
 _COMPARED = tuple(name for name in SAMPLED if STREAMS[name].compared)
 # A slope is solved for together with its force, and is as exact as that.

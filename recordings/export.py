@@ -35,7 +35,8 @@ from hertzloop.recordings.file_format import (
     RUN_METADATA,
     SCENE_ATTACHMENT,
 )
-from hertzloop.recordings.reader import Arrays, Event, JoinedStream, Recording
+from hertzloop.recordings.joined_stream import Arrays, JoinedStream
+from hertzloop.recordings.recording import Event, Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.whole_files import NotWritten, whole_file
 

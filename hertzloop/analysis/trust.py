@@ -25,7 +25,7 @@ from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, XI
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, model_error, parse
 from hertzloop.setup.build import build_plant

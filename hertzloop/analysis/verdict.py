@@ -19,7 +19,7 @@ from hertzloop.analysis.trust import (
 )
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.recordings.reader import Event, Recording
+from hertzloop.recordings.recording import Event, Recording
 from hertzloop.setup import Setup
 
 HARDLY_DB = 0.1

@@ -16,7 +16,8 @@ from hertzloop.analysis.recorded import NEEDED_FIELDS, LawRan, Pacing, blocks_of
 from hertzloop.analysis.trust import Predictability, errors_of, predictability, why_not_again
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.analysis.verdict import verdict as verdict_of
-from hertzloop.recordings.reader import JoinedStream, Recording
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.views import run as run_view

@@ -12,7 +12,7 @@ from hertzloop.analysis.meters import StabilityMeter
 from hertzloop.analysis.recorded import pacing_of, pieces_of
 from hertzloop.bus.streams import LAST_NS
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import as_rerun as rerun_replay
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import viewer
@@ -91,7 +91,7 @@ def prepare(
 
 def _whole(recording: Recording) -> Recording:
     """The part before a hole, in memory if it is short."""
-    truth = recording.truth.before_a_hole().in_memory()
+    truth = recording.truth.before_gap().in_memory()
     return dataclasses.replace(recording, truth=truth, daq=recording.daq.in_memory())
 
 

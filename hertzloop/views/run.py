@@ -30,7 +30,8 @@ from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.processes import fork_server
 from hertzloop.processes.launcher import record
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup
 from hertzloop.setup.controller import check_buildable, mean_latency_us

@@ -7,7 +7,8 @@ import numpy as np
 import rerun as rr
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.reader import Arrays, Event, Recording
+from hertzloop.recordings.joined_stream import Arrays
+from hertzloop.recordings.recording import Event, Recording
 from hertzloop.recordings.replay import blueprint, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import spectrum as spectra_drawn

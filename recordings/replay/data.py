@@ -10,7 +10,8 @@ import numpy as np
 from hertzloop.bus.events import mode_name
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.reader import Arrays, JoinedStream, Recording
+from hertzloop.recordings.joined_stream import Arrays, JoinedStream
+from hertzloop.recordings.recording import Recording
 
 # What a replay keeps of a run, found as its samples come: contacts, thinned lines, single rows.
 #

@@ -12,7 +12,8 @@ from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.verdict import judge
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection

@@ -26,8 +26,9 @@ from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
-from hertzloop.recordings.writer import Recorder
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import print_all

@@ -15,7 +15,8 @@ from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.loop import compiled
 from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.data import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load

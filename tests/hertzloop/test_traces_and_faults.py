@@ -14,8 +14,8 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.latencies import latencies_of
-from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
 from hertzloop.sensors import kernels as k

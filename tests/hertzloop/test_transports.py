@@ -9,7 +9,8 @@ import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair

@@ -13,7 +13,8 @@ import pytest
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.setup.controller import bound_law, loaded_law

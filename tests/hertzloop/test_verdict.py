@@ -15,7 +15,7 @@ from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.recordings.reader import Event, EventData
+from hertzloop.recordings.recording import Event, EventData
 from hertzloop.views.run import verdict_sentences
 from tests.commands import invoke
 

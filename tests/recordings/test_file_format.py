@@ -6,7 +6,8 @@ import pytest
 
 from hertzloop.recordings import writer
 from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
-from hertzloop.recordings.reader import read, recover
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from tests.commands import invoke
 from tests.recordings.rewriting import record

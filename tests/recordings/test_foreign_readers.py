@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from tests.recordings.rewriting import messages, record
 
 pytestmark = pytest.mark.full

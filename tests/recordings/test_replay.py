@@ -16,7 +16,9 @@ from hertzloop.loop import compiled
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.time_series import V_P
 from hertzloop.recordings import writer
-from hertzloop.recordings.reader import JoinedStream, Recording, read
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import as_rerun as replay
 from hertzloop.recordings.replay import scene3d, viewer
 from hertzloop.recordings.replay.viewer import screenshot
@@ -329,7 +331,7 @@ def test_a_replay_ends_where_samples_are_missing(
     damaged.write_bytes(content)
     kept = read(damaged)
     assert any(stream.resumed for stream in (kept.truth, kept.force, kept.daq))
-    part = kept.truth.before_a_hole()
+    part = kept.truth.before_gap()
     assert part.samples == (kept.truth.resumed or [(kept.truth.samples, 0)])[0][0]
     assert len(part.arrays["xi_m"]) == len(part.time_ns) == part.samples
     result = call("replay", damaged, "--save", rrd)

@@ -7,7 +7,8 @@ import numpy as np
 
 from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import TruthBlock
-from hertzloop.recordings.reader import JoinedStream, Recording
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import blueprint, spectrum, viewer
 from hertzloop.recordings.replay import data as replay_data
 

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
-from hertzloop.recordings import reader
-from hertzloop.recordings.reader import Event, EventData, JoinedStream, Recording
+from hertzloop.recordings import joined_stream
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Event, EventData, Recording
 from hertzloop.recordings.replay import blueprint, data, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay.data import (
@@ -136,10 +137,10 @@ def test_contacts_are_found_across_the_seams_of_pieces() -> None:
 
 
 def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader, "PIECE", 10)
+    monkeypatch.setattr(joined_stream, "PIECE", 10)
     values = np.arange(100.0)
     blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]
-    again = reader.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
+    again = joined_stream.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
     stream = JoinedStream(1, step_ns=1000, arrays=again)
     wanted = np.array([0, 9, 10, 13, 14, 99])
     assert rows_at(stream, wanted, ["xi_m"])["xi_m"].tolist() == wanted.tolist()

@@ -18,7 +18,10 @@ from mcap_protobuf.decoder import DecoderFactory
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import McapRecord, Recording, Walk, read
+from hertzloop.recordings.mcap_records import McapRecord
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.record_scanner import RecordScanner
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse
 from hertzloop.setup.controller import loaded_law
@@ -317,37 +320,37 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
     ]
 
 
-def test_the_library_unpacks_the_same_chunks_as_the_walk(whole: Path) -> None:
+def test_the_library_unpacks_the_same_chunks_as_the_scanner(whole: Path) -> None:
     with whole.open("rb") as file:
         chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
         streams = [get_chunk_data_stream(chunk, validate_crc=True) for chunk in chunks]
-        walked = Walk(file.fileno(), whole.stat().st_size).records()
-        by_walk = [record.content for record in walked if record.opcode == Opcode.CHUNK]
-    assert by_walk
-    assert by_walk == [stream.read(length) for stream, length in streams]
+        scanned = RecordScanner(file.fileno(), whole.stat().st_size).records()
+        by_scanner = [record.content for record in scanned if record.opcode == Opcode.CHUNK]
+    assert by_scanner
+    assert by_scanner == [stream.read(length) for stream, length in streams]
 
 
-def test_an_intact_file_is_walked_once(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    walks, records = list[Walk](), Walk.records
+def test_an_intact_file_is_scanned_once(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scanners, records = list[RecordScanner](), RecordScanner.records
 
-    def counted(walk: Walk) -> Iterator[McapRecord]:
-        walks.append(walk)
-        return records(walk)
+    def counted(scanner: RecordScanner) -> Iterator[McapRecord]:
+        scanners.append(scanner)
+        return records(scanner)
 
-    monkeypatch.setattr(Walk, "records", counted)
+    monkeypatch.setattr(RecordScanner, "records", counted)
     assert not read(whole).problems
-    assert len(walks) == 1
+    assert len(scanners) == 1
 
 
-def test_the_walk_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
+def test_the_scanner_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
     data, changed = whole.read_bytes(), tmp_path / "changed.mcap"
 
     def noticed(content: bytes) -> bool:
         changed.write_bytes(content)
         with changed.open("rb") as file:
-            walk = Walk(file.fileno(), len(content))
-            list(walk.records())
-        return bool(walk.damage)
+            scanner = RecordScanner(file.fileno(), len(content))
+            list(scanner.records())
+        return bool(scanner.damage)
 
     for at in range(0, len(data), 401):
         assert noticed(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at

@@ -20,7 +20,7 @@ from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.trust import errors_of, why_not_again
 from hertzloop.analysis.verdict import Judged, judge
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.as_rerun import Shown
 from hertzloop.recordings.replay.data import Deflection, Plot, PlotCurve, extremes
 from hertzloop.recordings.replay.scene3d import with_unit
