@@ -1,6 +1,7 @@
 """A recording in memory: what its file says of the run, its streams and its events."""
 
 import sys
+import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -102,3 +103,11 @@ class Recording:
     def daq_values(self) -> np.ndarray:
         """Acquired values in the unit of the quantity, shape (samples,)."""
         return self.daq.values_of(self.daq.arrays)
+
+    def scene_value(self, table: str, key: str, default: Any = None) -> Any:
+        """Return a value of the recorded scene, `default` if the scene has none or is not
+        readable."""
+        try:
+            return tomllib.loads(self.scene_toml).get(table, {}).get(key, default)
+        except tomllib.TOMLDecodeError:
+            return default

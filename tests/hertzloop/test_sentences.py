@@ -17,7 +17,7 @@ from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.replay.data import law_states
+from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design

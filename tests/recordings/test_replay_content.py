@@ -10,7 +10,8 @@ from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import blueprint, spectrum, viewer
-from hertzloop.recordings.replay import data as replay_data
+from hertzloop.recordings.replay.contacts import ContactSpan
+from hertzloop.recordings.replay.plots import LATE, plots
 
 STEP_S = 1e-6
 WIDTH, HEIGHT = 100.0, 28.0  # of the drawing of spectra, whose view is cut for it
@@ -100,7 +101,7 @@ def test_events_say_their_time_themselves_contacts_are_listed_by_it() -> None:
 
 def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     """Samples are missing before it: its own are not where they would be otherwise."""
-    count, hole, contact = 600_000, 50_000, replay_data.ContactSpan(400_000, 400_400, 1.0, 1e-6)
+    count, hole, contact = 600_000, 50_000, ContactSpan(400_000, 400_400, 1.0, 1e-6)
     values = np.random.default_rng(1).normal(size=count // 2 - hole // 2)
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     recording = Recording(
@@ -112,7 +113,7 @@ def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     )
     [curve] = [
         curve
-        for plot in replay_data.plots(recording, [contact])
+        for plot in plots(recording, [contact])
         for curve in plot.curves
         if curve.name == "measured"
     ]
@@ -124,7 +125,7 @@ def test_a_run_without_late_forces_has_no_plot_of_them() -> None:
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.zeros(4) for name in fields}
     for late in (False, True):
-        more = {replay_data.LATE[2]: np.ones(4)} if late else {}
+        more = {LATE[2]: np.ones(4)} if late else {}
         truth = JoinedStream(1, step_ns=1000, arrays=arrays | more)
-        plots = {plot.key for plot in replay_data.plots(Recording(Path("a"), truth=truth), [])}
-        assert ("late" in plots) == late
+        keys = {plot.key for plot in plots(Recording(Path("a"), truth=truth), [])}
+        assert ("late" in keys) == late
