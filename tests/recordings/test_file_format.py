@@ -13,10 +13,6 @@ from tests.commands import invoke
 from tests.recordings.rewriting import record
 
 
-def test_a_recording_says_its_format_version(tmp_path: Path) -> None:
-    assert read(record(tmp_path / "a.mcap")).metadata[FORMAT_KEY] == FORMAT_VERSION
-
-
 @pytest.mark.parametrize(
     ("name", "value", "found"),
     [

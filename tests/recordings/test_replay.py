@@ -76,7 +76,7 @@ ENTITIES = {
 }  # fmt: skip
 SCALE = {"/scene/colours", "/scene/colours/values"}  # of what deflects
 # What the command adds: the actuator, energies, spectra.
-TOLD = {
+FROM_LABELS = {
     "/scene/actuator", "/scene/actuator/name", "/scene/actuator/leader", "/scene/actuator/force",
     "/spectrum/axes",    "/spectrum/grid", "/spectrum/legend", "/spectrum/line_0",
     *(f"/{part}/energy/{curve}" for part in ("overview", "zoom")
@@ -102,10 +102,10 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     rerun("rrd", "verify", rrd)
     # The web viewer shows a layout of its own instead of one that is not active.
     assert "make_active: true" in rerun("rrd", "print", rrd)
-    assert set(entities(rrd)) == ENTITIES | TOLD | REFERENCE
+    assert set(entities(rrd)) == ENTITIES | FROM_LABELS | REFERENCE
     result = call("replay", file, "--save", rrd, "--alone", "--overwrite")
     assert result.exit_code == 0, result.output
-    assert set(entities(rrd)) == ENTITIES | TOLD
+    assert set(entities(rrd)) == ENTITIES | FROM_LABELS
 
 
 @pytest.mark.full
@@ -396,7 +396,7 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
         np.add(plate.low_m, np.array(plate.size_m) / 2.0), plate.contact_point_m
     )
     as_rerun.save(shown, tmp_path / "beam.rrd")
-    assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | TOLD | REFERENCE) - SCALE
+    assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | FROM_LABELS | REFERENCE) - SCALE
 
 
 def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a replay shows: what is thinned, which spans and moments, the plate as drawn."""
+"""What a replay shows: decimated curves, spans and moments, the plate as drawn."""
 
 import dataclasses
 import itertools
@@ -33,7 +33,7 @@ from tests.recordings.plates import flat_plate
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 99, 100, 101, 12_345])
-def test_thinning_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
+def test_decimation_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
     values = np.random.default_rng(1).normal(size=count)
     kept = extremes(values, 100)
     assert np.all(np.diff(kept) > 0)
@@ -43,7 +43,7 @@ def test_thinning_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
         assert (values[kept].min(), values[kept].max()) == (values.min(), values.max())
 
 
-def test_thinning_keeps_a_spike_of_one_sample() -> None:
+def test_decimation_keeps_a_spike_of_one_sample() -> None:
     values = np.zeros(1_000_000)
     values[123_457] = 1.0
     values[876_543] = -1.0
@@ -103,7 +103,7 @@ def test_full_rate_is_limited_however_long_the_contacts_are() -> None:
 
 
 @pytest.mark.parametrize("piece", [7_001, 65_536, 500_000])
-def test_a_thinned_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
+def test_a_decimated_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
     values = np.random.default_rng(2).normal(size=500_000)
     values[[123_457, 400_001]] = 9.0, -9.0
     decimator = Decimator(len(values))
@@ -136,7 +136,7 @@ def test_contacts_are_found_across_the_seams_of_pieces() -> None:
         assert contacts_of(pieces) == expected
 
 
-def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(joined_stream, "PIECE", 10)
     values = np.arange(100.0)
     blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]

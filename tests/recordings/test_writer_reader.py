@@ -18,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
+from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
 from hertzloop.recordings.mcap_records import McapRecord
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.record_scanner import RecordScanner
@@ -129,6 +130,7 @@ class TestByTheMcapLibrary:
         assert parse(attachments["scene.toml"].data.decode()) == scene(*SETTINGS)
         assert attachments["law"].data.decode() == loaded_law(scene(*SETTINGS)).source
         run = metadata["run"]
+        assert run[FORMAT_KEY] == FORMAT_VERSION
         assert (run["seed"], run["steps"], run["step_ns"]) == ("77", "2500", "1000")
         assert json.loads(run["versions"])["numpy"] == np.__version__
         assert {"hertzloop", "numba", "mcap", "eclipse-zenoh"} <= set(json.loads(run["versions"]))
@@ -237,22 +239,9 @@ class TestWriter:
         with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
             writer.finish({"fault": "#" * scene_bytes})
 
-    def test_flushed_while_it_runs(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """What was written before the last flush is in the file, even if nobody closes it."""
-        monkeypatch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
-        path = tmp_path / "run.mcap"
-        writer = RecordingWriter(path)
-        writer.scene("# scene", {"steps": "10"})
-        for i in range(3):
-            header = TruthBlock(run_id=1, sequence=i, first_step=i, step_ns=1000, xi_m=[0.5])
-            writer.write("truth", header.SerializeToString(), i, 1000 * i)
-            assert read(path).truth.samples == i + 1
-        writer.finish({})
-
-    def test_what_is_older_than_50_ms_is_in_the_file(
+    def test_a_killed_recorder_loses_the_last_50_ms_at_most(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """So much and no more is lost with a recorder that is killed."""
         clock = [0.0]
         monkeypatch.setattr(
             hertzloop.recordings.writer, "time", SimpleNamespace(monotonic=lambda: clock[0])
