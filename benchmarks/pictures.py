@@ -33,7 +33,7 @@ from benchmarks.program import (
 from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay.as_rerun import Shown
+from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.loading import DEFAULT, shipped
 from hertzloop.setup import load
@@ -209,15 +209,15 @@ def _words(case: Case) -> list[str]:
         return words_of(replaying.prepare(read(file)))
 
 
-def words_of(shown: Shown) -> list[str]:
+def words_of(shown: ReplayData) -> list[str]:
     """What is written in a replay: what ran, titles, legends, the first contact."""
-    said = [shown.told.heading, *shown.told.lines, f"heights {shown.drawn.in_words}"]
+    said = [shown.labels.heading, *shown.labels.lines, f"heights {shown.drawn.in_words}"]
     for plot in shown.plots:
         said.append(f"{plot.title}: {', '.join(c.label or c.name for c in plot.curves)}")
     for contact in shown.contacts[:3]:
         length = contact.end - contact.first
         said.append(f"{length} steps, {contact.peak_n:.3g} N, {1e6 * contact.deepest_m:.3g} um")
-    return [*said, *(spectrum.label for spectrum in shown.told.spectra)]
+    return [*said, *(spectrum.label for spectrum in shown.labels.spectra)]
 
 
 def differences(noted: dict[str, Any], now: dict[str, Any]) -> list[str]:

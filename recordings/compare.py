@@ -1,13 +1,12 @@
 """Do two recordings hold the same samples? How they are cut into blocks does not count."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import SAMPLED, Arrays, Event, JoinedStream, Recording
+from hertzloop.recordings.joined_stream import Arrays, JoinedStream
+from hertzloop.recordings.recording import SAMPLED, Recording
 
 _COMPARED = tuple(name for name in SAMPLED if STREAMS[name].compared)
 # A slope is solved for together with its force, and is as exact as that.
@@ -126,17 +125,10 @@ def _events(a: Recording, b: Recording, words: bool, until_ns: int | None) -> st
             for events in (a.events, b.events)
         )
         for one, other in zip(left, right, strict=False):
-            same = _same_event(one, other) if words else one.time_ns == other.time_ns
+            same = one == other if words else one.time_ns == other.time_ns
             if not same:
-                facts = f", as {one.fact} and {other.fact}" if repr(one) == repr(other) else ""
-                return f"events of the {name} differ first: {one} and {other}{facts}"
+                data = f", as {one.data} and {other.data}" if repr(one) == repr(other) else ""
+                return f"events of the {name} differ first: {one} and {other}{data}"
         if len(left) != len(right):
             return f"the {name} logged {len(left)} events in one and {len(right)} in the other"
     return None
-
-
-def _same_event(one: Event, other: Event) -> bool:
-    """Whether all is the same that both say: earlier versions recorded some sentences alone."""
-    facts = one.fact, other.fact
-    known = all(fact.kind != EventKind.SENTENCE for fact in facts)
-    return replace(one, fact=facts[1]) == other and (not known or facts[0] == facts[1])

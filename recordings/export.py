@@ -29,14 +29,15 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.reader import Arrays, Event, JoinedStream, Recording
-from hertzloop.recordings.writer import (
+from hertzloop.recordings.file_format import (
     EXPORT_LIBRARY,
     LAW_ATTACHMENT,
     RUN_METADATA,
     SCENE_ATTACHMENT,
-    RecordingError,
 )
+from hertzloop.recordings.joined_stream import Arrays, JoinedStream
+from hertzloop.recordings.recording import Event, Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.whole_files import NotWritten, whole_file
 
 WINDOW_STEPS = 1 << 16

@@ -10,7 +10,7 @@ import tomllib
 
 import numpy as np
 
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 
 
 def latencies_of(recording: Recording) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""One run in one MCAP file: the bus's own bytes, at simulated times; and the recorder of a run."""
+"""Writer of a recording: the bytes of the bus in one MCAP file, at simulated times."""
 
 import errno
 import fcntl
@@ -7,7 +7,7 @@ import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
 from google.protobuf.message import Message
@@ -15,13 +15,18 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from hertzloop.bus import streams
-from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.recordings.file_format import (
+    FORMAT_KEY,
+    FORMAT_VERSION,
+    LAW_ATTACHMENT,
+    LIBRARY,
+    PROFILE,
+    RESULT_METADATA,
+    RUN_METADATA,
+    SCENE_ATTACHMENT,
+    TOPICS,
+)
 
-SCENE_ATTACHMENT = "scene.toml"
-LAW_ATTACHMENT = "law"
-RUN_METADATA, RESULT_METADATA = "run", "result"
-LIBRARY, EXPORT_LIBRARY = "hertzloop", "hertzloop export"  # in the headers of files
-TOPICS = tuple(dict.fromkeys(stream.topic for stream in streams.STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05
 
@@ -70,25 +75,25 @@ class RecordingWriter:
             self._writer = Writer(
                 self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
             )
-            self._writer.start(profile="hertzloop", library=LIBRARY)
+            self._writer.start(profile=PROFILE, library=LIBRARY)
         return self._writer
 
-    def scene(self, text: str, metadata: dict[str, str], law: str = "") -> None:
-        """What is recorded, and the text of its law; written first, so that it survives whatever
-        happens."""
+    def scene(self, text: str, metadata: dict[str, str]) -> None:
+        """Write the scene and the description of the run, with the format version.
+
+        Call it first: what stands at the start of the file survives a killed process.
+        """
 
         def write() -> None:
             writer = self._begun()
             writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
-            if law:
-                writer.add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", law.encode())
-            writer.add_metadata(RUN_METADATA, metadata)
+            writer.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT_VERSION})
             writer.flush()
 
         self._guarded(write)
 
     def law(self, text: str) -> None:
-        """The text of the law, where that comes after the scene."""
+        """Write the text of the law."""
         self._guarded(
             lambda: self._begun().add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", text.encode())
         )
@@ -173,24 +178,6 @@ def _schema_of(shown: type[Message], message: type[Message]) -> FileDescriptorSe
     return schema
 
 
-def described_by(hello: Hello) -> dict[str, str]:
-    """What a recording says of its run, from the hello."""
-    pace = {"pace": f"{hello.pace:g}"} if hello.pace else {}
-    repeats = {"repeats": f"{hello.repeats:x}"} if hello.repeats else {}
-    return {
-        "scene": hello.scene,
-        "run_id": f"{hello.run_id:x}",
-        "seed": str(hello.seed),
-        "steps": str(hello.steps),
-        "step_ns": str(hello.step_ns),
-        "versions": hello.versions,
-        "law": hello.law,
-        "law_digest": hello.law_digest,
-        **pace,
-        **repeats,
-    }
-
-
 def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
     """The file, open and locked, with what it holds; and whether it is new."""
     # A pipe without a reader is refused: nobody waits for one.
@@ -228,84 +215,3 @@ def _lock(handle: int, path: Path) -> None:
         raise RecordingError(
             f"another run is writing {path}. Choose another name with --out."
         ) from None
-
-
-class Recorder:
-    """Feed it every message of a run; `done` once both roles have announced their end."""
-
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
-        self._writer = RecordingWriter(path, overwrite)
-        self.checker = streams.Checker()
-        self.faults: list[str] = []
-        self._ended: dict[str, Any] = {}
-        self._time_ns = self._end_ns = 0
-        self._scene = ""  # where the hello leaves out some of it
-        self._closed = False
-
-    @property
-    def done(self) -> bool:
-        """Whether plant and controller have both ended."""
-        return {streams.PLANT, streams.CONTROLLER} <= set(self._ended)
-
-    @property
-    def counters(self) -> dict[str, streams.Counter]:
-        """Messages and samples by stream."""
-        return self.checker.counters
-
-    def handle(self, envelope: streams.Envelope) -> None:
-        """Check and write one message. Raises StreamFault or RecordingError."""
-        try:
-            block = self.checker.accept(envelope)
-        except streams.StreamFault as error:
-            raise self.checker.explained(error) from error
-        header: Any = block.header
-        stream = envelope.stream
-        if stream == "hello":
-            scene = self._scene or header.scene_toml
-            self._writer.scene(scene, described_by(header), header.law_source)
-            self._end_ns = header.steps * header.step_ns
-        elif stream == "scene":
-            self._scene = header.scene_toml
-        elif stream == "law":
-            self._writer.law(header.source)
-        if hasattr(header, "first_step"):
-            self._time_ns = header.first_step * header.step_ns
-        elif streams.STREAMS[stream].topic == "/events":
-            # Not ToNanoseconds(): it refuses what is out of the calendar.
-            at = header.timestamp
-            self._time_ns = at.seconds * 1_000_000_000 + at.nanos
-        elif streams.STREAMS[stream].once:
-            self._time_ns = 0 if stream in ("scene", "hello", "law") else self._end_ns
-        sequence = self.counters[stream].messages - 1
-        self._writer.write(stream, envelope.payload, sequence, self._time_ns)
-        if stream.startswith("end/"):
-            self._ended[header.role] = header
-            if header.fault:
-                self.faults.append(header.fault)
-
-    def reconcile(self) -> None:
-        """Compare announced and received counts, and what the controller worked by with what the
-        plant announced. Raises StreamFault for a difference or a role that never announced its
-        end; after a fault that one announced, a difference is noted beside it."""
-        try:
-            for role in (streams.PLANT, streams.CONTROLLER):
-                if role not in self._ended:
-                    raise streams.StreamFault(
-                        f"the {role} never announced its end; its last messages may be missing"
-                    )
-                self.checker.reconcile(self._ended[role])
-        except streams.StreamFault as difference:
-            if not self.faults:
-                raise
-            self.faults.append(str(difference))
-
-    def close(self, fault: str = "") -> None:
-        """Finish the file, whatever has happened; `fault` says why it is not complete."""
-        if self._closed:
-            return
-        self._closed = True
-        told = [words for words in dict.fromkeys([*self.faults, fault]) if words]
-        # One role passes on what another has said.
-        faults = "; ".join(f for f in told if not any(f in more for more in told if more != f))
-        counts = {name: f"{c.messages} {c.samples}" for name, c in self.counters.items()}
-        self._writer.finish({"complete": "no" if faults else "yes", "fault": faults, **counts})

@@ -7,7 +7,8 @@ import numpy as np
 
 from hertzloop.analysis.impacts import Block
 from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_A, XI_P, XI_S
-from hertzloop.recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
+from hertzloop.recordings.replay.contacts import Span
+from hertzloop.recordings.replay.decimation import FULL_RATE_SAMPLES, Decimator, Line, within
 from hertzloop.setup import Setup
 
 
@@ -91,7 +92,7 @@ def overlay(
     """Those of "xi", "F_c", "F_a", "v_p", "sphere", "plate", "contact", "fed" that are asked for,
     of a run of so many steps; short ones in full, others where `spans` of steps say, next to the
     first contacts if these are not given."""
-    thinners = {name: Thinner(steps) for name in names}
+    decimators = {name: Decimator(steps) for name in names}
     touched, start_j = None, 0.0
     speed: list[np.ndarray] = []
     left = FULL_RATE_SAMPLES
@@ -110,10 +111,10 @@ def overlay(
             if left <= 0:
                 near[:] = False
             left -= int(np.count_nonzero(near))
-        for name, thinner in thinners.items():
+        for name, decimator in decimators.items():
             values = rows[_ROWS[name]] if name in _ROWS else getattr(energies, name)
-            thinner.feed(first, values, near)
-    lines = {name: thinner.line() for name, thinner in thinners.items()}
+            decimator.feed(first, values, near)
+    lines = {name: decimator.line() for name, decimator in decimators.items()}
     return Overlay(lines, touched, np.concatenate(speed) if speed else np.empty(0), start_j)
 
 

@@ -18,8 +18,9 @@ from hertzloop.plant.schemes.collocation import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.structure import Structure, oscillator_shapes, oscillators
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
-from hertzloop.recordings.reader import Recording
-from hertzloop.recordings.replay.data import ContactSpan, Deflection, Span, contacts_of
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay.contacts import ContactSpan, Span, contacts_of
+from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 

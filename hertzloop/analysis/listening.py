@@ -30,7 +30,7 @@ from hertzloop.plant.structures.modes import NO_PARTICIPATION
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor, efficiency_wallace
 from hertzloop.plant.structures.structure import Structure
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.setup.build import free_series

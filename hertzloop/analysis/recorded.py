@@ -10,7 +10,8 @@ from hertzloop.analysis.impacts import Block
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.identity import same_law
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.recordings.reader import Arrays, Recording
+from hertzloop.recordings.joined_stream import Arrays
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
 

@@ -8,7 +8,7 @@ from hertzloop.analysis import model
 from hertzloop.analysis import verdict as verdicts
 from hertzloop.analysis.verification import Verification
 from hertzloop.bus.messages_pb2 import Books
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup
 
 

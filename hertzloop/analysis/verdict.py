@@ -13,7 +13,7 @@ from hertzloop.analysis.repeatability import NotRepeatable
 from hertzloop.analysis.span_figures import DECIBELS, change_db
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.recordings.reader import Event, Recording
+from hertzloop.recordings.recording import Event, Recording
 from hertzloop.setup import Setup
 
 HARDLY_DB = 0.1
@@ -318,12 +318,12 @@ def saturation_of(events: Iterable[Event]) -> Saturation | None:
     for event in events:
         if event.name != "plant":
             continue
-        kind = event.fact.kind
+        kind = event.data.kind
         if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
             touching = kind == EventKind.CONTACT_BEGAN
         elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
             out, counted = kind == EventKind.RANGE_LEFT, False
-            of_gap = event.fact.quantity == "xi"
+            of_gap = event.data.quantity == "xi"
         matters = touching or not of_gap
         if out and matters and not counted:
             since_ns.append(event.time_ns)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
-    from hertzloop.recordings.reader import Event, Recording
+    from hertzloop.recordings.recording import Event, Recording
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 

@@ -15,7 +15,6 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.jit.object_code import outline
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay.data import scene_value
 from hertzloop.views.labels import export_labels
 
 
@@ -55,7 +54,7 @@ def export(
     recording = read(file)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
-    samples = Samples(recording, export_labels(scene_value(recording, "sensors", "quantity", "xi")))
+    samples = Samples(recording, export_labels(recording.scene_value("sensors", "quantity", "xi")))
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
         samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))

@@ -11,8 +11,9 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
-from hertzloop.recordings.reader import recover as recover_file
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.recovery import recover as recover_file
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml

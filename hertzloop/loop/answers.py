@@ -19,7 +19,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_k
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import UnreadableRecording
 from hertzloop.setup import Setup
 

@@ -26,7 +26,8 @@ from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.figures.rows_kernels import NEVER, Answer, answer
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.time_series import COLUMNS
-from hertzloop.recordings.writer import Recorder, RecordingError
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup

@@ -33,7 +33,7 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
 from hertzloop.loop.plant_streams import ROOM_STEPS, announce, hello
 from hertzloop.processes.program import filled_in
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup, load, parse
 from hertzloop.setup.build import build_sensor
 from hertzloop.setup.controller import build_controller

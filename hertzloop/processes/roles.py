@@ -33,7 +33,8 @@ from hertzloop.processes.signals import (
     interrupted_as,
     launcher_gone,
 )
-from hertzloop.recordings.writer import Recorder, RecordingError
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup
 
 if TYPE_CHECKING:

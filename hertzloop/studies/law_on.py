@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.analysis.recorded import SHARES, Pacing, Responses
 from hertzloop.analysis.rounding import time_words
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup, parse
 from hertzloop.setup.controller import build_controller
 from hertzloop.studies import pictures, words

@@ -25,7 +25,8 @@ from hertzloop.analysis.repeatability import why_not_repeatable
 from hertzloop.analysis.span_figures import SPAN_ROWS
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.analysis.verdict import verdict as verdict_of
-from hertzloop.recordings.reader import JoinedStream, Recording
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.views.details import demand_words, yield_words

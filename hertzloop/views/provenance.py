@@ -4,7 +4,7 @@ from typing import Any
 
 from hertzloop.analysis.recorded import law_of
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, load, shipped

@@ -1,19 +1,18 @@
 """A recording as a Rerun recording: the view of a run, not its archive."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
-from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.reader import Arrays, Event, Recording
+from hertzloop.recordings.recording import Event, Recording
 from hertzloop.recordings.replay import blueprint, scene3d
-from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import spectrum as spectra_drawn
+from hertzloop.recordings.replay.decimation import enough
+from hertzloop.recordings.replay.law_states import law_states
+from hertzloop.recordings.replay.plots import Plot, PlotCurve
+from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.replay.scene3d import times, with_unit
-from hertzloop.recordings.replay.spectrum import Spectrum
-from hertzloop.recordings.writer import RecordingError
 from hertzloop.whole_files import write_whole
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
@@ -33,90 +32,12 @@ _STATE_COLOURS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Told:
-    """What others know of a run and a recording does not say.
-
-    `heading`, `lines`: what ran, as markdown; `notes`: of missing or unstable; `more_plots` and
-    `spectra` go below the recorded signals; `actuator_m`: where it pushes, None for nowhere;
-    `controlled`: whether there is a law; `until_ns`: when the loop explodes.
-    """
-
-    heading: str = ""
-    lines: list[str] = field(default_factory=list)
-    more_plots: list[replay_data.Plot] = field(default_factory=list)
-    spectra: list[Spectrum] = field(default_factory=list)
-    twin: replay_data.Twin | None = None
-    actuator_m: tuple[float, float] | None = None
-    controlled: bool = True
-    until_ns: int = LAST_NS
-
-
-@dataclass(frozen=True)
-class Shown:
-    """What a replay shows, worked out once; see `prepare`. `at_frames`: lowest point of the sphere,
-    gap and actuator force, (frames,) each; `striker`: "sphere", or the "hammer tip"."""
-
-    recording: Recording
-    deflection: replay_data.Deflection
-    contacts: list[replay_data.ContactSpan]
-    when: replay_data.Moments
-    plots: list[replay_data.Plot]
-    drawn: scene3d.Scale
-    at_frames: Arrays
-    sphere_radius_m: float
-    told: Told
-    striker: str = "sphere"
-
-
-def prepare(
-    recording: Recording,
-    deflection: replay_data.Deflection,
-    told: Told | None = None,
-    contacts: list[replay_data.ContactSpan] | None = None,
-) -> Shown:
-    """What there is to show; `contacts` if they are known. The recording has at least one step, see
-    `check_replayable`."""
-    truth, told = recording.truth, told or Told()
-    if contacts is None:
-        contacts = replay_data.contacts_of(truth.pieces())
-
-    def at_ns(position: int) -> int:
-        return int(truth.step_at(position)) * truth.step_ns
-
-    touching = None
-    if contacts:
-        begun = at_ns(contacts[0].first)
-        touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
-    run_ns = at_ns(0), at_ns(truth.samples - 1)
-    when = replay_data.moments(run_ns, touching, truth.step_ns, told.until_ns)
-    hammer = replay_data.scene_value(recording, "hammer", "mass_kg") is not None
-    where = ("hammer", "tip_radius_m") if hammer else ("sphere", "radius_m")
-    radius = float(replay_data.scene_value(recording, *where, 0.0))
-    drawn = scene3d.scale(deflection, when.selection_ns, radius)
-    plots = [*replay_data.plots(recording, contacts, told.twin), *told.more_plots]
-    frames = deflection.times_ns // truth.step_ns - truth.first_step
-    at_frames = replay_data.rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
-    striker = "hammer tip" if hammer else "sphere"
-    return Shown(
-        recording, deflection, contacts, when, plots, drawn, at_frames, radius, told, striker
-    )
-
-
-def check_replayable(recording: Recording) -> None:
-    """Raises RecordingError if the recording holds no step."""
-    if not recording.truth.samples:
-        raise RecordingError(
-            f"{recording.path} holds no step of the simulation: there is nothing to replay"
-        )
-
-
-def save(shown: Shown, path: Path, still: bool = False) -> None:
+def save(replay: ReplayData, path: Path, still: bool = False) -> None:
     """Write an .rrd file, with a dashboard for the viewer or for a `still` picture.
 
     Raises NotWritten.
     """
-    recording = shown.recording
+    recording = replay.recording
     # One application per file: the viewer remembers a layout by application, and the times
     # in this one fit this recording only.
     name, run_id = f"hertzloop {recording.path.stem}", recording.metadata.get("run_id")
@@ -124,43 +45,43 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
     # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
     memory = stream.memory_recording()
     stream.send_blueprint(blueprint.dashboard(
-        shown.plots, shown.when, shown.deflection, _surface_title(shown),
-        has_contacts=bool(shown.contacts), has_spectrum=bool(shown.told.spectra), still=still,
+        replay.plots, replay.when, replay.deflection, _surface_title(replay),
+        has_contacts=bool(replay.contacts), has_spectrum=bool(replay.labels.spectra), still=still,
     ))  # fmt: skip
-    fill(stream, shown, still)
+    fill(stream, replay, still)
     write_whole(path, memory.drain_as_bytes())
 
 
-def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
+def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) -> None:
     """Send everything a replay shows: /scene, /overview, /zoom, /spectrum, /contacts, /events,
     /states, /about."""
-    deflection, drawn, rows = shown.deflection, shown.drawn, shown.at_frames
+    deflection, drawn, at_frames = replay.deflection, replay.drawn, replay.at_frames
     scene3d.send_plate(stream, deflection, drawn)
-    hammer = shown.striker != "sphere"
-    scene3d.send_sphere(stream, rows["xi_s_m"], rows["xi_m"], deflection, drawn, hammer)
-    if shown.told.actuator_m is not None:
-        at, full_n = shown.told.actuator_m, _full_arrow_n(shown)
-        scene3d.send_actuator(stream, rows["f_a_n"], deflection, at, drawn, full_n)
-    for plot in shown.plots:
-        low, high = blueprint.zoomed(plot, shown.when.around_ns)
+    hammer = replay.striker != "sphere"
+    scene3d.send_sphere(stream, at_frames["xi_s_m"], at_frames["xi_m"], deflection, drawn, hammer)
+    if replay.labels.actuator_m is not None:
+        at, full_n = replay.labels.actuator_m, _full_arrow_n(replay)
+        scene3d.send_actuator(stream, at_frames["f_a_n"], deflection, at, drawn, full_n)
+    for plot in replay.plots:
+        low, high = blueprint.zoomed(plot, replay.when.around_ns)
         for curve in (one for one in plot.curves if len(one.values)):
             _send_curve(stream, plot, curve, _EXACT_SHARE * (high - low))
-    if shown.told.spectra:
+    if replay.labels.spectra:
         colours = [_LINE_COLOURS["v_p"], *_FAINT]
-        spectra_drawn.send(stream, shown.told.spectra, colours[: len(shown.told.spectra)])
-    _send_events(stream, shown.recording)
-    _send_contacts(stream, shown)
-    _send_states(stream, shown)
+        spectra_drawn.send(stream, replay.labels.spectra, colours[: len(replay.labels.spectra)])
+    _send_events(stream, replay.recording)
+    _send_contacts(stream, replay)
+    _send_states(stream, replay)
     stream.log(
-        "about", rr.TextDocument(_about(shown, still), media_type="text/markdown"), static=True
+        "about", rr.TextDocument(_about(replay, still), media_type="text/markdown"), static=True
     )
 
 
-def _full_arrow_n(shown: Shown) -> float:
+def _full_arrow_n(replay: ReplayData) -> float:
     """Actuator force that is drawn with a whole arrow: a round number above the largest around the
     first contact."""
-    pushed = next(c for plot in shown.plots for c in plot.curves if c.name == "F_a")
-    a, b = np.searchsorted(pushed.time_ns, shown.when.selection_ns)
+    pushed = next(c for plot in replay.plots for c in plot.curves if c.name == "F_a")
+    a, b = np.searchsorted(pushed.time_ns, replay.when.selection_ns)
     largest = float(np.nan_to_num(np.abs(pushed.values[a : b + 1])).max(initial=0.0))
     if not largest:
         largest = max(-float(np.nanmin(pushed.values)), float(np.nanmax(pushed.values)))
@@ -169,18 +90,16 @@ def _full_arrow_n(shown: Shown) -> float:
     return scene3d.round_above(largest) if largest > 0.0 else 0.0
 
 
-def _surface_title(shown: Shown) -> str:
-    if not shown.deflection.known:
+def _surface_title(replay: ReplayData) -> str:
+    if not replay.deflection.known:
         return "Structure, drawn flat: its shapes are unknown"
-    return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
+    return "Plate at rest" if replay.drawn.flat else f"Plate, heights drawn {replay.drawn.in_words}"
 
 
-def _send_curve(
-    stream: rr.RecordingStream, plot: replay_data.Plot, curve: replay_data.PlotCurve, within: float
-) -> None:
+def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: PlotCurve, within: float) -> None:
     """As an overview and, exact `within` so much, for the plot at the cursor."""
     whole = slice(None) if curve.overview is None else curve.overview
-    at_cursor = replay_data.enough(curve.time_ns, curve.values, within, curve.held)
+    at_cursor = enough(curve.time_ns, curve.values, within, curve.held)
     faint = [other.name for other in plot.curves if other.faint]
     at = faint.index(curve.name) if curve.faint else -1
     for entity, held, chosen in (("overview", False, whole), ("zoom", curve.held, at_cursor)):
@@ -209,18 +128,18 @@ def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
     stream.send_columns("events", [at], columns)
 
 
-def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
-    recording, truth = shown.recording, shown.recording.truth
+def _send_states(stream: rr.RecordingStream, replay: ReplayData) -> None:
+    recording, truth = replay.recording, replay.recording.truth
 
     def begins_ns(step: int) -> int:
         return int(truth.step_at(step)) * truth.step_ns
 
     contact = [(begins_ns(0), "apart")]
-    for touched in shown.contacts:
+    for touched in replay.contacts:
         contact.append((begins_ns(touched.first), "in contact"))
         if touched.end < truth.samples:
             contact.append((begins_ns(touched.end), "apart"))
-    law = replay_data.law_states(recording, shown.told.controlled)
+    law = law_states(recording, replay.labels.controlled)
     for name, states in (("contact", contact), ("law", law)):
         known = list(dict.fromkeys(state for _, state in states))
         colours = [_STATE_COLOURS.get(state, 0x808080FF) for state in known]
@@ -233,9 +152,9 @@ def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
         stream.send_columns(f"states/{name}", [at], columns)
 
 
-def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
+def _send_contacts(stream: rr.RecordingStream, replay: ReplayData) -> None:
     """The menu of contacts: a click on a time moves the cursor there."""
-    truth, contacts = shown.recording.truth, shown.contacts[:_MOST_LISTED]
+    truth, contacts = replay.recording.truth, replay.contacts[:_MOST_LISTED]
     if not contacts:
         return
     begins_ns = truth.step_at(np.array([one.first for one in contacts])) * truth.step_ns
@@ -252,37 +171,37 @@ def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
     stream.send_columns("contacts", [at], columns)
 
 
-def _about(shown: Shown, still: bool) -> str:
+def _about(replay: ReplayData, still: bool) -> str:
     """What ran, how it is drawn, and what is missing, as markdown."""
-    recording, told = shown.recording, shown.told
+    recording, labels = replay.recording, replay.labels
     name = recording.metadata.get("scene", recording.path.stem)
-    lines = [f"## {told.heading or name}", ""]
-    for line in told.lines:
+    lines = [f"## {labels.heading or name}", ""]
+    for line in labels.lines:
         lines += [line, ""]
-    if not shown.contacts:
+    if not replay.contacts:
         lines += ["No contact in this recording.", ""]
-    elif len(shown.contacts) > _MOST_LISTED:
-        lines += [f"{len(shown.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
-    if len(shown.contacts) > 1:  # they may be chaotic; what is known of them no recording has
+    elif len(replay.contacts) > _MOST_LISTED:
+        lines += [f"{len(replay.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
+    if len(replay.contacts) > 1:  # they may be chaotic; what is known of them no recording has
         lines += [
             "Digits as recorded. `hertzloop run` prints the predictable digits of later contacts.",
             "",
         ]
-    if not shown.deflection.known:
+    if not replay.deflection.known:
         lines += ["The mode file has no shapes (x_m, y_m, shape_grid).", ""]
-    lines += [f"Heights are drawn {shown.drawn.in_words}"]
-    if shown.drawn.flat:
-        lines[-1] = "The plate is at rest" if shown.deflection.known else "It is drawn flat"
-    if shown.sphere_radius_m:
-        larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
+    lines += [f"Heights are drawn {replay.drawn.in_words}"]
+    if replay.drawn.flat:
+        lines[-1] = "The plate is at rest" if replay.deflection.known else "It is drawn flat"
+    if replay.sphere_radius_m:
+        larger = replay.drawn.sphere_radius_m / replay.sphere_radius_m
         lines[-1] += (
-            f", the {shown.striker} {larger:.2g} times its size, at a compressed height in flight"
+            f", the {replay.striker} {larger:.2g} times its size, at a compressed height in flight"
         )
     lines[-1] += ". Its penetration is plotted, not drawn."
-    if shown.contacts and not still:
+    if replay.contacts and not still:
         lines += [
             "",
-            f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:z.3f} ms on.",
+            f"Play the first contact from {replay.when.selection_ns[0] * 1e-6:z.3f} ms on.",
         ]
     for problem in recording.problems:
         lines += ["", f"**Missing or damaged:** {problem}"]

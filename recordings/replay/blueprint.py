@@ -7,7 +7,10 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
-from hertzloop.recordings.replay.data import Deflection, Moments, Plot, Span
+from hertzloop.recordings.replay.contacts import Span
+from hertzloop.recordings.replay.deflection import Deflection
+from hertzloop.recordings.replay.moments import Moments
+from hertzloop.recordings.replay.plots import Plot
 
 TIMELINE = "sim_time"
 _FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play

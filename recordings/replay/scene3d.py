@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 
 from hertzloop.recordings.replay.blueprint import TIMELINE
-from hertzloop.recordings.replay.data import Deflection, Span
+from hertzloop.recordings.replay.contacts import Span
+from hertzloop.recordings.replay.deflection import Deflection
 
 _DRAWN_SHARE = 0.12  # largest deflection as drawn, of the plate's shorter side
 _SPHERE_SHARE = 0.05  # smallest radius as drawn

@@ -21,7 +21,7 @@ from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.sockets import LOOPBACK, reserved_ports
 from hertzloop.recordings.replay.blueprint import TIMELINE
-from hertzloop.recordings.replay.data import TITLES
+from hertzloop.recordings.replay.plots import TITLES
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.whole_files import write_whole
 

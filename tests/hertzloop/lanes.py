@@ -17,8 +17,9 @@ from hertzloop.bus.streams import (
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
-from hertzloop.recordings.reader import Recording, read
-from hertzloop.recordings.writer import Recorder
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup
 from hertzloop.setup.controller import build_controller
 from tests.hertzloop.exchange import Heard

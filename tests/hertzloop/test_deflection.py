@@ -11,8 +11,10 @@ from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.recordings.reader import Recording, read
-from hertzloop.recordings.replay.data import Deflection, contact_spans
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay.contacts import contact_spans
+from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.setup import Setup, load
 
 SHORT = ["run.duration_s=0.002"]

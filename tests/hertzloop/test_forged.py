@@ -23,7 +23,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import Recorder
+from hertzloop.recordings.recorder import Recorder
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start

@@ -13,7 +13,8 @@ from hertzloop.analysis.run_report import RunReport
 from hertzloop.analysis.verdict import assess_recording
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection
@@ -67,10 +68,3 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
         printed = StringIO()
         show(Console(width=200, file=printed))
         assert said in printed.getvalue()
-
-
-def test_an_older_recording() -> None:
-    """It was made before controllers said their law, or a scene had all of today's keys."""
-    older = read(Path(__file__).parents[1] / "recordings" / "before-set-up.mcap")
-    assert not older.problems
-    assert law_line(law_of(older)).startswith("not reported by the controller")

@@ -17,7 +17,8 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml

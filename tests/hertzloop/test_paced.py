@@ -26,8 +26,9 @@ from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
-from hertzloop.recordings.writer import Recorder
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import print_all
@@ -194,7 +195,7 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     assert found.longest_row > 500
     assert found.clock is not None
     assert found.clock.response_us["max"] > 90_000
-    late = [e.message for e in first.events if e.fact.kind == EventKind.FORCES_LATE]
+    late = [e.message for e in first.events if e.data.kind == EventKind.FORCES_LATE]
     assert len(late) <= 3
     assert re.match(rf"late forces? ([0-9]+ to )?{found.late_forces}:", late[-1])
 

@@ -15,15 +15,15 @@ from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.loop import compiled
 from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Fact, Recording, fact_of, older_fact, read
-from hertzloop.recordings.replay.data import law_states
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import run_cases
 from hertzloop.studies.sweeps.sweep import SweepResults, header_of, read_results, write_results
 from tests.commands import invoke, run_and_inspected
-from tests.recordings.rewriting import Sent, rewrite
 
 SHORT = ["run.duration_s=0.0015", "run.accuracy=0.1"]
 RUNS = {
@@ -74,7 +74,7 @@ def test_a_run_with_other_words_has_the_same_data(
     assert strange.truth.messages == -(-strange.truth.samples // BLOCK_STEPS)
     assert [e.message for e in strange.events] == [replaced(e.message) for e in usual.events]
     assert len(usual.events) > 1
-    assert [e.fact for e in strange.events] == [e.fact for e in usual.events]
+    assert [e.data for e in strange.events] == [e.data for e in usual.events]
     assert without(found) == without(known)
     assert law_states(strange) == law_states(usual)
     assert saturation_of(strange.events) == saturation_of(usual.events)
@@ -147,36 +147,6 @@ def test_every_kind_of_event_has_its_sentence() -> None:
     ]
 
 
-def test_the_sentences_of_earlier_versions_are_read() -> None:
-    """As facts, but of kinds that no program asks for."""
-    unread = (EventKind.FORCES_LATE, EventKind.RUN_FAILED)
-    for event in every_event():
-        fact = fact_of(event) if event.kind not in unread else Fact()
-        assert older_fact(event.name, event.message) == fact
-    assert older_fact("controller", "contact 7 began") == Fact()
-
-
 def test_a_law_has_the_modes_that_have_names() -> None:
     numbers = {"idle": IDLE, "watching": WATCHING, "acting": ACTING, "spent": SPENT}
     assert {name: events.MODES.index(name) for name in events.MODES} == numbers
-
-
-def test_who_compares_sees_other_facts_and_not_that_there_are_none(tmp_path: Path) -> None:
-    """A recording of an earlier version may be the same run."""
-    usual, _ = recorded("out of range", tmp_path / "usual")
-
-    def without_fact(sent: Sent) -> None:
-        if isinstance(sent.header, Event):
-            for field in ("kind", "number", "quantity", "mode_before", "mode", "delay_ns"):
-                sent.header.ClearField(field)
-
-    def with_another(sent: Sent) -> None:
-        if isinstance(sent.header, Event) and sent.header.kind == EventKind.RANGE_LEFT:
-            sent.header.quantity = "v_p"
-
-    older = read(rewrite(usual.path, tmp_path / "older.mcap", without_fact))
-    assert first_difference(usual, older) is None
-    assert saturation_of(older.events) == saturation_of(usual.events)
-    assert law_states(older) == law_states(usual)
-    lying = read(rewrite(usual.path, tmp_path / "lying.mcap", with_another))
-    assert "events of the plant differ first" in (first_difference(usual, lying) or "")

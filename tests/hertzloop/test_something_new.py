@@ -205,7 +205,7 @@ from hertzloop.views.labels import export_labels
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay.data import plots
+from hertzloop.recordings.replay.plots import plots
 
 Path("mine.py").write_text(
     "senses = 'xi_p'\\n\\ndef command(p, s, samples, i):\\n    return -1e5 * samples[i]\\n"

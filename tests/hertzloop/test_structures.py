@@ -19,7 +19,8 @@ from hertzloop.plant.structures.structure import oscillator_shapes
 from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import shipped
 from hertzloop.scenes.toml import to_toml

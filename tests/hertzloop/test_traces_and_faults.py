@@ -15,8 +15,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.latencies import latencies_of
-from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
 from hertzloop.sensors import kernels as k

@@ -14,9 +14,10 @@ from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.analysis.stability import Stability
 from hertzloop.analysis.statistics import ForceTiming
 from hertzloop.analysis.verdict import saturation_of, verdict
+from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.recordings.reader import Event, older_fact
+from hertzloop.recordings.recording import Event, EventData
 from hertzloop.views.verdict import verdict_sentences
 from tests.commands import invoke
 
@@ -165,27 +166,39 @@ def test_what_is_not_predictable_is_not_added_up() -> None:
     assert said(known(9e-5, 4e-5)).startswith("The effect of control is unpredictable")
 
 
-LEFT, BACK = "left the converter's range", "is back in the converter's range"
+def began(number: int) -> EventData:
+    return EventData(EventKind.CONTACT_BEGAN, number)
+
+
+def ended(number: int) -> EventData:
+    return EventData(EventKind.CONTACT_ENDED, number)
+
+
+def left(quantity: str) -> EventData:
+    return EventData(EventKind.RANGE_LEFT, quantity=quantity)
+
+
+def back(quantity: str) -> EventData:
+    return EventData(EventKind.RANGE_REGAINED, quantity=quantity)
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("announced", "expected"),
     [
-        (["contact 1 began", "contact 1 ended"], None),
-        ([f"xi {LEFT}", f"xi {BACK}", "contact 1 began", "contact 1 ended"], None),
-        ([f"xi {LEFT}", "contact 1 began", "contact 1 ended", "contact 2 began"], (1, 2)),
-        (["contact 1 began", f"xi {LEFT}", f"xi {BACK}", f"xi {LEFT}"], (2, 2)),
-        (["contact 1 began", f"xi {LEFT}", "contact 1 ended", f"xi {BACK}", f"xi {LEFT}"], (1, 2)),
-        ([f"v_p {LEFT}", "contact 1 began", "contact 1 ended", f"v_p {BACK}"], (1, 1)),
-        (["contact 1 began", f"v_p {LEFT}", f"v_p {BACK}", f"v_p {LEFT}"], (2, 2)),
+        ([began(1), ended(1)], None),
+        ([left("xi"), back("xi"), began(1), ended(1)], None),
+        ([left("xi"), began(1), ended(1), began(2)], (1, 2)),
+        ([began(1), left("xi"), back("xi"), left("xi")], (2, 2)),
+        ([began(1), left("xi"), ended(1), back("xi"), left("xi")], (1, 2)),
+        ([left("v_p"), began(1), ended(1), back("v_p")], (1, 1)),
+        ([began(1), left("v_p"), back("v_p"), left("v_p")], (2, 2)),
     ],
 )
 def test_a_gap_out_of_range_counts_while_it_matters(
-    said: list[str], expected: tuple[int, int] | None
+    announced: list[EventData], expected: tuple[int, int] | None
 ) -> None:
     """Once each time that it leaves, however many contacts pass until it is back."""
-    facts = [older_fact("plant", sentence) for sentence in said]
-    events = [Event(int(1e6 * ms), "plant", 3, "...", fact) for ms, fact in enumerate(facts, 1)]
-    events.append(Event(0, "controller", 3, "...", older_fact("plant", f"v_p {LEFT}")))
+    events = [Event(int(1e6 * ms), "plant", 3, "...", data) for ms, data in enumerate(announced, 1)]
+    events.append(Event(0, "controller", 3, "...", left("v_p")))
     found = saturation_of(events)
     assert (found and (found.times, pytest.approx(found.since_s * 1e3))) == expected

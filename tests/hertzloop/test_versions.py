@@ -12,7 +12,8 @@ from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import Hello, SetUp
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault, other_version
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import scene

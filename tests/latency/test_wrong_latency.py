@@ -8,7 +8,8 @@ from hertzloop.controller.controller import Controller
 from hertzloop.loop import controller_node
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from hertzloop.setup import Setup, load
 from hertzloop.setup.controller import build_controller
 

@@ -27,15 +27,10 @@ from rich.console import Console
 
 import hertzloop.recordings.writer
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import (
-    SAMPLED,
-    Recording,
-    inner_records,
-    message_of,
-    read,
-    recover,
-    unpacked,
-)
+from hertzloop.recordings.mcap_records import inner_records, message_of, unpack_chunk
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import SAMPLED, Recording
+from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.views import inspection
 from tests.faults import page
@@ -88,7 +83,7 @@ def chunks(content: bytes) -> list[tuple[bytes, list[bytes]]]:
     while content[at] != Opcode.DATA_END:
         end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
         if content[at] == Opcode.CHUNK:
-            inside = inner_records(unpacked(content[at + 9 : end]))
+            inside = inner_records(unpack_chunk(content[at + 9 : end]))
             payloads = [message_of(one).data for kind, one in inside if kind == Opcode.MESSAGE]
             found.append((content[at:end], payloads))
         at = end

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hertzloop.recordings.replay.data import Deflection
+from hertzloop.recordings.replay.deflection import Deflection
 
 
 def flat_plate(times_ns: np.ndarray) -> Deflection:

@@ -75,7 +75,9 @@ def write(path: Path, original: Path, sent: Iterable[Sent]) -> Path:
     """A recording like `original`, with these messages."""
     source = read(original)
     writer = RecordingWriter(path)
-    writer.scene(source.scene_toml, source.metadata, source.law_source)
+    writer.scene(source.scene_toml, source.metadata)
+    if source.law_source:
+        writer.law(source.law_source)
     for item in sent:
         payload = streams.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)

@@ -167,15 +167,18 @@ def test_bytes_are_compared_not_values(
     assert same or str(found).startswith("truth.f_a_n differs first at step 1007")
 
 
-def test_another_event(original: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("field", "value"), [("message", "something else"), ("mode", 7)])
+def test_another_event(original: Path, tmp_path: Path, field: str, value: str | int) -> None:
+    """The sentence counts, and so do the data for programs behind the same sentence."""
+
     def change(message: Sent) -> None:
         if message.stream == "events/controller" and message.number == 1:
-            message.header.message = "something else"
+            setattr(message.header, field, value)
 
     found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
     assert found is not None
     assert found.startswith("events of the controller differ first")
-    assert "something else" in found
+    assert str(value) in found
 
 
 def test_a_missing_event(original: Path, tmp_path: Path) -> None:

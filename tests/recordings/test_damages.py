@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-import hertzloop.recordings.reader
-from hertzloop.recordings.reader import SAMPLED, Source, in_order, read, recover, unpacked
+from hertzloop.recordings import record_scanner
+from hertzloop.recordings.mcap_records import unpack_chunk
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import SAMPLED
+from hertzloop.recordings.recording_file import RecordingFile, in_order
+from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
     DAMAGES,
@@ -155,17 +159,16 @@ def test_what_seems_a_chunk_everywhere_is_not_checked_for_ever(
     )
     path, tried = tmp_path / "heads.mcap", list[int]()
 
-    def unpacked(content: bytes) -> bytes:
+    def counted(content: bytes) -> bytes:
         tried.append(len(content))
-        return unpacked_before(content)
+        return unpack_chunk(content)
 
-    unpacked_before = hertzloop.recordings.reader.unpacked
-    monkeypatch.setattr(hertzloop.recordings.reader, "unpacked", unpacked)
-    monkeypatch.setattr(hertzloop.recordings.reader, "TOTAL_BYTES", 20 << 20)
-    monkeypatch.setattr(hertzloop.recordings.reader, "TOTAL_RATIO", 1)
+    monkeypatch.setattr(record_scanner, "unpack_chunk", counted)
+    monkeypatch.setattr(record_scanner, "TOTAL_BYTES", 20 << 20)
+    monkeypatch.setattr(record_scanner, "TOTAL_RATIO", 1)
     path.write_bytes(content[: at[-1]] + heads + data + content[at[-1] :])
-    opened = Source(path)
-    found = [record for record in opened.walk().records() if record.opcode == Opcode.CHUNK]
+    opened = RecordingFile(path)
+    found = [record for record in opened.scanner().records() if record.opcode == Opcode.CHUNK]
     assert len(found) == len(at) - 1
     assert len(found) + 2 < len(tried) < len(found) + 20
 
@@ -190,7 +193,7 @@ def without_checksum(content: bytes, closed: bool) -> bytes:
             chunks.append((length, at))
         at += 9 + length
     length, first = max(chunks)
-    records = bytearray(unpacked(content[first + 9 : first + 9 + length]))
+    records = bytearray(unpack_chunk(content[first + 9 : first + 9 + length]))
     records[-8] ^= 1
     head = content[first + 9 : first + 25] + struct.pack("<QIIQ", len(records), 0, 0, len(records))
     chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(records)) + head + records

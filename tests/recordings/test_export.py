@@ -16,7 +16,8 @@ from typer.testing import Result
 
 from hertzloop.recordings import export as samples_module
 from hertzloop.recordings.export import TOPICS, columns_file
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from tests.commands import invoke
 from tests.recordings import rewriting
 from tests.tiers import default

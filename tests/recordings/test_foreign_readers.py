@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
 from tests.recordings.rewriting import messages, record
 
 pytestmark = pytest.mark.full
@@ -79,12 +80,12 @@ def test_typescript_decodes_by_the_embedded_schemas(
     by_typescript: dict[str, Any], recording: Recording
 ) -> None:
     assert np.array(by_typescript["xi_m"]).tobytes() == recording.truth.arrays["xi_m"].tobytes()
-    facts = [[event.message, event.fact.kind] for event in recording.events]
+    data = [[event.message, event.data.kind] for event in recording.events]
     kinds = STREAMS["events/plant"].message.DESCRIPTOR.fields_by_name["kind"].enum_type
     named = [
         [message, kinds.values_by_name[kind].number] for message, kind in by_typescript["events"]
     ]
-    assert named == facts
+    assert named == data
 
 
 def rerun(*words: str | Path) -> str:

@@ -9,7 +9,8 @@ import pytest
 from hertzloop.bus.messages_pb2 import Hello, RunEnd
 from hertzloop.bus.streams import LAST_NS, Envelope, StreamFault
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.bus.tapes import SCENE, changed, controller_says, places, plant_says
 
 

@@ -10,7 +10,8 @@ from mcap.reader import make_reader
 import hertzloop.recordings.writer
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import read, recover
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import load
 

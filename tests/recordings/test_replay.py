@@ -16,9 +16,11 @@ from hertzloop.loop import compiled
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.time_series import V_P
 from hertzloop.recordings import writer
-from hertzloop.recordings.reader import JoinedStream, Recording, read
-from hertzloop.recordings.replay import as_rerun as replay
-from hertzloop.recordings.replay import scene3d, viewer
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay import as_rerun, scene3d, viewer
+from hertzloop.recordings.replay.replay_data import check_replayable, prepare
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import load
@@ -74,16 +76,16 @@ ENTITIES = {
 }  # fmt: skip
 SCALE = {"/scene/colours", "/scene/colours/values"}  # of what deflects
 # What the command adds: the actuator, energies, spectra.
-TOLD = {
+FROM_LABELS = {
     "/scene/actuator", "/scene/actuator/name", "/scene/actuator/leader", "/scene/actuator/force",
     "/spectrum/axes",    "/spectrum/grid", "/spectrum/legend", "/spectrum/line_0",
     *(f"/{part}/energy/{curve}" for part in ("overview", "zoom")
       for curve in ("sphere", "plate", "contact", "fed")),
 }  # fmt: skip
-TWIN = {
+REFERENCE = {
     "/spectrum/line_1",
     # By names that come first, since the viewer draws later ones over them.
-    *(f"/{part}/{plot}/0_{curve}_twin" for part in ("overview", "zoom")
+    *(f"/{part}/{plot}/0_{curve}_reference" for part in ("overview", "zoom")
       for plot, curve in (("gap", "xi"), ("force", "F_c"), ("velocity", "v_p"),
                           ("energy", "plate"))),
 }  # fmt: skip
@@ -100,10 +102,10 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     rerun("rrd", "verify", rrd)
     # The web viewer shows a layout of its own instead of one that is not active.
     assert "make_active: true" in rerun("rrd", "print", rrd)
-    assert set(entities(rrd)) == ENTITIES | TOLD | TWIN
+    assert set(entities(rrd)) == ENTITIES | FROM_LABELS | REFERENCE
     result = call("replay", file, "--save", rrd, "--alone", "--overwrite")
     assert result.exit_code == 0, result.output
-    assert set(entities(rrd)) == ENTITIES | TOLD
+    assert set(entities(rrd)) == ENTITIES | FROM_LABELS
 
 
 @pytest.mark.full
@@ -128,7 +130,7 @@ def test_the_light_in_colours_is_that_of_the_viewer() -> None:
         assert term.encode() in shader
 
 
-def test_a_run_lies_over_its_twin_from_the_first_contact_on(file: Path, tmp_path: Path) -> None:
+def test_a_run_lies_over_its_reference_from_the_contact_on(file: Path, tmp_path: Path) -> None:
     """The other run falls for longer and is moved to touch at the same time."""
     later = load("aluminium-3mm", [*SCENE, "run.lead_in_s=0.0015", "controller.kappa=0.5"])
     record_in_process(later, tmp_path / "later.mcap", compiled=True)
@@ -136,26 +138,26 @@ def test_a_run_lies_over_its_twin_from_the_first_contact_on(file: Path, tmp_path
     curves = {c.name: c for p in shown.plots for c in p.curves if p.key == "gap"}
     begins = [
         int(curve.time_ns[np.argmax(curve.values < 0.0)])
-        for curve in (curves["xi"], curves["xi_twin"])
+        for curve in (curves["xi"], curves["xi_reference"])
     ]
     assert begins[0] == begins[1]
-    assert (curves["xi"].label, curves["xi_twin"].label) == ("xi A", "xi B")
-    told = " ".join(shown.told.lines)
+    assert (curves["xi"].label, curves["xi_reference"].label) == ("xi A", "xi B")
+    told = " ".join(shown.labels.lines)
     assert "controller.kappa A 0.8, B 0.5" in told
     assert "B is moved by -0.500 ms" in told
 
 
-def test_the_twin_without_control_is_the_uncontrolled_run(file: Path) -> None:
+def test_the_reference_without_control_is_the_uncontrolled_run(file: Path) -> None:
     free = simulate(load("aluminium-3mm", SCENE).without_control())
     shown = replaying.prepare(read(file))
     curves = {c.name: c for p in shown.plots for c in p.curves}
-    assert curves["v_p_twin"].values.tobytes() == free.rows[V_P].tobytes()
-    assert shown.told.lines[:2] == [
+    assert curves["v_p_reference"].values.tobytes() == free.rows[V_P].tobytes()
+    assert shown.labels.lines[:2] == [
         "R = 3 mm, steel, on 3 mm aluminium, drop 50 mm",
         "slope_threshold, kappa 0.8, v_thr -0.25 m/s, lead 0 us, latency 0 us, ideal sensor",
     ]
-    assert shown.told.lines[2] == "Faint: the same without control."
-    assert "run.duration_s = 0.003 (0.35)" in shown.told.lines[3]
+    assert shown.labels.lines[2] == "Faint: the same without control."
+    assert "run.duration_s = 0.003 (0.35)" in shown.labels.lines[3]
     energies = {c.name: c.values for p in shown.plots if p.key == "energy" for c in p.curves}
     parts = energies["sphere"] + energies["plate"] + energies["contact"] - energies["fed"]
     np.testing.assert_allclose(parts, parts[0], rtol=1e-9)
@@ -169,7 +171,7 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path: Path) -> None
     )
     record_in_process(unstable, tmp_path / "a.mcap", compiled=True)
     shown = replaying.prepare(read(tmp_path / "a.mcap"))
-    assert shown.told.lines[0].startswith("**Unstable** from 7.547 ms")
+    assert shown.labels.lines[0].startswith("**Unstable** from 7.547 ms")
     assert shown.drawn.heights >= 10.0
     assert np.abs(scene3d.vertices(shown.deflection, shown.drawn)[..., 2]).max() <= 0.16
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000
@@ -183,9 +185,9 @@ def test_later_contacts_are_said_to_be_as_recorded(contacts: int) -> None:
     fields = ("xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.zeros(len(gap)) for name in fields} | {"xi_m": gap}
     recording.truth = JoinedStream(1, step_ns=1000, arrays=arrays)
-    shown = replay.prepare(recording, flat_plate(recording.truth.time_ns))
+    shown = prepare(recording, flat_plate(recording.truth.time_ns))
     assert len(shown.contacts) == contacts
-    assert ("Digits as recorded" in replay._about(shown, still=True)) == (contacts > 1)
+    assert ("Digits as recorded" in as_rerun._about(shown, still=True)) == (contacts > 1)
 
 
 def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
@@ -193,8 +195,8 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     fields = ("xi_m", "xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.ones(3) for name in fields} | {"xi_m": np.array([1.0, -1.0, 1.0])}
     recording.truth = JoinedStream(1, step_ns=333_333_337, arrays=arrays)
-    shown = replay.prepare(recording, flat_plate(recording.truth.time_ns))
-    replay.save(shown, tmp_path / "a.rrd")
+    shown = prepare(recording, flat_plate(recording.truth.time_ns))
+    as_rerun.save(shown, tmp_path / "a.rrd")
     printed = rerun("rrd", "print", "-vvv", "--entity", "/states/contact", tmp_path / "a.rrd")
     assert re.findall(r"(PT?[\d.]+[SD]) .*\[(apart|in contact)\]", printed) == [
         ("P0D", "apart"), ("PT0.333333337S", "in contact"), ("PT0.666666674S", "apart"),
@@ -218,7 +220,7 @@ def test_a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes(
 def test_a_recording_without_a_step_says_so(file: Path, tmp_path: Path) -> None:
     recording = dataclasses.replace(read(file), truth=JoinedStream())
     with pytest.raises(RecordingError, match=r"run\.mcap holds no step of the simulation"):
-        replay.check_replayable(recording)
+        check_replayable(recording)
 
 
 @pytest.mark.parametrize("missing", ["daq", "force", "events", "contact"])
@@ -231,8 +233,8 @@ def test_what_is_missing_is_left_out(file: Path, tmp_path: Path, missing: str) -
         recording.truth.arrays = dict(recording.truth.arrays) | apart
     else:
         setattr(recording, missing, JoinedStream())
-    shown = replay.prepare(recording, flat_plate(recording.truth.time_ns[:1]))
-    replay.save(shown, tmp_path / "a.rrd")
+    shown = prepare(recording, flat_plate(recording.truth.time_ns[:1]))
+    as_rerun.save(shown, tmp_path / "a.rrd")
     rerun("rrd", "verify", tmp_path / "a.rrd")
     gone = {
         "daq": {"/overview/gap/measured", "/zoom/gap/measured"}, "events": {"/events"},
@@ -329,7 +331,7 @@ def test_a_replay_ends_where_samples_are_missing(
     damaged.write_bytes(content)
     kept = read(damaged)
     assert any(stream.resumed for stream in (kept.truth, kept.force, kept.daq))
-    part = kept.truth.before_a_hole()
+    part = kept.truth.before_gap()
     assert part.samples == (kept.truth.resumed or [(kept.truth.samples, 0)])[0][0]
     assert len(part.arrays["xi_m"]) == len(part.time_ns) == part.samples
     result = call("replay", damaged, "--save", rrd)
@@ -378,7 +380,7 @@ def beam(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_path: Path) -> None:
     shown = replaying.prepare(beam)
-    told = replay._about(shown, still=True)
+    told = as_rerun._about(shown, still=True)
     assert "plate.modes.file = modes.csv" in told
     assert "content" not in told
     assert max(map(len, told.split())) < 50  # no base64
@@ -386,20 +388,20 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
     assert "Heights are drawn" not in told
     assert not shown.deflection.known
     assert shown.drawn.flat
-    assert replay._surface_title(shown) == "Structure, drawn flat: its shapes are unknown"
+    assert as_rerun._surface_title(shown) == "Structure, drawn flat: its shapes are unknown"
     # All of it is in sight: as large as the sphere asks for, the contact in its middle.
     plate = shown.deflection
     assert max(plate.size_m) < 30.0 * 0.01
     np.testing.assert_allclose(
         np.add(plate.low_m, np.array(plate.size_m) / 2.0), plate.contact_point_m
     )
-    replay.save(shown, tmp_path / "beam.rrd")
-    assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | TOLD | TWIN) - SCALE
+    as_rerun.save(shown, tmp_path / "beam.rrd")
+    assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | FROM_LABELS | REFERENCE) - SCALE
 
 
 def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:
     path = tmp_path / "rest.mcap"
     record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), path, compiled=True)
     shown = replaying.prepare(read(path))
-    assert replay._surface_title(shown) == "Plate at rest"
-    assert "Heights are drawn" not in replay._about(shown, still=True)
+    assert as_rerun._surface_title(shown) == "Plate at rest"
+    assert "Heights are drawn" not in as_rerun._about(shown, still=True)

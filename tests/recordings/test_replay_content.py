@@ -7,15 +7,17 @@ import numpy as np
 
 from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import TruthBlock
-from hertzloop.recordings.reader import JoinedStream, Recording
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import blueprint, spectrum, viewer
-from hertzloop.recordings.replay import data as replay_data
+from hertzloop.recordings.replay.contacts import ContactSpan
+from hertzloop.recordings.replay.plots import LATE, plots
 
 STEP_S = 1e-6
 WIDTH, HEIGHT = 100.0, 28.0  # of the drawing of spectra, whose view is cut for it
 
 
-class Shown:
+class SentData:
     """Stands for a recording of the viewer: keeps what is sent, by entity."""
 
     def __init__(self) -> None:
@@ -37,13 +39,13 @@ def lines(what: Any) -> list[np.ndarray]:
     return [np.array(strip) for strip in what.strips.as_arrow_array().to_pylist()]
 
 
-def drawn(*frequencies_hz: float) -> Shown:
+def drawn(*frequencies_hz: float) -> SentData:
     """Spectra of sines, as drawn."""
     t = STEP_S * np.arange(1 << 16)
     found = [
         spectrum.spectrum(f"{f:g} Hz", np.sin(2.0 * np.pi * f * t), STEP_S) for f in frequencies_hz
     ]
-    shown = Shown()
+    shown = SentData()
     spectrum.send(shown, found, [(1, 2, 3)] * len(found))  # type: ignore[arg-type]
     return shown
 
@@ -65,20 +67,11 @@ def test_a_sine_peaks_at_the_line_of_its_frequency() -> None:
         assert abs(line[line[:, 1].argmin(), 0] - decades[name]) < 2.0 * band
 
 
-def test_lines_are_thin_those_of_the_grid_thinnest() -> None:
-    shown = drawn(1e3)
-    line, grid = (
-        shown.logged[f"spectrum/{name}"].radii.as_arrow_array().to_pylist()[0]
-        for name in ("line_0", "grid")
-    )
-    assert 0.0 < grid < line < 0.01 * HEIGHT
-
-
 def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
     gap = np.array([3e-6, -2e-6, 1e-6])
     rest = {name: np.zeros(3) for name in ("f_c_n", "f_a_n", "v_p_m_s")}
     block = TruthBlock(first_step=1000, step_ns=500)
-    shown = Shown()
+    shown = SentData()
     sent = viewer.send_block(shown, streams.encode(block, xi_m=gap, **rest))  # type: ignore[arg-type]
     times, values = shown.columns["live/gap/xi"]
     assert times == [500_000, 500_500, 501_000]
@@ -99,7 +92,7 @@ def test_events_say_their_time_themselves_contacts_are_listed_by_it() -> None:
 
 def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     """Samples are missing before it: its own are not where they would be otherwise."""
-    count, hole, contact = 600_000, 50_000, replay_data.ContactSpan(400_000, 400_400, 1.0, 1e-6)
+    count, hole, contact = 600_000, 50_000, ContactSpan(400_000, 400_400, 1.0, 1e-6)
     values = np.random.default_rng(1).normal(size=count // 2 - hole // 2)
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     recording = Recording(
@@ -111,7 +104,7 @@ def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     )
     [curve] = [
         curve
-        for plot in replay_data.plots(recording, [contact])
+        for plot in plots(recording, [contact])
         for curve in plot.curves
         if curve.name == "measured"
     ]
@@ -123,7 +116,7 @@ def test_a_run_without_late_forces_has_no_plot_of_them() -> None:
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.zeros(4) for name in fields}
     for late in (False, True):
-        more = {replay_data.LATE[2]: np.ones(4)} if late else {}
+        more = {LATE[2]: np.ones(4)} if late else {}
         truth = JoinedStream(1, step_ns=1000, arrays=arrays | more)
-        plots = {plot.key for plot in replay_data.plots(Recording(Path("a"), truth=truth), [])}
-        assert ("late" in plots) == late
+        keys = {plot.key for plot in plots(Recording(Path("a"), truth=truth), [])}
+        assert ("late" in keys) == late

@@ -1,4 +1,4 @@
-"""What a replay shows: what is thinned, which spans and moments, the plate as drawn."""
+"""What a replay shows: decimated curves, spans and moments, the plate as drawn."""
 
 import dataclasses
 import itertools
@@ -10,29 +10,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
-from hertzloop.recordings import reader
-from hertzloop.recordings.reader import Event, Fact, JoinedStream, Recording
-from hertzloop.recordings.replay import blueprint, data, scene3d
-from hertzloop.recordings.replay import data as replay_data
-from hertzloop.recordings.replay.data import (
-    ContactSpan,
-    Deflection,
-    Thinner,
-    contact_spans,
-    contacts_of,
+from hertzloop.recordings import joined_stream
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Event, EventData, Recording
+from hertzloop.recordings.replay import blueprint, decimation, scene3d
+from hertzloop.recordings.replay.contacts import ContactSpan, contact_spans, contacts_of
+from hertzloop.recordings.replay.decimation import (
+    Decimator,
     enough,
     extremes,
     full_rate_spans,
-    rows_at,
     within,
 )
+from hertzloop.recordings.replay.deflection import Deflection
+from hertzloop.recordings.replay.law_states import law_states
+from hertzloop.recordings.replay.moments import moments
+from hertzloop.recordings.replay.plots import Plot, PlotCurve, plots
+from hertzloop.recordings.replay.replay_data import samples_at
 from tests.recordings.plates import flat_plate
 
 # Thinning and spans
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 99, 100, 101, 12_345])
-def test_thinning_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
+def test_decimation_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
     values = np.random.default_rng(1).normal(size=count)
     kept = extremes(values, 100)
     assert np.all(np.diff(kept) > 0)
@@ -42,7 +43,7 @@ def test_thinning_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
         assert (values[kept].min(), values[kept].max()) == (values.min(), values.max())
 
 
-def test_thinning_keeps_a_spike_of_one_sample() -> None:
+def test_decimation_keeps_a_spike_of_one_sample() -> None:
     values = np.zeros(1_000_000)
     values[123_457] = 1.0
     values[876_543] = -1.0
@@ -98,24 +99,24 @@ def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
 
 def test_full_rate_is_limited_however_long_the_contacts_are() -> None:
     spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
-    assert sum(b - a for a, b in spans) == data.FULL_RATE_SAMPLES
+    assert sum(b - a for a, b in spans) == decimation.FULL_RATE_SAMPLES
 
 
 @pytest.mark.parametrize("piece", [7_001, 65_536, 500_000])
-def test_a_thinned_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
+def test_a_decimated_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
     values = np.random.default_rng(2).normal(size=500_000)
     values[[123_457, 400_001]] = 9.0, -9.0
-    thinner = Thinner(len(values))
+    decimator = Decimator(len(values))
     for first in range(0, len(values), piece):
         some = values[first : first + piece]
-        thinner.feed(first, some, within([(1000, 3000), (8000, 8010)], first, len(some)))
-    line = thinner.line()
+        decimator.feed(first, some, within([(1000, 3000), (8000, 8010)], first, len(some)))
+    line = decimator.line()
     assert {*range(1000, 3000), *range(8000, 8010), 123_457, 400_001} <= set(line.at.tolist())
-    assert len(line.at) < data.OUTSIDE_POINTS + data.OVERVIEW_POINTS + 2500
+    assert len(line.at) < decimation.OUTSIDE_POINTS + decimation.OVERVIEW_POINTS + 2500
     assert np.all(np.diff(line.at) > 0)
     assert line.values.tobytes() == values[line.at].tobytes()
     overview = line.values[line.overview]
-    assert len(overview) < 1.1 * data.OVERVIEW_POINTS
+    assert len(overview) < 1.1 * decimation.OVERVIEW_POINTS
     assert (overview.min(), overview.max()) == (-9.0, 9.0)
     assert np.diff(line.at[line.overview]).max() < 500
 
@@ -135,14 +136,14 @@ def test_contacts_are_found_across_the_seams_of_pieces() -> None:
         assert contacts_of(pieces) == expected
 
 
-def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader, "PIECE", 10)
+def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joined_stream, "PIECE", 10)
     values = np.arange(100.0)
     blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]
-    again = reader.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
+    again = joined_stream.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
     stream = JoinedStream(1, step_ns=1000, arrays=again)
     wanted = np.array([0, 9, 10, 13, 14, 99])
-    assert rows_at(stream, wanted, ["xi_m"])["xi_m"].tolist() == wanted.tolist()
+    assert samples_at(stream, wanted, ["xi_m"])["xi_m"].tolist() == wanted.tolist()
     assert [at for at, _ in stream.pieces()] == [0, 14, 28, 42, 56, 70, 84, 98]
     assert stream.in_memory(99) is stream
     assert stream.in_memory(100).arrays["xi_m"].tobytes() == values.tobytes()
@@ -152,7 +153,7 @@ def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPa
 
 
 def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it() -> None:
-    when = replay_data.moments((0, 99_999_000), (1_000_000, 1_030_000), 1000)
+    when = moments((0, 99_999_000), (1_000_000, 1_030_000), 1000)
     assert when.selection_ns[0] < 1_000_000 < 1_030_000 < when.selection_ns[1] < 2_000_000
     assert 1_030_000 < when.still_ns < when.selection_ns[1]
 
@@ -165,25 +166,25 @@ def test_moments_stay_within_a_run_of_few_steps(
     last_ns = 1000 * (steps - 1)
     if contact is not None:
         contact = 1000 * min(contact[0], steps - 1), 1000 * min(contact[1], steps)
-    when = replay_data.moments((0, last_ns), contact, 1000)
+    when = moments((0, last_ns), contact, 1000)
     assert 0 <= when.still_ns <= last_ns
     assert 0 <= when.selection_ns[0] <= last_ns
 
 
 def test_states_of_the_law_come_from_its_events() -> None:
     events = [
-        Event(1_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=0, mode=1)),
-        Event(1_500, "plant", 2, "...", Fact(EventKind.CONTACT_BEGAN, 1)),
-        Event(2_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=1, mode=2)),
+        Event(1_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=0, mode=1)),
+        Event(1_500, "plant", 2, "...", EventData(EventKind.CONTACT_BEGAN, 1)),
+        Event(2_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=1, mode=2)),
     ]
     recording = Recording(Path("a.mcap"), events=events)
-    assert replay_data.law_states(recording) == [
+    assert law_states(recording) == [
         (0, "idle"), (1_000, "watching"), (2_000, "acting"),
     ]  # fmt: skip
     off = Recording(Path("a.mcap"), scene_toml="[controller]\nlaw = 'off'")
-    assert replay_data.law_states(off, controlled=False) == [(0, "off")]
+    assert law_states(off, controlled=False) == [(0, "off")]
     foreign = dataclasses.replace(off, ends={"controller": RunEnd(set_up=SetUp(law="another's"))})
-    assert replay_data.law_states(foreign) == [(0, "not told")]
+    assert law_states(foreign) == [(0, "not told")]
 
 
 @pytest.mark.parametrize(
@@ -201,25 +202,20 @@ def test_what_was_measured_is_plotted_where_it_belongs(
     )
     toml = f"[sensors]\nquantity = '{quantity}'"
     recording = Recording(Path("a.mcap"), scene_toml=toml, truth=truth, daq=daq)
-    (found,) = [
-        (p.key, c)
-        for p in replay_data.plots(recording, [])
-        for c in p.curves
-        if c.name == "measured"
-    ]
+    (found,) = [(p.key, c) for p in plots(recording, []) for c in p.curves if c.name == "measured"]
     assert found[0] == plot
     np.testing.assert_allclose(found[1].values, factor * np.array([0.5, -1.5]))
     assert found[1].time_ns.tolist() == [0, 2000]
     # Only what a run is compared with is faint, and there is no other run.
-    assert not any(c.faint for p in replay_data.plots(recording, []) for c in p.curves)
+    assert not any(c.faint for p in plots(recording, []) for c in p.curves)
 
 
 def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
     run_ns = (0, 19_999_000)
-    when = replay_data.moments(run_ns, (1_000_000, 20_000_000), 1000)
+    when = moments(run_ns, (1_000_000, 20_000_000), 1000)
     assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= run_ns[1]
     assert when.still_ns + when.zoom_ns[1] <= run_ns[1]
-    exploding = replay_data.moments(run_ns, (1_000_000, 3_000_000), 1000, 4_000_000)
+    exploding = moments(run_ns, (1_000_000, 3_000_000), 1000, 4_000_000)
     assert exploding.still_ns + exploding.zoom_ns[1] <= 4_001_000
     assert exploding.selection_ns[1] <= 4_000_000
 
@@ -329,10 +325,9 @@ def test_any_column_has_a_range_to_be_drawn_in(
 ) -> None:
     """Empty, constant, of one sample, of huge and of damaged values."""
     curves = tuple(
-        data.PlotCurve("xi", np.arange(len(values)), np.array(values, float))
-        for values in columns_drawn
+        PlotCurve("xi", np.arange(len(values)), np.array(values, float)) for values in columns_drawn
     )
-    plot = data.Plot(key, "", curves, most)
+    plot = Plot(key, "", curves, most)
     for low, high in (blueprint.whole(plot), blueprint.zoomed(plot, (around[0], around[1]))):
         assert np.isfinite([low, high, high - low]).all()
         assert low < high
@@ -340,6 +335,6 @@ def test_any_column_has_a_range_to_be_drawn_in(
 
 @pytest.mark.parametrize("gap", [(1.0, -1e9), (1e300, -1e300), (2.0,), (-5e-324,), ()])
 def test_a_damaged_gap_is_drawn(gap: tuple[float, ...]) -> None:
-    plot = data.Plot("gap", "", (data.PlotCurve("xi", np.arange(len(gap)), np.array(gap)),))
+    plot = Plot("gap", "", (PlotCurve("xi", np.arange(len(gap)), np.array(gap)),))
     low, high = blueprint.zoomed(plot, (0, 0))
     assert low < high < np.inf

@@ -15,9 +15,12 @@ from mcap.opcode import Opcode
 from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import Envelope, StreamFault
-from hertzloop.recordings import reader
-from hertzloop.recordings.reader import MAGIC, RECORD_BYTES, read, recover
-from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.recordings import run_reader, stream_assembler
+from hertzloop.recordings.mcap_records import MAGIC, RECORD_BYTES
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.recovery import recover
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.commands import invoke
 from tests.recordings.rewriting import Sent, messages, record, rewrite
@@ -113,7 +116,7 @@ def test_the_events_of_a_long_run_are_read(many: Path) -> None:
 def test_there_is_an_end_to_events(
     many: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, sentence: str
 ) -> None:
-    monkeypatch.setattr(reader, limit, most)
+    monkeypatch.setattr(run_reader, limit, most)
     kept = read(many)
     assert len(kept.events) == 1000
     assert sentence in kept.problems[0] + kept.problems[1]
@@ -187,7 +190,7 @@ def test_a_recording_that_changes_while_it_is_read(
     path = tmp_path / "a.mcap"
     path.write_bytes(whole.read_bytes())
     there, in_memory = read(path), read(path, keep=True)
-    monkeypatch.setattr(reader, "IN_MEMORY", 10)
+    monkeypatch.setattr(stream_assembler, "IN_MEMORY", 10)
     too_long = read(path, keep=True)
     with path.open("r+b") as file:
         file.truncate(2000)
@@ -202,16 +205,10 @@ def test_a_recording_that_changes_while_it_is_read(
 @pytest.mark.parametrize("stream", ["hello", "books", "events/plant", "events/controller"])
 def test_a_message_that_is_missing_is_named(whole: Path, tmp_path: Path, stream: str) -> None:
     """With right checksums everywhere."""
-    source, path = read(whole), tmp_path / "a.mcap"
-    sent = messages(whole)
-    lost = [item for item in sent if item.stream == stream][-1]
-    writer = RecordingWriter(path)
-    writer.scene(source.scene_toml, source.metadata)
-    for item in sent:
-        if item is not lost:
-            payload = streams.encode(item.header, **item.arrays)
-            writer.write(item.stream, payload, item.number, item.time_ns)
-    writer.finish(source.result)
+    last = [item.number for item in messages(whole) if item.stream == stream][-1]
+    path = rewrite(
+        whole, tmp_path / "a.mcap", lambda item: (item.stream, item.number) != (stream, last)
+    )
     assert any(words.startswith(f"stream '{stream}'") for words in read(path).problems)
 
 

@@ -18,7 +18,11 @@ from mcap_protobuf.decoder import DecoderFactory
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import McapRecord, Recording, Walk, read
+from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
+from hertzloop.recordings.mcap_records import McapRecord
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.record_scanner import RecordScanner
+from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse
 from hertzloop.setup.controller import loaded_law
@@ -126,6 +130,7 @@ class TestByTheMcapLibrary:
         assert parse(attachments["scene.toml"].data.decode()) == scene(*SETTINGS)
         assert attachments["law"].data.decode() == loaded_law(scene(*SETTINGS)).source
         run = metadata["run"]
+        assert run[FORMAT_KEY] == FORMAT_VERSION
         assert (run["seed"], run["steps"], run["step_ns"]) == ("77", "2500", "1000")
         assert json.loads(run["versions"])["numpy"] == np.__version__
         assert {"hertzloop", "numba", "mcap", "eclipse-zenoh"} <= set(json.loads(run["versions"]))
@@ -234,22 +239,9 @@ class TestWriter:
         with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
             writer.finish({"fault": "#" * scene_bytes})
 
-    def test_flushed_while_it_runs(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """What was written before the last flush is in the file, even if nobody closes it."""
-        monkeypatch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
-        path = tmp_path / "run.mcap"
-        writer = RecordingWriter(path)
-        writer.scene("# scene", {"steps": "10"})
-        for i in range(3):
-            header = TruthBlock(run_id=1, sequence=i, first_step=i, step_ns=1000, xi_m=[0.5])
-            writer.write("truth", header.SerializeToString(), i, 1000 * i)
-            assert read(path).truth.samples == i + 1
-        writer.finish({})
-
-    def test_what_is_older_than_50_ms_is_in_the_file(
+    def test_a_killed_recorder_loses_the_last_50_ms_at_most(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """So much and no more is lost with a recorder that is killed."""
         clock = [0.0]
         monkeypatch.setattr(
             hertzloop.recordings.writer, "time", SimpleNamespace(monotonic=lambda: clock[0])
@@ -317,37 +309,37 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
     ]
 
 
-def test_the_library_unpacks_the_same_chunks_as_the_walk(whole: Path) -> None:
+def test_the_library_unpacks_the_same_chunks_as_the_scanner(whole: Path) -> None:
     with whole.open("rb") as file:
         chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
         streams = [get_chunk_data_stream(chunk, validate_crc=True) for chunk in chunks]
-        walked = Walk(file.fileno(), whole.stat().st_size).records()
-        by_walk = [record.content for record in walked if record.opcode == Opcode.CHUNK]
-    assert by_walk
-    assert by_walk == [stream.read(length) for stream, length in streams]
+        scanned = RecordScanner(file.fileno(), whole.stat().st_size).records()
+        by_scanner = [record.content for record in scanned if record.opcode == Opcode.CHUNK]
+    assert by_scanner
+    assert by_scanner == [stream.read(length) for stream, length in streams]
 
 
-def test_an_intact_file_is_walked_once(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    walks, records = list[Walk](), Walk.records
+def test_an_intact_file_is_scanned_once(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scanners, records = list[RecordScanner](), RecordScanner.records
 
-    def counted(walk: Walk) -> Iterator[McapRecord]:
-        walks.append(walk)
-        return records(walk)
+    def counted(scanner: RecordScanner) -> Iterator[McapRecord]:
+        scanners.append(scanner)
+        return records(scanner)
 
-    monkeypatch.setattr(Walk, "records", counted)
+    monkeypatch.setattr(RecordScanner, "records", counted)
     assert not read(whole).problems
-    assert len(walks) == 1
+    assert len(scanners) == 1
 
 
-def test_the_walk_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
+def test_the_scanner_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
     data, changed = whole.read_bytes(), tmp_path / "changed.mcap"
 
     def noticed(content: bytes) -> bool:
         changed.write_bytes(content)
         with changed.open("rb") as file:
-            walk = Walk(file.fileno(), len(content))
-            list(walk.records())
-        return bool(walk.damage)
+            scanner = RecordScanner(file.fileno(), len(content))
+            list(scanner.records())
+        return bool(scanner.damage)
 
     for at in range(0, len(data), 401):
         assert noticed(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.recordings.replay.data import extremes
+from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.studies import pictures
 from hertzloop.studies.fit.fit import FitResult, Nuisance
 from hertzloop.studies.fit.records import QUANTITIES, Record

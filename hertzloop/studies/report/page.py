@@ -21,9 +21,11 @@ from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.repeatability import why_not_repeatable
 from hertzloop.analysis.verdict import RunAssessment, assess_recording
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.recordings.reader import Recording
-from hertzloop.recordings.replay.as_rerun import Shown
-from hertzloop.recordings.replay.data import Deflection, Plot, PlotCurve, extremes
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay.decimation import extremes
+from hertzloop.recordings.replay.deflection import Deflection
+from hertzloop.recordings.replay.plots import Plot, PlotCurve
+from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.replay.scene3d import with_unit
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
@@ -46,23 +48,23 @@ _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
 
 
-def around_first_contact(shown: Shown) -> str:
+def around_first_contact(shown: ReplayData) -> str:
     """Gap, forces, plate velocity and energies around the first contact."""
     return _sheet(shown.plots, shown.when.around_ns)
 
 
-def whole_run(shown: Shown) -> str:
+def whole_run(shown: ReplayData) -> str:
     """The same over all of the run."""
     truth = shown.recording.truth
     first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
     return _sheet(shown.plots, (first, last))
 
 
-def spectra(shown: Shown) -> str:
+def spectra(shown: ReplayData) -> str:
     """Level of the plate velocity."""
     sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
     ax = axes[0, 0]
-    for i, found in enumerate(shown.told.spectra):
+    for i, found in enumerate(shown.labels.spectra):
         ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
     ax.set(
         xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
@@ -153,7 +155,7 @@ _LEVELS = 127  # of a deflection, each way
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
-    without = free_figures(setup) if shown.told.twin is not None else None
+    without = free_figures(setup) if shown.labels.reference is not None else None
     found = assess_recording(setup, recording, without, why_not_repeatable(recording))
     figures, verdict = found.result.figures, found.assessment.verdict
     unstable = figures.stability.unstable
@@ -162,8 +164,8 @@ def page_of(recording: Recording) -> str:
     again, commands = _again(recording, setup, bool(law_text))
     margin, margin_png = _margin(recording, setup)
     return template("page.html.j2").render(
-        title=shown.told.heading,
-        lines=[line.replace("**", "") for line in shown.told.lines],
+        title=shown.labels.heading,
+        lines=[line.replace("**", "") for line in shown.labels.lines],
         problems=recording.problems,
         unstable=unstable,
         verdict=verdict_sentences(verdict),
@@ -173,7 +175,7 @@ def page_of(recording: Recording) -> str:
         tables=_tables(found, not unstable),
         around=around_first_contact(shown) if shown.contacts else "",
         whole=whole_run(shown),
-        spectra=spectra(shown) if shown.told.spectra else "",
+        spectra=spectra(shown) if shown.labels.spectra else "",
         flat="" if shown.deflection.known else "The mode file has no shapes: drawn flat.",
         animation=json.dumps(_animation(shown)),
         sounds=sounds,
@@ -243,7 +245,7 @@ def _margin(recording: Recording, setup: Setup) -> tuple[list[str], str]:
     return lines, base64.b64encode(png.getvalue()).decode()
 
 
-def _animation(shown: Shown) -> dict[str, Any]:
+def _animation(shown: ReplayData) -> dict[str, Any]:
     """Deflections around the first contact in 127 levels each way, and what a canvas needs."""
     plate: Deflection = shown.deflection
     low, high = shown.when.selection_ns
@@ -261,7 +263,7 @@ def _animation(shown: Shown) -> dict[str, Any]:
     def place(point: tuple[float, float]) -> list[float]:
         return [(point[0] - corner[0]) / size[0], 1.0 - (point[1] - corner[1]) / size[1]]
 
-    actuator = shown.told.actuator_m
+    actuator = shown.labels.actuator_m
     return {
         "frames": base64.b64encode(frames.tobytes()).decode(),
         "count": len(inside), "nx": len(plate.x_m), "ny": len(plate.y_m),
