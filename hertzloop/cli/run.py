@@ -19,7 +19,6 @@ from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
 from hertzloop.processes import fork_server
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
-from hertzloop.processes.signals import raise_when_ended
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup.controller import check_buildable, loaded_law
@@ -46,7 +45,6 @@ def run(
         port: Use this and the next two ports on loopback; by default, use private sockets.
         live: Show the run in a viewer while it is in progress.
     """
-    raise_when_ended()
     repeat = request.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.")

@@ -15,6 +15,7 @@ import json
 import os
 import select
 import selectors
+import signal
 import socket
 import subprocess
 import sys
@@ -24,14 +25,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from signal import SIGKILL, SIGTERM
 from types import MappingProxyType
 from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
 
 from hertzloop.foreign import visible
-from hertzloop.processes.signals import as_in_a_fresh_process, left_to_the_launcher
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.
 _PROGRAM = "hertzloop.__main__"
@@ -86,11 +85,11 @@ class Role:
 
     def terminate(self) -> None:
         """Ask the process to end."""
-        self.send_signal(SIGTERM)
+        self.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
         """End the process."""
-        self.send_signal(SIGKILL)
+        self.send_signal(signal.SIGKILL)
 
 
 class ForkServer:
@@ -209,7 +208,8 @@ def _load() -> None:
 
 def _serve(requests: socket.socket) -> NoReturn:
     """Fork a role for every request, and report how it ended; until the launcher has gone."""
-    left_to_the_launcher()
+    for number in (signal.SIGINT, signal.SIGTERM):  # of the launcher, from which it was forked
+        signal.signal(number, signal.SIG_DFL)
     setproctitle("hertzloop fork server")
     gc.freeze()  # the pages of what is loaded stay shared
     waiting = selectors.DefaultSelector()
@@ -266,12 +266,13 @@ def _become(file: int, *streams: int) -> NoReturn:
         os.chdir(request["cwd"])
         if request["program"]:
             # It does not watch its standard input: it ends with this server, so with the launcher.
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, SIGTERM)
-            as_in_a_fresh_process()
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
             os.execvp(request["arguments"][0], request["arguments"])
+        # The caller may have replaced them, as pytest and notebooks do.
+        sys.stdin, sys.stdout = open(0), open(1, "w")  # noqa: SIM115
+        sys.stderr = open(2, "w", buffering=1)  # noqa: SIM115
         sys.argv = ["hertzloop", *request["arguments"]]
         setproctitle(visible(" ".join(sys.argv)))
-        as_in_a_fresh_process()
         importlib.import_module(_PROGRAM).main()
         code = 0
     except SystemExit as end:

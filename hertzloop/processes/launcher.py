@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from signal import SIGKILL
+from signal import SIGKILL, Signals
 from typing import Any
 
 from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
@@ -21,7 +21,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, Transport, words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
-from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
+from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.reader import holds_a_run
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup
@@ -67,7 +67,7 @@ class Child:
         assert code is not None  # it has ended
         if self.fault and code >= 0:
             return "" if self.others else self.fault
-        if how := how_ended(code):
+        if how := _exit_reason(code):
             return f"{self.named} {how}"
         lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
         return f"{self.named} failed with exit code {code}: {lines[-1]}"
@@ -265,6 +265,13 @@ def _silent(running: Mapping[str, Child], for_s: float, ran: ProcessClock) -> se
     """Roles that take part and have not shown for this long, by `ran`, that they run."""
     now_s = ran.now()
     return {role for role, one in running.items() if one.ready and now_s - one.heard_s > for_s}
+
+
+def _exit_reason(code: int) -> str:
+    """How a process ended, if its exit code says that a signal ended it; else ""."""
+    if code < 0:
+        return f"was killed by {Signals(-code).name}"
+    return "was interrupted" if code == INTERRUPTED else ""
 
 
 def _cause(

@@ -5,6 +5,7 @@ or Interrupted with one sentence.
 """
 
 import os
+import signal
 import sys
 import threading
 import time
@@ -26,13 +27,7 @@ from hertzloop.loop.answers import Repeat
 from hertzloop.loop.compiled import recorder_of
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
-from hertzloop.processes.signals import (
-    INTERRUPTED,
-    Interrupted,
-    ending_signals,
-    interrupted_as,
-    launcher_gone,
-)
+from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.writer import Recorder, RecordingError
 from hertzloop.setup import Setup
 
@@ -72,6 +67,21 @@ class BusAddress:
         return port
 
 
+_launcher_gone = threading.Event()
+
+
+def end_with_the_launcher() -> None:
+    """End this process as a signal would when its standard input ends: its launcher is gone."""
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        _launcher_gone.set()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
     """What a role listens on, and connects to, by the ports of all roles on loopback."""
     return mesh_endpoints(role, on_loopback(ports))
@@ -93,7 +103,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     port = address.open(role)
 
     def tidy_up() -> None:
-        if launcher_gone.is_set():  # it was killed, and cannot
+        if _launcher_gone.is_set():  # it was killed, and cannot
             remove_folder_of(address.listen)
 
     def leave() -> None:
@@ -168,14 +178,12 @@ def run_plant(
         port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
-            with (
-                interrupted_as(lambda: f"interrupted at step {node.streams.step}"),
-                profile.loop(lambda: node.streams.step),
-            ):
+            with profile.loop(lambda: node.streams.step):
                 stats = node.run()
-        except Interrupted as error:
-            node.streams.fail(str(error))
-            raise Interrupted(f"plant was {error}") from error
+        except KeyboardInterrupt as error:
+            sentence = f"interrupted at step {node.streams.step}"
+            node.streams.fail(sentence)
+            raise Interrupted(f"plant was {sentence}") from error
     return vars(stats) | {"realtime": profile.line()}
 
 
@@ -196,14 +204,15 @@ def run_controller(
         port.presence.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
-            with (
-                interrupted_as(lambda: "the controller was interrupted"),
-                profile.loop(lambda: node.samples),
-            ):
+            with profile.loop(lambda: node.samples):
                 _answer_all(node, address)
-        except (StreamFault, BusError, Interrupted) as error:
+        except (StreamFault, BusError, KeyboardInterrupt) as error:
+            interrupted = isinstance(error, KeyboardInterrupt)
+            sentence = "the controller was interrupted" if interrupted else str(error)
             with suppress(BusError):  # the first fault is the one to tell
-                node.fail(str(error))
+                node.fail(sentence)
+            if interrupted:
+                raise Interrupted(sentence) from error
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
@@ -228,11 +237,14 @@ def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
 def _recording(recorder: Recorder) -> Iterator[Recorder]:
     """A recorder whose file is closed in any case, and says why it is not complete."""
     try:
-        with interrupted_as(lambda: "the recorder was interrupted"):
-            yield recorder
+        yield recorder
     except BaseException as error:
+        interrupted = isinstance(error, KeyboardInterrupt)
+        sentence = "the recorder was interrupted" if interrupted else str(error) or repr(error)
         with suppress(RecordingError):  # the first fault is the one to tell
-            recorder.close(str(error) or repr(error))
+            recorder.close(sentence)
+        if interrupted:
+            raise Interrupted(sentence) from error
         raise
     recorder.close()
 
