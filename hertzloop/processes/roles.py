@@ -106,17 +106,17 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         if _launcher_gone.is_set():  # it was killed, and cannot
             remove_folder_of(address.listen)
 
-    def leave() -> None:
+    def exit_now() -> None:
         _say(f"{role} was interrupted, and left before its part was complete")
         tidy_up()
         os._exit(INTERRUPTED)
 
-    overdue = threading.Timer(_PATIENCE_S, leave)
+    overdue = threading.Timer(_PATIENCE_S, exit_now)
     overdue.daemon = True
 
     def react(count: int) -> None:
         if count > 1:
-            leave()
+            exit_now()
         # At the next wait: out of a handler it could fall between a message and its count.
         port.abort(Interrupted())
         overdue.start()
