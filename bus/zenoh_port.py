@@ -19,7 +19,7 @@ from hertzloop.bus.presence import Presence
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope
 from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
-from hertzloop.bus.zenoh_config import role_of, session_config
+from hertzloop.bus.zenoh_config import session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
 # but while zenoh closes the link of a session that hangs, nothing else runs on its thread.
@@ -107,12 +107,6 @@ class ZenohPort:
                 self.presence.note_end(stream.removeprefix("end/"))
 
         return zenoh.handlers.Callback(receive, indirect=False)
-
-    def other_subscribers(self) -> list[str]:
-        """Ids of the sessions linked to this one that belong to no role: what they do not take in
-        time is dropped."""
-        linked = [str(number) for number in self._session.info.peers_zid()]
-        return [number for number in linked if not role_of(self.name, number)]
 
     def publish(self, envelope: Envelope) -> None:
         """Send, in the order of the calls; a large message in a thread of its own. Blocks while too

@@ -97,6 +97,7 @@ def main() -> None:
     with command_line():
         from hertzloop.cli import app
 
+        app.load(sys.argv[1:])  # here, since typer says nothing of an interrupt in an import
         app.main(app.built())
 
 

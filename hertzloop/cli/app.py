@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -321,6 +321,14 @@ def built() -> Commands:
             for leaf in members:
                 root.children[leaf.words], root.panels[leaf.words] = leaf, panel
     return root
+
+
+def load(words: Sequence[str]) -> None:
+    """Import what the command of this command line needs, if it calls one."""
+    plain = [word for word in words if not word.startswith("-")][:2]
+    for leaf in leaves():
+        if plain[: len(leaf.words.split())] == leaf.words.split():
+            loaded(leaf)
 
 
 def main(commands: Callable[[], None]) -> None:

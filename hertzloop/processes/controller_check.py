@@ -88,8 +88,8 @@ def compare_with_law(recording: Recording, setup: Setup) -> None:
 
 def compare_blocks(recording: Recording, first: Recording, setup: Setup) -> None:
     """Raise WrongForce unless two runs that differ only in their blocks have the same forces."""
-    forces = (one.force.arrays["force_n"] for one in (recording, first))
-    _compare(*forces, "the first run, whose blocks are longer,", setup)
+    forces, expected = (one.force.arrays["force_n"] for one in (recording, first))
+    _compare(forces, expected, "the first run, whose blocks are longer,", setup)
 
 
 def _compare(forces: np.ndarray, expected: np.ndarray, other: str, setup: Setup) -> None:

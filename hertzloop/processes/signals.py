@@ -61,10 +61,13 @@ def ending_signals(react: Callable[[int], None]) -> Iterator[None]:
 
     `react` runs in a thread of its own, so that it works while the main thread is inside a call
     that does not return. Outside the main thread, where Python handles no signals, nothing is done.
+    Raises KeyboardInterrupt if one was raised before and lost, as in a call from C.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    if received.is_set():
+        raise KeyboardInterrupt
     reader, writer = socket.socketpair()
     writer.setblocking(False)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.processes.signals import deferred, ending_signals, install_handlers
+from hertzloop.processes.signals import deferred, ending_signals, install_handlers, received
 from tests.hertzloop.processes import finish, next_line, start
 
 
@@ -22,6 +22,7 @@ def handlers() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in numbers}
     install_handlers()
     yield
+    received.clear()
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -56,6 +57,14 @@ def test_a_signal_is_deferred_where_another_thread_takes_it() -> None:
     over.set()
     other.join()
     assert steps == ["held"]
+
+
+@pytest.mark.usefixtures("handlers")
+def test_one_that_a_call_from_c_has_lost_is_raised_before_the_next_work() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)  # and nobody heeds it
+    with pytest.raises(KeyboardInterrupt), ending_signals(lambda _: None):
+        pass
 
 
 def test_ending_signals_are_counted_in_order() -> None:
