@@ -61,10 +61,10 @@ def test_a_role_takes_its_tokens_back_before_it_leaves() -> None:
     recorder = ZenohPort(RECORDER, "page", [url])
     plant = ZenohPort(PLANT, "page", [], [url])
     try:
-        recorder.presence.announce()
-        wait_for(lambda: plant.presence.alive[RECORDER])
-        recorder.presence.leave()  # the link is still there
-        wait_for(lambda: not plant.presence.alive[RECORDER])
+        recorder.liveliness.announce()
+        wait_for(lambda: plant.liveliness.alive[RECORDER])
+        recorder.liveliness.leave()  # the link is still there
+        wait_for(lambda: not plant.liveliness.alive[RECORDER])
         assert plant._session.info.peers_zid()
     finally:
         recorder.close()
@@ -90,7 +90,7 @@ def test_the_recorders_token() -> None:
             zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr))),
             history=True,
         )
-        recorder.presence.confirm_completion()
+        recorder.liveliness.confirm_completion()
         wait_for(lambda: heard)
     finally:
         plant.close()
@@ -130,7 +130,7 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
                 zenoh.handlers.Callback(lambda sample: tokens.append(str(sample.key_expr))),
                 history=True,
             )
-            port.presence.announce()
+            port.liveliness.announce()
             wait_for(lambda: tokens)
             ids = [f"page/controller/{i}".encode() for i in range(256)]
             ids = [hashlib.blake2b(text, digest_size=15).hexdigest().lstrip("0") for text in ids]

@@ -129,7 +129,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             # message: what it heard, the others shall hear before they miss it, and name the cause.
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
-                port.presence.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+                port.liveliness.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
             pause_s = clock.paused_s(within_s=_RECENT * address.timeout_s)
             own = isinstance(error, BusError | StreamFault) and not isinstance(error, EndedByOther)
             if own and pause_s >= address.timeout_s:  # what it finds then follows from that
@@ -141,11 +141,11 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         else:
             if role != RECORDER:
                 # A recorder that fell behind may need as long again as the run took.
-                port.presence.wait_for_completion(
+                port.liveliness.wait_for_completion(
                     RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
                 )
             if role == PLANT:  # its token could be gone before the controller hears its end
-                port.presence.wait_until_gone(CONTROLLER, _PATIENCE_S)
+                port.liveliness.wait_until_gone(CONTROLLER, _PATIENCE_S)
         finally:
             port.close()
             overdue.cancel()
@@ -174,8 +174,8 @@ def run_plant(
             if options.pace
             else PlantNode(setup, port, options.horizon, *common, repeat, every_s=EVERY_S)
         )
-        port.presence.announce()
-        port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
+        port.liveliness.announce()
+        port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
             with profile.loop(lambda: node.streams.step):
@@ -200,8 +200,8 @@ def run_controller(
     profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port, law=law, fast_lane=options.fast_lane)
-        port.presence.announce()
-        port.presence.wait_for([PLANT, RECORDER], address.wait_s)
+        port.liveliness.announce()
+        port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
             with profile.loop(lambda: node.samples):
@@ -273,8 +273,8 @@ def run_recorder(
     started = time.monotonic()
     with _joined(address, RECORDER) as port:
         with _recording(recorder_of(path, options)) as recorder:
-            port.presence.announce()
-            port.presence.wait_for([PLANT, CONTROLLER], address.wait_s)
+            port.liveliness.announce()
+            port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             with profile.loop(lambda: 0):
                 # Whom this role sees the plant may still wait for: the run is yet to begin.
@@ -288,9 +288,9 @@ def run_recorder(
                         raise
                     patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
-                        port.presence.release(envelope.stream.removeprefix("end/"))
+                        port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
-        port.presence.confirm_completion()
+        port.liveliness.confirm_completion()
     return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}

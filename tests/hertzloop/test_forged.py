@@ -88,8 +88,8 @@ class Foreign:
     def _run(self) -> None:
         node = ControllerNode(self)  # type: ignore[arg-type]
         try:
-            self.port.presence.announce()
-            self.port.presence.wait_for([PLANT, RECORDER], EVENTUALLY_S)
+            self.port.liveliness.announce()
+            self.port.liveliness.wait_for([PLANT, RECORDER], EVENTUALLY_S)
             while not node.done:
                 node.handle(self.port.receive(EVENTUALLY_S, "samples"))
         except PeerLost:
