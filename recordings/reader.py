@@ -35,10 +35,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec, sequence_checker, streams
+from hertzloop.bus.codec import DecodedBlock, MessageError
 from hertzloop.bus.events import MODES
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
-from hertzloop.bus.streams import DecodedBlock, MessageError, not_finite
+from hertzloop.bus.sequence_checker import not_finite
 from hertzloop.recordings import writer
 from hertzloop.whole_files import whole_file
 
@@ -712,7 +713,7 @@ class Intake:
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
-    counters: dict[str, streams.Counter] = field(default_factory=dict)
+    counters: dict[str, sequence_checker.Counter] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     unknown_channels: set[int] = field(default_factory=set)
     unnamed_channels: bool = False  # what they carry is known from elsewhere
@@ -797,7 +798,7 @@ class Intake:
     def _message(self, topic: str, message: Message) -> Iterator[Taken]:
         name = topic[1:]
         try:
-            block = streams.decoded(streams.Envelope(_KINDS[topic].name, message.data))
+            block = codec.decoded(streams.Envelope(_KINDS[topic].name, message.data))
             header: Any = block.header
             if topic == "/events":
                 # Whoever brings a controller may call it as he likes.
@@ -827,9 +828,9 @@ class Intake:
             return
         if problem:
             self._problem(problem)
-        counter = self.counters.setdefault(name, streams.Counter())
+        counter = self.counters.setdefault(name, sequence_checker.Counter())
         counter.messages += 1
-        counter.samples += streams.sample_count(block)
+        counter.samples += codec.sample_count(block)
         yield Taken(name if name in streams.STREAMS else _KINDS[topic].name, message, arrays)
 
     def _single(self, name: str, header: Any, message: Message) -> str:
@@ -897,7 +898,9 @@ class Intake:
     def _reconcile_events(self) -> None:
         """All events together, where some do not say which role's they are."""
         names = [name for name in streams.STREAMS if streams.STREAMS[name].topic == "/events"]
-        here = sum(self.counters.get(n, streams.Counter()).messages for n in [*names, _NAMELESS])
+        here = sum(
+            self.counters.get(n, sequence_checker.Counter()).messages for n in [*names, _NAMELESS]
+        )
         announced = sum(
             count.messages for e in self.ends.values() for count in e.count if count.stream in names
         )
@@ -905,7 +908,7 @@ class Intake:
             self._problem(f"{here} events are here, {announced} were announced")
 
     def _reconcile(self, role: str, name: str, announced: Any) -> None:
-        here = self.counters.get(name, streams.Counter())
+        here = self.counters.get(name, sequence_checker.Counter())
         if name.startswith("events/") and _NAMELESS in self.counters:
             return
         if announced is None:
@@ -1050,7 +1053,9 @@ class Recording:
     @property
     def other_version(self) -> str:
         """By which version it was recorded and which this is, in brackets; empty for this one."""
-        return streams.other_version(self.metadata.get("versions", ""), "it was recorded by")
+        return sequence_checker.other_version(
+            self.metadata.get("versions", ""), "it was recorded by"
+        )
 
     @property
     def daq_values(self) -> np.ndarray:

@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from hertzloop.bus import streams
+from hertzloop.bus import sequence_checker, streams
 from hertzloop.bus.messages_pb2 import Hello
 
 SCENE_ATTACHMENT = "scene.toml"
@@ -235,7 +235,7 @@ class Recorder:
 
     def __init__(self, path: Path, overwrite: bool = False) -> None:
         self._writer = RecordingWriter(path, overwrite)
-        self.checker = streams.Checker()
+        self.checker = sequence_checker.SequenceChecker()
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
         self._time_ns = self._end_ns = 0
@@ -248,7 +248,7 @@ class Recorder:
         return {streams.PLANT, streams.CONTROLLER} <= set(self._ended)
 
     @property
-    def counters(self) -> dict[str, streams.Counter]:
+    def counters(self) -> dict[str, sequence_checker.Counter]:
         """Messages and samples by stream."""
         return self.checker.counters
 

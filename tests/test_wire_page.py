@@ -13,14 +13,7 @@ import pytest
 import zenoh
 
 from hertzloop.bus import messages_pb2
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    PLANT,
-    RECORDER,
-    STREAMS,
-    SUBSCRIPTIONS,
-    Envelope,
-)
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
 from hertzloop.bus.zenoh_config import role_of
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.program import BASE_PORT

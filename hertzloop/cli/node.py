@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import zenoh
 
+from hertzloop.bus.codec import MessageError
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import reserved_ports, too_long
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, MessageError, StreamFault
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail

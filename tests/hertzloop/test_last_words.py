@@ -8,8 +8,9 @@ from contextlib import suppress
 
 import pytest
 
+from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh

@@ -261,7 +261,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.bus.streams import RECORDER, SUBSCRIPTIONS
+from hertzloop.bus.streams import (RECORDER, SUBSCRIPTIONS)
 from hertzloop.loop import kernels as k
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams

@@ -12,7 +12,7 @@ import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.opcode import Opcode
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import Envelope, StreamFault
 from hertzloop.recordings import reader
@@ -209,7 +209,7 @@ def test_a_message_that_is_missing_is_named(whole: Path, tmp_path: Path, stream:
     writer.scene(source.scene_toml, source.metadata)
     for item in sent:
         if item is not lost:
-            payload = streams.encode(item.header, **item.arrays)
+            payload = codec.encode(item.header, **item.arrays)
             writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)
     assert any(words.startswith(f"stream '{stream}'") for words in read(path).problems)
@@ -259,7 +259,7 @@ def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             item.header.set_up.law = EVIL
         elif item.stream.startswith("events/"):
             item.header.message = EVIL
-        payload = streams.encode(item.header, **item.arrays)
+        payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish({**source.result, "fault": EVIL})
     return path
