@@ -190,8 +190,8 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
 
 def _echo_zenoh(listen: list[str], connect: list[str], file: Path | None) -> None:
     port = ZenohPort(CONTROLLER, NAME, listen, connect, file)
-    port.presence.announce()
-    port.presence.wait_for([PLANT], _PATIENCE_S)
+    port.liveliness.announce()
+    port.liveliness.wait_for([PLANT], _PATIENCE_S)
     try:
         while (envelope := port.receive(_PATIENCE_S, "a message to echo")).payload != _STOP:
             port.publish(Envelope("force", envelope.payload))
@@ -254,8 +254,8 @@ def over_zenoh(meets: Meets | None = None) -> Iterator[Callable[[], float]]:
             meets = on_ports(endpoints)
         stack.enter_context(child(_echo_zenoh, *meets(CONTROLLER)))
         port = ZenohPort(PLANT, NAME, *meets(PLANT))
-        port.presence.announce()
-        port.presence.wait_for([CONTROLLER], 30.0)
+        port.liveliness.announce()
+        port.liveliness.wait_for([CONTROLLER], 30.0)
 
         def trips() -> None:
             for _ in range(_TRIPS):
@@ -264,7 +264,7 @@ def over_zenoh(meets: Meets | None = None) -> Iterator[Callable[[], float]]:
 
         yield lambda: timed(trips, _TRIPS)
         port.publish(Envelope("daq", _STOP))
-        port.presence.wait_until_gone(CONTROLLER, 5.0)
+        port.liveliness.wait_until_gone(CONTROLLER, 5.0)
         port.close()
 
 

@@ -120,14 +120,13 @@ def start(module: str) -> None:
     Args:
         module: full name of the module, such as "benchmarks.cases".
     """
-    from hertzloop.__main__ import collect_rarely
-    from hertzloop.cli.app import main as run
-    from hertzloop.processes.signals import command_line
+    from hertzloop.__main__ import collect_rarely, command_line
 
     collect_rarely()  # as `hertzloop` does, whose speed is measured
-    with command_line() as imported:
+    with command_line():
+        from hertzloop.cli.app import main as run
+
         command = typer.main.get_command(app_of(importlib.import_module(module).main))
-        imported()
         run(lambda: command(prog_name=f"python -m {module}"))
 
 

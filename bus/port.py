@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from google.protobuf.message import Message
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec, sequence_checker, streams
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp, StreamCount
 
 
@@ -78,7 +78,7 @@ class Publisher:
         self.port, self.run_id = port, run_id
         self.ended = False
         self.counters = {
-            name: streams.Counter()
+            name: sequence_checker.Counter()
             for name, stream in streams.STREAMS.items()
             if stream.publisher == port.role and not name.startswith("end/")
         }
@@ -96,8 +96,8 @@ class Publisher:
             header.run_id = self.run_id  # type: ignore[attr-defined]
         if "sequence" in fields:
             header.sequence = counter.messages  # type: ignore[attr-defined]
-        streams.refuse_not_finite(stream, counter.messages, header, arrays or {})
-        payload = streams.encode(header, **(arrays or {}))
+        sequence_checker.refuse_not_finite(stream, counter.messages, header, arrays or {})
+        payload = codec.encode(header, **(arrays or {}))
         self.port.publish(streams.Envelope(stream, payload, counter.messages))
         counter.messages += 1
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)

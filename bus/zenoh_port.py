@@ -1,6 +1,6 @@
 """Bus between processes: one zenoh peer per role, a full mesh on explicit endpoints.
 
-The settings of a session are in zenoh_config, the presence of the roles in presence.
+The settings of a session are in zenoh_config, the liveliness of the roles in liveliness.
 """
 
 import os
@@ -14,12 +14,12 @@ from pathlib import Path
 import zenoh
 
 from hertzloop.bus import LEAVING
+from hertzloop.bus.access_monitor import AccessMonitor, names_allowed
+from hertzloop.bus.liveliness import Liveliness
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.presence import Presence
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope
-from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
-from hertzloop.bus.zenoh_config import role_of, session_config
+from hertzloop.bus.zenoh_config import session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
 # but while zenoh closes the link of a session that hangs, nothing else runs on its thread.
@@ -37,7 +37,7 @@ class ZenohPort:
     """Port of one role. Raises BusError when an endpoint cannot be opened.
 
     `patience_s` is how long a role of the run may leave messages untaken; `say` is told which
-    peers are linked in vain, where a configuration file decides who is authorised. `presence`
+    peers are linked in vain, where a configuration file decides who is authorised. `liveliness`
     tells which roles are there, `compiling` tells them that this process compiles.
     """
 
@@ -67,9 +67,9 @@ class ZenohPort:
             in_use = "is the port in use? " if "in use" in str(error) else ""
             why = str(error).split(" at /")[0]
             raise BusError(f"{role} cannot open the bus at {where}: {in_use}{why}") from error
-        unauthorised: UnauthorisedPeers | None = None
+        access_monitor: AccessMonitor | None = None
         if config_file:
-            unauthorised = UnauthorisedPeers(self._session, allowed, config_file, name, role, say)
+            access_monitor = AccessMonitor(self._session, allowed, config_file, name, role, say)
         self._publishers = {
             stream.name: self._session.declare_publisher(
                 f"{self._root}/{stream.name}",
@@ -86,8 +86,8 @@ class ZenohPort:
         self._not_sent: BaseException | None = None  # why a message out of it could not be
         self._sender = threading.Thread(target=self._send, name="sending", daemon=True)
         # Declared before any message can come, which it notes the end of a role from.
-        self.presence = Presence(self._session, name, role, self._inbox.put, unauthorised)
-        self.compiling = self.presence.compiling.tell
+        self.liveliness = Liveliness(self._session, name, role, self._inbox.put, access_monitor)
+        self.compiling = self.liveliness.compiling.tell
         self._subscribers = [
             self._session.declare_subscriber(f"{self._root}/{stream}", self._handler(stream))
             for stream in SUBSCRIPTIONS[role]
@@ -104,15 +104,9 @@ class ZenohPort:
                 sequence = int.from_bytes(number, "little") if len(number) == 8 else None
             put(Envelope(stream, sample.payload.to_bytes(), sequence))
             if stream.startswith("end/"):
-                self.presence.note_end(stream.removeprefix("end/"))
+                self.liveliness.note_end(stream.removeprefix("end/"))
 
         return zenoh.handlers.Callback(receive, indirect=False)
-
-    def other_subscribers(self) -> list[str]:
-        """Ids of the sessions linked to this one that belong to no role: what they do not take in
-        time is dropped."""
-        linked = [str(number) for number in self._session.info.peers_zid()]
-        return [number for number in linked if not role_of(self.name, number)]
 
     def publish(self, envelope: Envelope) -> None:
         """Send, in the order of the calls; a large message in a thread of its own. Blocks while too
@@ -153,13 +147,13 @@ class ZenohPort:
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
         # The clock of the process costs more: it is asked only where it matters.
         if time.monotonic() - started >= self._patience_s <= clock.since(started):
-            raise self.presence.not_taken(envelope.stream, self._patience_s)
+            raise self.liveliness.not_taken(envelope.stream, self._patience_s)
 
     def _check(self, doing: str) -> None:
         """Raise what went wrong with a message sent before, or PeerLost if a role has gone."""
         if self._not_sent is not None:
             raise self._not_sent
-        self.presence.check(doing)
+        self.liveliness.check(doing)
 
     def _check_all_sent(self) -> None:
         """Wait until all is sent, and raise what went wrong with that. Who does not take a message
@@ -172,21 +166,23 @@ class ZenohPort:
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
-        now, presence = clock.now(), self.presence
+        now, liveliness = clock.now(), self.liveliness
         deadline = now + timeout_s
         while True:
             wait_s = max(0.0, deadline - now)
             try:
-                item = self._first or self._inbox.get(timeout=min(wait_s, presence.look_again_s()))
+                item = self._first or self._inbox.get(
+                    timeout=min(wait_s, liveliness.look_again_s())
+                )
                 self._first = None
             except queue.Empty:
                 self._check(f"waiting for {awaited}")
-                deadline = presence.compiling.extended(deadline, timeout_s, presence.takes_part)
+                deadline = liveliness.compiling.extended(deadline, timeout_s, liveliness.takes_part)
                 now = clock.now()
                 if now < deadline:
                     continue
                 self._check_all_sent()
-                raise presence.nothing_came(timeout_s, awaited, senders) from None
+                raise liveliness.nothing_came(timeout_s, awaited, senders) from None
             if isinstance(item, Envelope):
                 if item.stream.startswith("end/"):
                     self._check_all_sent()
@@ -198,7 +194,7 @@ class ZenohPort:
 
     def abort(self, error: BaseException) -> None:
         """Make the next wait raise `error`; may be called from a signal handler."""
-        self.presence.abort(error)
+        self.liveliness.abort(error)
         self._inbox.put(error)
 
     def pending(self) -> bool:
@@ -208,7 +204,7 @@ class ZenohPort:
             try:
                 item = self._inbox.get_nowait()
             except queue.Empty:
-                return self._not_sent is not None or bool(self.presence.missing())
+                return self._not_sent is not None or bool(self.liveliness.missing())
             if not isinstance(item, PeerLost):
                 self._first = item
         return True
@@ -224,7 +220,7 @@ class ZenohPort:
             self._outbox.put(None)
             self._sender.join()
             with suppress(zenoh.ZError):
-                self.presence.leave()
+                self.liveliness.leave()
             with suppress(zenoh.ZError):
                 self._session.close()
 

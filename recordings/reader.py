@@ -5,12 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from hertzloop.recordings.file_format import (
-    EXPORT_LIBRARY,
-    FORMAT_VERSION,
-    PROFILE,
-    other_format,
-)
+from hertzloop.recordings.file_format import EXPORT_LIBRARY, FORMAT_VERSION, PROFILE, other_format
 from hertzloop.recordings.joined_stream import Arrays
 from hertzloop.recordings.mcap_records import MAGIC
 from hertzloop.recordings.reconcile import compare_with_hello, reconcile

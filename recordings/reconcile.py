@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hertzloop.bus import streams
+from hertzloop.bus import sequence_checker, streams
 from hertzloop.recordings.file_format import run_metadata
 from hertzloop.recordings.run_reader import OTHER_EVENTS, RunReader
 
@@ -52,7 +52,7 @@ def reconcile(found: RunReader) -> None:
 
 
 def _reconcile_stream(found: RunReader, role: str, name: str, announced: Any) -> None:
-    here = found.counters.get(name, streams.Counter())
+    here = found.counters.get(name, sequence_checker.Counter())
     if name.startswith("events/") and OTHER_EVENTS in found.counters:
         return
     if announced is None:

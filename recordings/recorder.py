@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from hertzloop.bus import streams
+from hertzloop.bus import sequence_checker, streams
 from hertzloop.recordings.file_format import run_metadata
 from hertzloop.recordings.writer import RecordingWriter
 
@@ -18,7 +18,7 @@ class Recorder:
 
     def __init__(self, path: Path, overwrite: bool = False) -> None:
         self._writer = RecordingWriter(path, overwrite)
-        self.checker = streams.Checker()
+        self.checker = sequence_checker.SequenceChecker()
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
         self._time_ns = self._end_ns = 0
@@ -31,7 +31,7 @@ class Recorder:
         return {streams.PLANT, streams.CONTROLLER} <= set(self._ended)
 
     @property
-    def counters(self) -> dict[str, streams.Counter]:
+    def counters(self) -> dict[str, sequence_checker.Counter]:
         """Messages and samples by stream."""
         return self.checker.counters
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.bus import streams
+from hertzloop.bus import sequence_checker, streams
+from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.messages_pb2 import Books, EventKind, RunEnd
-from hertzloop.bus.streams import DecodedBlock
 from hertzloop.recordings.joined_stream import JoinedStream
 
 SAMPLED = tuple(sorted(s.name for s in streams.STREAMS.values() if s.numbered))  # daq, force, truth
@@ -97,7 +97,9 @@ class Recording:
     def other_version(self) -> str:
         """Version of hertzloop that recorded it and this version, in brackets; empty if they are
         one."""
-        return streams.other_version(self.metadata.get("versions", ""), "it was recorded by")
+        return sequence_checker.other_version(
+            self.metadata.get("versions", ""), "it was recorded by"
+        )
 
     @property
     def daq_values(self) -> np.ndarray:

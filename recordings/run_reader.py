@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec, sequence_checker, streams
+from hertzloop.bus.codec import DecodedBlock, MessageError
 from hertzloop.bus.messages_pb2 import Books, Hello, RunEnd
-from hertzloop.bus.streams import DecodedBlock, MessageError, not_finite
+from hertzloop.bus.sequence_checker import not_finite
 from hertzloop.recordings.file_format import (
     LAW_ATTACHMENT,
     RESULT_METADATA,
@@ -90,7 +91,7 @@ class RunReader:
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
-    counters: dict[str, streams.Counter] = field(default_factory=dict)
+    counters: dict[str, sequence_checker.Counter] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     unknown_channels: set[int] = field(default_factory=set)
     others: int = 0
@@ -175,7 +176,7 @@ class RunReader:
     def _message(self, topic: str, message: Message) -> Iterator[StreamMessage]:
         name = topic[1:]
         try:
-            block = streams.decoded(streams.Envelope(_STREAM_OF_TOPIC[topic].name, message.data))
+            block = codec.decoded(streams.Envelope(_STREAM_OF_TOPIC[topic].name, message.data))
             header: Any = block.header
             if topic == "/events":
                 # A controller of the user may call itself by any name.
@@ -207,9 +208,9 @@ class RunReader:
             return
         if problem:
             self.report(problem)
-        counter = self.counters.setdefault(name, streams.Counter())
+        counter = self.counters.setdefault(name, sequence_checker.Counter())
         counter.messages += 1
-        counter.samples += streams.sample_count(block)
+        counter.samples += codec.sample_count(block)
         yield StreamMessage(
             name if name in streams.STREAMS else _STREAM_OF_TOPIC[topic].name, message, arrays
         )

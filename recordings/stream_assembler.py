@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from mcap.records import Message
 
-from hertzloop.bus.streams import LAST_NS, DecodedBlock
+from hertzloop.bus.codec import DecodedBlock
+from hertzloop.bus.streams import LAST_NS
 from hertzloop.recordings.joined_stream import IN_MEMORY, Arrays, Columns, JoinedStream
 from hertzloop.recordings.writer import RecordingError
 

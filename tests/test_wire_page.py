@@ -13,14 +13,8 @@ import pytest
 import zenoh
 
 from hertzloop.bus import messages_pb2
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    PLANT,
-    RECORDER,
-    STREAMS,
-    SUBSCRIPTIONS,
-    Envelope,
-)
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
+from hertzloop.bus.zenoh_config import role_of
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.program import BASE_PORT
 from hertzloop.processes.roles import default_endpoints
@@ -60,10 +54,10 @@ def test_a_role_takes_its_tokens_back_before_it_leaves() -> None:
     recorder = ZenohPort(RECORDER, "page", [url])
     plant = ZenohPort(PLANT, "page", [], [url])
     try:
-        recorder.presence.announce()
-        wait_for(lambda: plant.presence.alive[RECORDER])
-        recorder.presence.leave()  # the link is still there
-        wait_for(lambda: not plant.presence.alive[RECORDER])
+        recorder.liveliness.announce()
+        wait_for(lambda: plant.liveliness.alive[RECORDER])
+        recorder.liveliness.leave()  # the link is still there
+        wait_for(lambda: not plant.liveliness.alive[RECORDER])
         assert plant._session.info.peers_zid()
     finally:
         recorder.close()
@@ -89,7 +83,7 @@ def test_the_recorders_token() -> None:
             zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr))),
             history=True,
         )
-        recorder.presence.confirm_completion()
+        recorder.liveliness.confirm_completion()
         wait_for(lambda: heard)
     finally:
         plant.close()
@@ -129,14 +123,14 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
                 zenoh.handlers.Callback(lambda sample: tokens.append(str(sample.key_expr))),
                 history=True,
             )
-            port.presence.announce()
+            port.liveliness.announce()
             wait_for(lambda: tokens)
             ids = [f"page/controller/{i}".encode() for i in range(256)]
             ids = [hashlib.blake2b(text, digest_size=15).hexdigest().lstrip("0") for text in ids]
             [linked] = session.info.peers_zid()
             assert str(linked) in ids
             assert "`<name>/controller/<i>`" in PAGE
-            assert port.other_subscribers() == [str(session.info.zid())]
+            assert not role_of("page", str(session.info.zid()))
 
             def said() -> bool:
                 port.publish(Envelope("end/controller", b"end", 5))

@@ -2,21 +2,34 @@
 
 import inspect
 import shlex
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from hertzloop.analysis.recorded import reported_law
+from hertzloop.bus.port import BusError
+from hertzloop.bus.sockets import own_folder
+from hertzloop.bus.streams import StreamFault
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
-from hertzloop.loop.run_options import BusOptions, RunOptions
-from hertzloop.processes.conformance import Broken, Checks, Meeting, Script, play, recorded, scripts
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes import fork_server
+from hertzloop.processes.controller_check import (
+    WrongForce,
+    cases_of,
+    compare_blocks,
+    compare_with_law,
+    law_of,
+    run_case,
+)
+from hertzloop.processes.launcher import RunFailed
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
-from hertzloop.recordings.reader import read
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.loading import parse_setting
 from hertzloop.setup.controller import loaded_law
 from hertzloop.views.format import Table
@@ -131,94 +144,43 @@ def _difference(found: "ForceComparison", name: str) -> str:
     )
 
 
-@options.takes(only=("controller", "name", "timeout_s", "wait_s"), name=BUS_NAME)
+@options.takes(only=("controller", "name", "timeout_s"))
 def controller_test(
     request: RunOptions,
-    bus: BusOptions,
-    script: list[str] | None = None,
     law: str | None = None,
-    expect: Annotated[Path | None, typer.Option(exists=True)] = None,
     settings: options.SetOption = None,
     port: Annotated[int | None, typer.Option(min=1, max=65533)] = None,
 ) -> None:
-    """Test your own controller program against the wire protocol.
+    """Test your own controller program in short runs.
 
-    It plays a plant to the controller, and prints the first thing that is wrong. Without
-    --controller it waits for a program that runs already, and plays one script.
+    The plant names the first thing that the program does wrong.
 
     Args:
-        script: Play this script; repeatable; default with --controller: all.
         law: Require the forces of this law, byte for byte.
-        expect: Play the samples of this recording and require its forces.
         port: First of three ports: plant's, controller's, recorder's. Default: free ones if CMD has
             {listen}, else those from 7450 on.
     """
-    if law and expect:
-        fail("--law: cannot be combined with --expect. Remove one of the two.")
     command = request.controller
-    if command is not None:
-        check_command(command)
-    chosen = _chosen(script, law, expect, settings or [], everything=command is not None)
-    checks = Checks()
-    laws: set[str] = set()
-    with meeting_endpoints(command or "", port) as endpoints:
-        meeting = Meeting(request.name or BUS_NAME, endpoints, request.timeout_s, bus.wait_s)
-        for one in chosen:
-            try:
-                laws |= _played(one, meeting, command or "", checks)
-            except Broken as error:
-                out.say(f"script '{one.name}': {error}")
-                raise typer.Exit(1) from None
-            except OSError as error:
-                fail(f"--controller = '{command}': cannot be started: {error}")
-    for text in sorted(laws):
-        said = f"its law: {text}" if text else "it does not say which law ran (set_up.law)"
-        err.say(said)
-    out.print(f"conforms: {checks.count:,} checks")
-
-
-def _chosen(
-    names: list[str] | None,
-    law: str | None,
-    expect: Path | None,
-    settings: list[str],
-    everything: bool,
-) -> list[Script]:
-    """The scripts to play; ends the command where there are none such."""
-    try:
-        if expect:
-            return [recorded(read(expect))]
-        if law:
-            options.compile_first()
-        known = {script.name: script for script in scripts(law, settings)}
-    except ValueError as error:
-        fail(str(error))
-    wanted = names or (list(known) if everything else ["touch"])
-    for name in wanted:
-        if name not in known:
-            fail(f"--script = '{name}': unknown script. Use one of {', '.join(known)}.")
-    if not everything and len(wanted) > 1:
-        fail("--script: a running controller plays one script. Use --controller 'CMD' for several.")
-    return [known[name] for name in wanted]
-
-
-def _played(script: Script, meeting: Meeting, command: str, checks: Checks) -> set[str]:
-    """Play a script at each of its horizons, once without `command`; the laws that ran.
-
-    Raises Broken and OSError as `conformance.play`.
-    """
-    laws, before = set(), None
-    for horizon in script.horizons if command else script.horizons[-1:]:
-        plant = play(script, horizon, meeting, command, checks)
-        if plant.end is not None:
-            laws.add(plant.end.set_up.law)
-        if before is not None:
-            other = np.flatnonzero(before.view(np.int64) != plant.forces.view(np.int64))
-            at = int(other[0]) if len(other) else 0
-            checks.that(
-                not len(other),
-                f"the force of step {at} is {before[at]:g} N with an exchange every step, "
-                f"{plant.forces[at]:g} N with as few as were granted: the horizon changes no force",
-            )
-        before = plant.forces
-    return laws
+    if command is None:
+        fail("--controller: missing. Give the command line of your program.")
+    check_command(command)
+    cases = cases_of(law, settings or [])
+    options.compile_first(*(case.setup for case in cases))
+    fork_server.prepare()  # before anything starts a thread
+    name = request.name or (None if "{name}" in command else BUS_NAME)
+    recordings: list[Recording] = []
+    for case in cases:
+        try:
+            with meeting_endpoints(command, port) as endpoints, own_folder() as folder:
+                meeting = replace(request, endpoints=endpoints, name=name)
+                recordings.append(run_case(case, meeting, Path(folder)))
+            if law:
+                compare_with_law(recordings[-1], case.setup)
+            if case.horizon:
+                compare_blocks(recordings[-1], recordings[0], case.setup)
+        except (RunFailed, RecordingError, StreamFault, BusError, WrongForce) as error:
+            fail(f"{case.name}: {error}", 1)
+    ran = law_of(recordings[0])
+    err.say(f"its law: {ran}" if ran else "it does not say which law ran (set_up.law)")
+    forces = sum(case.setup.steps for case in cases)
+    out.print(f"conforms: {len(cases)} runs, {forces:,} forces")

@@ -11,15 +11,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 import zenoh
 
+from hertzloop.bus.codec import MessageError
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import reserved_ports, too_long
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, MessageError, StreamFault
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail
@@ -30,13 +31,7 @@ from hertzloop.processes import roles
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
 from hertzloop.processes.roles import BusAddress, default_endpoints
-from hertzloop.processes.signals import (
-    INTERRUPTED,
-    end_with_the_launcher,
-    interrupts_held_back,
-    on_interrupt,
-    raise_when_ended,
-)
+from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.loading import DEFAULT
@@ -68,20 +63,17 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
             with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
                 print(json.dumps(what) + "\n", end="", flush=True)  # at once: threads do
 
-    def interrupted(sentence: str) -> NoReturn:
-        sentence = sentence or f"{role} was interrupted"
+    if machine:
+        roles.end_with_the_launcher()
+        clock.on_beat = lambda: tell(beat=True)
+    try:
+        yield tell
+    except KeyboardInterrupt as error:
+        sentence = str(error) or f"{role} was interrupted"
         tell(fault=sentence)
         if not machine:
             err.print(sentence)
-        raise typer.Exit(INTERRUPTED)
-
-    raise_when_ended()
-    if machine:
-        end_with_the_launcher()
-        clock.on_beat = lambda: tell(beat=True)
-    try:
-        with on_interrupt(interrupted):
-            yield tell
+        raise typer.Exit(INTERRUPTED) from None
     except (BusError, StreamFault, RecordingError) as error:
         missed: dict[str, object] = {}
         if isinstance(error, PeerLost):
@@ -195,24 +187,20 @@ def watch(
     elif not viewer.has_display():
         fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.")
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
-    raise_when_ended()
-    ended: list[str] = []
     stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
     try:
         with _shown_in(stream, save):
             stream.send_blueprint(viewer.live_blueprint())
             err.print(f"waiting for run '{name}'")
             try:
-                with on_interrupt(ended.append):  # what was seen until now is kept
-                    for payload in truth_blocks(name, where, bus.machine):
-                        first = not shown
-                        with contextlib.suppress(MessageError):  # of another subscriber
-                            shown += viewer.send_block(stream, payload)
-                            if first and shown:
-                                with interrupts_held_back():  # else the line could come twice
-                                    err.print(f"watching run '{name}'")
-                if ended:
-                    why, code = "interrupted", INTERRUPTED
+                for payload in truth_blocks(name, where, bus.machine):
+                    first = not shown
+                    with contextlib.suppress(MessageError):  # of another subscriber
+                        shown += viewer.send_block(stream, payload)
+                        if first and shown:
+                            err.print(f"watching run '{name}'")
+            except KeyboardInterrupt:  # what was seen until now is kept
+                why, code = "interrupted", INTERRUPTED
             except PeerLost as error:
                 why, code = str(error), 1
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:

@@ -20,6 +20,7 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags, options_of
 from hertzloop.processes.law_trial import try_law
+from hertzloop.processes.signals import INTERRUPTED, ending_signals
 from hertzloop.processes.warmup import all_compiled, anything_compiled, ensure_compiled
 from hertzloop.scenes.loading import load as load_scene
 from hertzloop.setup import Setup, resolve
@@ -310,7 +311,14 @@ def compile_first(*scenes: Setup, paced: bool = False) -> None:
     if all_compiled(*scenes, paced=paced):
         return
     announce_compilation()
-    with progress("Compiling", 100, lines=True) as advance:
+
+    def end(_: int) -> None:
+        # At once, since nothing is to be kept: what LLVM calls loses a KeyboardInterrupt.
+        err.show_cursor()
+        err.say("interrupted")
+        os._exit(INTERRUPTED)
+
+    with progress("Compiling", 100, lines=True) as advance, ending_signals(end):
         ensure_compiled(
             *scenes,
             paced=paced,

@@ -20,7 +20,6 @@ from hertzloop.processes import fork_server
 from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
-from hertzloop.processes.signals import raise_when_ended
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.loading import DEFAULT
 from hertzloop.setup.controller import check_buildable, loaded_law
@@ -48,7 +47,6 @@ def run(
         port: Use this and the next two ports on loopback; by default, use private sockets.
         live: Show the run in a viewer while it is in progress.
     """
-    raise_when_ended()
     repeat = request.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.")

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from hertzloop.extras import sentence_on
 from hertzloop.foreign import visible
-from hertzloop.processes.signals import INTERRUPTED, on_interrupt
+from hertzloop.processes.signals import INTERRUPTED
 
 _LINE_S = 10.0  # between two lines on progress
 
@@ -62,13 +62,11 @@ def fail(sentence: str, code: int = 2) -> NoReturn:
 @contextmanager
 def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
     """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
-
-    def end(_: str) -> NoReturn:
-        err.say(f"interrupted; {explain()}" if explain else "interrupted")
-        raise typer.Exit(INTERRUPTED)
-
-    with on_interrupt(end):
+    try:
         yield
+    except KeyboardInterrupt:
+        err.say(f"interrupted; {explain()}" if explain else "interrupted")
+        raise typer.Exit(INTERRUPTED) from None
 
 
 @contextmanager

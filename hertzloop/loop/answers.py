@@ -13,7 +13,8 @@ from hertzloop.bus.lane import Segment, leave, sleep_precisely
 from hertzloop.bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost, Port
 from hertzloop.bus.process_clock import clock
-from hertzloop.bus.streams import Checker, StreamFault
+from hertzloop.bus.sequence_checker import SequenceChecker
+from hertzloop.bus.streams import StreamFault
 from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller, Reply
@@ -127,7 +128,9 @@ class Answers:
         return not self.in_lane or self._confirmed == self.end
 
 
-def controllers_fault(port: Port, checker: Checker, timeout_s: float) -> EndedByOther | None:
+def controllers_fault(
+    port: Port, checker: SequenceChecker, timeout_s: float
+) -> EndedByOther | None:
     """The fault with which the controller is about to end, if it is: forces that it still published
     then need not have got into the lane."""
     with suppress(BusError, StreamFault):

@@ -6,17 +6,11 @@ from contextlib import suppress
 import numpy as np
 
 from hertzloop.bus import lane
+from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
 from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    PLANT,
-    Checker,
-    DecodedBlock,
-    Envelope,
-    StreamFault,
-    compare_set_up,
-)
+from hertzloop.bus.sequence_checker import SequenceChecker, compare_set_up
+from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
@@ -58,7 +52,7 @@ class ControllerNode:
     ) -> None:
         """`law`: where this side has its law, if not where the scene says."""
         self.port, self.look_ahead, self._law = port, look_ahead, law
-        self.checker = Checker(role=CONTROLLER)
+        self.checker = SequenceChecker(role=CONTROLLER)
         self.done = False
         self.fault = ""  # with which the plant ended the run
         self.setup: Setup | None = None  # as the plant has announced it

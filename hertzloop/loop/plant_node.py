@@ -9,7 +9,8 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import RunEnd
 from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
-from hertzloop.bus.streams import CONTROLLER, PLANT, Checker, StreamFault
+from hertzloop.bus.sequence_checker import SequenceChecker
+from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
 from hertzloop.loop.plant_streams import PlantStreams
@@ -63,7 +64,7 @@ class PlantNode:
         if fast_lane:
             run_id, every = publisher.run_id, setup.every_steps
             self._lane = LaneOffer(self.streams.hello, run_id, every, self.answers, timeout_s)
-        self.checker = Checker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
+        self.checker = SequenceChecker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
         self.controller_ended = False
         self.exchanges = 0
         self._advance(0)  # loads the kernels before the clock starts

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from signal import SIGKILL
+from signal import SIGKILL, Signals
 from typing import Any
 
 from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
@@ -21,7 +21,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, Transport, words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
-from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
+from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.reader import holds_a_run
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup
@@ -46,7 +46,7 @@ class RunFailed(RuntimeError):
 
 
 @dataclass
-class Child:
+class ChildProcess:
     """One process of a run and what it reported."""
 
     role: str
@@ -67,7 +67,7 @@ class Child:
         assert code is not None  # it has ended
         if self.fault and code >= 0:
             return "" if self.others else self.fault
-        if how := how_ended(code):
+        if how := _exit_reason(code):
             return f"{self.named} {how}"
         lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
         return f"{self.named} failed with exit code {code}: {lines[-1]}"
@@ -88,12 +88,14 @@ class Launcher:
         options: RunOptions = USUAL_RUN,
         wait_s: float = _START_S,
     ) -> None:
-        self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
+        self._reports: queue.SimpleQueue[tuple[ChildProcess, dict[str, Any]] | None] = (
+            queue.SimpleQueue()
+        )
         # Session ids that a program of the user's can know follow from the run's name alone.
         self._signals, self._key = 0, "" if options.controller else secrets.token_hex(16)
         self._setup, self._options = setup, options
         self._in_use = ExitStack()
-        self.children: list[Child] = []
+        self.children: list[ChildProcess] = []
         self._commands = {
             RECORDER: ["node", "recorder", "--out", str(recording)],
             CONTROLLER: ["node", "controller"],
@@ -113,18 +115,20 @@ class Launcher:
         bus = BusOptions(listen, connect, wait_s=self._wait_s, machine=True)
         return words_of(replace(self._options, name=name), role) + words_of(bus)
 
-    def _start(self, role: str, arguments: list[str], folder: Path, program: str = "") -> Child:
+    def _start(
+        self, role: str, arguments: list[str], folder: Path, program: str = ""
+    ) -> ChildProcess:
         arguments = [str(folder / word) if word == _SCENE else word for word in arguments]
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
         process = fork_server.start(arguments, stderr, {RUN_KEY: self._key}, bool(program))
-        child = Child(role, process, stderr, program)
+        child = ChildProcess(role, process, stderr, program)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
         return child
 
-    def _listen(self, child: Child) -> None:
+    def _listen(self, child: ChildProcess) -> None:
         for line in child.process.stdout:
             if child.program:
                 continue  # it is for people
@@ -164,7 +168,7 @@ class Launcher:
         Interrupted after a signal.
         """
         running = {child.role: child for child in self.children}
-        failed: list[Child] = []  # in the order of their ends
+        failed: list[ChildProcess] = []  # in the order of their ends
         silent: set[str] = set()  # when the first of them failed
         deadline, heard_s = math.inf, clock.now()
         ran = ProcessClock()  # read at reports only: it stands still while all processes do
@@ -261,14 +265,21 @@ class Launcher:
                     os.killpg(child.process.pid, SIGKILL)
 
 
-def _silent(running: Mapping[str, Child], for_s: float, ran: ProcessClock) -> set[str]:
+def _silent(running: Mapping[str, ChildProcess], for_s: float, ran: ProcessClock) -> set[str]:
     """Roles that take part and have not shown for this long, by `ran`, that they run."""
     now_s = ran.now()
     return {role for role, one in running.items() if one.ready and now_s - one.heard_s > for_s}
 
 
+def _exit_reason(code: int) -> str:
+    """How a process ended, if its exit code says that a signal ended it; else ""."""
+    if code < 0:
+        return f"was killed by {Signals(-code).name}"
+    return "was interrupted" if code == INTERRUPTED else ""
+
+
 def _cause(
-    failed: list[Child], running: set[str], silent: Collection[str] = (), law: str = ""
+    failed: list[ChildProcess], running: set[str], silent: Collection[str] = (), law: str = ""
 ) -> str:
     """The sentence that explains a failure: a death, a fault, a hang, at last a lost peer.
 
@@ -279,7 +290,10 @@ def _cause(
     # A program of the user's ends by a code of its own where it was told of a fault.
     for child in sorted(failed, key=lambda c: (c.program != "", (c.process.returncode or 0) >= 0)):
         if reason := child.own_reason():
-            return reason
+            # What a program of the user's says on the bus tells more than how it then exits.
+            said = (one.fault for one in failed if one.role == PLANT and one.others)
+            ended_by_it = child.program and not any(one.lost for one in failed)
+            return next(said, reason) if ended_by_it else reason
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
     if hung := sorted(silent or running & missed):
@@ -295,11 +309,11 @@ def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
     return f"{' and '.join(named)} {verb} not respond{why}; {how}"
 
 
-def _most_precise(failed: list[Child]) -> Child:
+def _most_precise(failed: list[ChildProcess]) -> ChildProcess:
     """Return the role that missed the fewest others, of those that missed no role that had timed
     out before, nor one that missed another itself. The first to time out may be the last to end."""
     timed_out: set[str] = set()
-    believed: dict[str, Child] = {}
+    believed: dict[str, ChildProcess] = {}
     for child in sorted(failed, key=lambda child: child.at_s):
         if child.lost and not timed_out & set(child.lost):
             believed[child.role] = child

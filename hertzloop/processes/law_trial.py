@@ -3,6 +3,7 @@
 import math
 import os
 import select
+import signal
 import tempfile
 import warnings
 from collections.abc import Mapping
@@ -21,7 +22,6 @@ from hertzloop.controller.loading.compiled import compiled_abreast
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import load_anew, shipped
 from hertzloop.plant.contact.hertz import rigid_penetration_m
-from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial
 from hertzloop.setup import Setup
@@ -209,7 +209,16 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
         said = os.read(reading, 4000).decode()
     finally:
         os.close(reading)
-        by_signal = kill_child(child)
+        by_signal = _kill_child(child)
     if not said and by_signal:
         return f"law {bound.name}: ended its process by signal {by_signal}"
     return said
+
+
+def _kill_child(pid: int) -> int:
+    """Kill a child process, wait for its end, and return the signal that had ended it before, or
+    0."""
+    os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+    return 0 if number == signal.SIGKILL else number

@@ -5,6 +5,7 @@ or Interrupted with one sentence.
 """
 
 import os
+import signal
 import sys
 import threading
 import time
@@ -26,13 +27,7 @@ from hertzloop.loop.answers import Repeat
 from hertzloop.loop.compiled import recorder_of
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
-from hertzloop.processes.signals import (
-    INTERRUPTED,
-    Interrupted,
-    ending_signals,
-    interrupted_as,
-    launcher_gone,
-)
+from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup
@@ -73,6 +68,21 @@ class BusAddress:
         return port
 
 
+_launcher_gone = threading.Event()
+
+
+def end_with_the_launcher() -> None:
+    """End this process as a signal would when its standard input ends: its launcher is gone."""
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        _launcher_gone.set()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
     """What a role listens on, and connects to, by the ports of all roles on loopback."""
     return mesh_endpoints(role, on_loopback(ports))
@@ -94,20 +104,20 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     port = address.open(role)
 
     def tidy_up() -> None:
-        if launcher_gone.is_set():  # it was killed, and cannot
+        if _launcher_gone.is_set():  # it was killed, and cannot
             remove_folder_of(address.listen)
 
-    def leave() -> None:
+    def exit_now() -> None:
         _say(f"{role} was interrupted, and left before its part was complete")
         tidy_up()
         os._exit(INTERRUPTED)
 
-    overdue = threading.Timer(_PATIENCE_S, leave)
+    overdue = threading.Timer(_PATIENCE_S, exit_now)
     overdue.daemon = True
 
     def react(count: int) -> None:
         if count > 1:
-            leave()
+            exit_now()
         # At the next wait: out of a handler it could fall between a message and its count.
         port.abort(Interrupted())
         overdue.start()
@@ -120,7 +130,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             # message: what it heard, the others shall hear before they miss it, and name the cause.
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
-                port.presence.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+                port.liveliness.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
             pause_s = clock.paused_s(within_s=_RECENT * address.timeout_s)
             own = isinstance(error, BusError | StreamFault) and not isinstance(error, EndedByOther)
             if own and pause_s >= address.timeout_s:  # what it finds then follows from that
@@ -132,11 +142,11 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         else:
             if role != RECORDER:
                 # A recorder that fell behind may need as long again as the run took.
-                port.presence.wait_for_completion(
+                port.liveliness.wait_for_completion(
                     RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
                 )
             if role == PLANT:  # its token could be gone before the controller hears its end
-                port.presence.wait_until_gone(CONTROLLER, _PATIENCE_S)
+                port.liveliness.wait_until_gone(CONTROLLER, _PATIENCE_S)
         finally:
             port.close()
             overdue.cancel()
@@ -165,18 +175,16 @@ def run_plant(
             if options.pace
             else PlantNode(setup, port, options.horizon, *common, repeat, every_s=EVERY_S)
         )
-        port.presence.announce()
-        port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
+        port.liveliness.announce()
+        port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
-            with (
-                interrupted_as(lambda: f"interrupted at step {node.streams.step}"),
-                profile.loop(lambda: node.streams.step),
-            ):
+            with profile.loop(lambda: node.streams.step):
                 stats = node.run()
-        except Interrupted as error:
-            node.streams.fail(str(error))
-            raise Interrupted(f"plant was {error}") from error
+        except KeyboardInterrupt as error:
+            sentence = f"interrupted at step {node.streams.step}"
+            node.streams.fail(sentence)
+            raise Interrupted(f"plant was {sentence}") from error
     return vars(stats) | {"realtime": profile.line()}
 
 
@@ -193,18 +201,19 @@ def run_controller(
     profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port, law=law, fast_lane=options.fast_lane)
-        port.presence.announce()
-        port.presence.wait_for([PLANT, RECORDER], address.wait_s)
+        port.liveliness.announce()
+        port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
-            with (
-                interrupted_as(lambda: "the controller was interrupted"),
-                profile.loop(lambda: node.samples),
-            ):
+            with profile.loop(lambda: node.samples):
                 _answer_all(node, address)
-        except (StreamFault, BusError, Interrupted) as error:
+        except (StreamFault, BusError, KeyboardInterrupt) as error:
+            interrupted = isinstance(error, KeyboardInterrupt)
+            sentence = "the controller was interrupted" if interrupted else str(error)
             with suppress(BusError):  # the first fault is the one to tell
-                node.fail(str(error))
+                node.fail(sentence)
+            if interrupted:
+                raise Interrupted(sentence) from error
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
@@ -229,11 +238,14 @@ def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
 def _recording(recorder: Recorder) -> Iterator[Recorder]:
     """A recorder whose file is closed in any case, and says why it is not complete."""
     try:
-        with interrupted_as(lambda: "the recorder was interrupted"):
-            yield recorder
+        yield recorder
     except BaseException as error:
+        interrupted = isinstance(error, KeyboardInterrupt)
+        sentence = "the recorder was interrupted" if interrupted else str(error) or repr(error)
         with suppress(RecordingError):  # the first fault is the one to tell
-            recorder.close(str(error) or repr(error))
+            recorder.close(sentence)
+        if interrupted:
+            raise Interrupted(sentence) from error
         raise
     recorder.close()
 
@@ -262,8 +274,8 @@ def run_recorder(
     started = time.monotonic()
     with _joined(address, RECORDER) as port:
         with _recording(recorder_of(path, options)) as recorder:
-            port.presence.announce()
-            port.presence.wait_for([PLANT, CONTROLLER], address.wait_s)
+            port.liveliness.announce()
+            port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             with profile.loop(lambda: 0):
                 # Whom this role sees the plant may still wait for: the run is yet to begin.
@@ -277,9 +289,9 @@ def run_recorder(
                         raise
                     patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
-                        port.presence.release(envelope.stream.removeprefix("end/"))
+                        port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
-        port.presence.confirm_completion()
+        port.liveliness.confirm_completion()
     return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}

@@ -17,7 +17,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.sockets import LOOPBACK, reserved_ports
 from hertzloop.recordings.replay.blueprint import TIMELINE
@@ -155,8 +155,8 @@ def extremes_of(values: np.ndarray) -> np.ndarray:
 
 
 def send_block(stream: rr.RecordingStream, payload: bytes) -> int:
-    """Show some samples of a block of truth; how many. Raises streams.MessageError."""
-    block = streams.decode(TruthBlock, payload)
+    """Show some samples of a block of truth; how many. Raises codec.MessageError."""
+    block = codec.decode(TruthBlock, payload)
     sent = 0
     for field, entity, factor in _CURVES:
         values = block.arrays[field]

@@ -12,7 +12,7 @@ from tests.benchmarks.programs import program
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 def test_a_shipped_law_as_a_file_and_in_c_has_the_same_bytes() -> None:
-    """A process of its own has them too: see tests/hertzloop/test_conformance.py."""
+    """A process of its own has them too: see tests/hertzloop/test_controller_check.py."""
     with laws.own_laws() as given:
         assert list(given) == ["shipped", "Python file", "C library"]
         assert laws.same_bytes(given)

@@ -7,7 +7,7 @@ import numpy as np
 from google.protobuf.message import Message
 from hypothesis import strategies as st
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, TruthBlock
 
 BLOCKS: dict[str, type[Message]] = {"daq": DaqBlock, "force": ForceBlock, "truth": TruthBlock}
@@ -33,7 +33,7 @@ def contents(draw: st.DrawFn) -> tuple[Message, dict[str, np.ndarray]]:
         header.saturated = draw(st.binary(max_size=3))
         header.scale = draw(st.floats())
     arrays = {}
-    for name, (_, dtype) in streams.array_fields(kind).items():
+    for name, (_, dtype) in codec.array_fields(kind).items():
         if draw(st.booleans()):
             values = _ANY_BITS[dtype.str]
             arrays[name] = np.array(
@@ -51,11 +51,11 @@ def by_the_library(header: Message, arrays: Mapping[str, np.ndarray]) -> bytes:
     return full.SerializeToString()
 
 
-def same_contents(message: Message, block: streams.DecodedBlock) -> bool:
+def same_contents(message: Message, block: codec.DecodedBlock) -> bool:
     """Whether the library's reading of a block is ours, byte by byte."""
     rest = type(message)()
     rest.CopyFrom(message)
-    for name, (_, dtype) in streams.array_fields(type(message)).items():
+    for name, (_, dtype) in codec.array_fields(type(message)).items():
         if np.array(getattr(message, name), dtype).tobytes() != block.arrays[name].tobytes():
             return False
         rest.ClearField(name)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 import pytest
 
 from hertzloop.bus.messages_pb2 import RunEnd
-from hertzloop.bus.streams import Checker, Envelope, StreamFault
+from hertzloop.bus.sequence_checker import SequenceChecker
+from hertzloop.bus.streams import Envelope, StreamFault
 
 
-def feed(sent: Sequence[Envelope]) -> Checker:
+def feed(sent: Sequence[Envelope]) -> SequenceChecker:
     """The checker after all messages; every end is reconciled."""
-    checker = Checker()
+    checker = SequenceChecker()
     for envelope in sent:
         block = checker.accept(envelope)
         if isinstance(block.header, RunEnd):

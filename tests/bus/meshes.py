@@ -21,9 +21,9 @@ def zenoh_mesh(ports: list[int], name: str = "contract") -> dict[str, ZenohPort]
         role: ZenohPort(role, name, [urls[place]], urls[:place]) for place, role in enumerate(ROLES)
     }
     for port in mesh.values():
-        port.presence.announce()
+        port.liveliness.announce()
     for role, port in mesh.items():
-        port.presence.wait_for([other for other in ROLES if other != role], PATIENCE_S)
+        port.liveliness.wait_for([other for other in ROLES if other != role], PATIENCE_S)
     return mesh
 
 

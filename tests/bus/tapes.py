@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Books, DaqBlock, Event, ForceBlock, Hello, SetUp, TruthBlock
 from hertzloop.bus.port import Publisher
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
@@ -62,10 +62,10 @@ def places(sent: Sequence[Envelope], stream: str) -> list[int]:
 
 def changed(envelope: Envelope, **fields: Any) -> Envelope:
     """The same message with some header fields changed."""
-    block = streams.decode(STREAMS[envelope.stream].message, envelope.payload)
+    block = codec.decode(STREAMS[envelope.stream].message, envelope.payload)
     for name, value in fields.items():
         setattr(block.header, name, value)
-    return replace(envelope, payload=streams.encode(block.header, **block.arrays))
+    return replace(envelope, payload=codec.encode(block.header, **block.arrays))
 
 
 def controller_says(blocks: int = 3) -> list[Envelope]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.port import InProcessBus, InProcessPort, PeerLost, Port
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
@@ -69,9 +69,9 @@ class TestContract:
 
     def test_a_message_is_the_bytes_that_were_sent(self, mesh: dict[str, Port]) -> None:
         values = np.linspace(-1.0, 1.0, 1000)
-        payload = streams.encode(TruthBlock(run_id=1, sequence=3), xi_m=values)
+        payload = codec.encode(TruthBlock(run_id=1, sequence=3), xi_m=values)
         mesh[PLANT].publish(Envelope("truth", payload))
-        block = streams.decode(TruthBlock, mesh[RECORDER].receive(PATIENCE_S, "truth").payload)
+        block = codec.decode(TruthBlock, mesh[RECORDER].receive(PATIENCE_S, "truth").payload)
         assert np.array_equal(block.arrays["xi_m"], values)
 
     @pytest.mark.parametrize("stream", ["daq", "events/plant"])

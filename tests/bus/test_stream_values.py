@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Books, Event, ForceBlock, TruthBlock
 from hertzloop.bus.port import Publisher
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
@@ -19,9 +19,9 @@ from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 def test_truth_that_is_no_number(value: float, number: int) -> None:
     sent = plant_says()
     place = places(sent, "truth")[number]
-    block = streams.decode(TruthBlock, sent[place].payload)
+    block = codec.decode(TruthBlock, sent[place].payload)
     rows = np.array([0.0, 0.0, value, 0.0])
-    sent[place] = replace(sent[place], payload=streams.encode(block.header, xi_m=rows))
+    sent[place] = replace(sent[place], payload=codec.encode(block.header, xi_m=rows))
     step = 4 * number + 2
     refused(sent, f"stream 'truth' sequence {number} holds xi_m = {value:g} at step {step}")
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from google.protobuf.message import Message
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import ForceBlock, RunEnd, TruthBlock
 from hertzloop.bus.port import Publisher
+from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,
     STREAMS,
     SUBSCRIPTIONS,
-    Checker,
     Envelope,
     StreamFault,
 )
@@ -116,7 +116,9 @@ def test_a_step_of_another_length(stream: str, number: int, step_ns: int) -> Non
 def test_the_length_of_a_step_may_be_known_before() -> None:
     force = ForceBlock(run_id=RUN, step_ns=2000)
     with pytest.raises(StreamFault, match=r"'force' sequence 0 has steps of 2000 ns.* 1000 ns"):
-        Checker(RUN, 1000).accept(Envelope("force", streams.encode(force, force_n=np.zeros(2))))
+        SequenceChecker(RUN, 1000).accept(
+            Envelope("force", codec.encode(force, force_n=np.zeros(2)))
+        )
 
 
 @pytest.mark.parametrize("change", [{"every_steps": 2}, {"scale": 0.25}, {"offset": 1.0}])
@@ -259,7 +261,7 @@ def test_a_role_ends_once() -> None:
 def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
     """The controller hears the hello and the samples, not the truth."""
     sent = [e for e in plant_says() if e.stream in SUBSCRIPTIONS[CONTROLLER]]
-    checker = Checker(role=CONTROLLER)
+    checker = SequenceChecker(role=CONTROLLER)
     for envelope in sent:
         block = checker.accept(envelope)
     checker.reconcile(block.header)
@@ -276,7 +278,7 @@ def test_counts_may_be_announced_in_any_order() -> None:
     end = RunEnd.FromString(sent[-1].payload)
     counts = sorted(end.count, key=lambda one: one.stream in SUBSCRIPTIONS[CONTROLLER])
     assert counts[0].stream not in SUBSCRIPTIONS[CONTROLLER]
-    checker = Checker(role=CONTROLLER)
+    checker = SequenceChecker(role=CONTROLLER)
     for envelope in sent:
         checker.accept(envelope)
     checker.reconcile(RunEnd(role=PLANT, count=counts))

@@ -10,7 +10,7 @@ from google.protobuf.message import DecodeError, Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import (
     Books,
     DaqBlock,
@@ -32,16 +32,16 @@ Contents = tuple[Message, dict[str, np.ndarray]]
 @settings(max_examples=200, deadline=None)
 def test_the_library_reads_our_bytes(made: Contents) -> None:
     header, arrays = made
-    payload = streams.encode(header, **arrays)
+    payload = codec.encode(header, **arrays)
     message = type(header).FromString(payload)
-    assert same_contents(message, streams.DecodedBlock(header, {**empty(header), **arrays}))
+    assert same_contents(message, codec.DecodedBlock(header, {**empty(header), **arrays}))
 
 
 @given(contents())
 @settings(max_examples=200, deadline=None)
 def test_we_read_the_library_s_bytes(made: Contents) -> None:
     header, arrays = made
-    block = streams.decode(type(header), by_the_library(header, arrays))
+    block = codec.decode(type(header), by_the_library(header, arrays))
     assert block.header.SerializeToString() == header.SerializeToString()
     for name, values in {**empty(header), **arrays}.items():
         assert block.arrays[name].dtype == values.dtype
@@ -49,12 +49,12 @@ def test_we_read_the_library_s_bytes(made: Contents) -> None:
 
 
 def empty(header: Message) -> dict[str, np.ndarray]:
-    return {n: np.empty(0, dtype) for n, (_, dtype) in streams.array_fields(type(header)).items()}
+    return {n: np.empty(0, dtype) for n, (_, dtype) in codec.array_fields(type(header)).items()}
 
 
 def test_arrays_are_views_of_the_payload() -> None:
-    payload = streams.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
-    block, memory = streams.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
+    payload = codec.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
+    block, memory = codec.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
     for name in ("xi_m", "f_a_n"):
         assert np.shares_memory(block.arrays[name], memory)
         assert not block.arrays[name].flags.writeable
@@ -62,22 +62,22 @@ def test_arrays_are_views_of_the_payload() -> None:
 
 @pytest.mark.parametrize("values", [VALUES[::-1], np.arange(6.0).reshape(2, 3).T[1], [1, 2]])
 def test_any_array_layout_can_be_sent(values: np.ndarray) -> None:
-    block = streams.decode(ForceBlock, streams.encode(ForceBlock(), force_n=values))
+    block = codec.decode(ForceBlock, codec.encode(ForceBlock(), force_n=values))
     assert block.arrays["force_n"].tobytes() == np.array(values, float).tobytes()
 
 
 @pytest.mark.parametrize("length", [0, 1, 15, 16, 2000, 3_000_000])
 def test_lengths_around_those_of_the_length_prefix(length: int) -> None:
-    payload = streams.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
-    block = streams.decode(ForceBlock, payload)
+    payload = codec.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
+    block = codec.decode(ForceBlock, payload)
     assert np.array_equal(block.arrays["force_n"], np.arange(float(length)))
 
 
 def test_first_block_starts_at_time_zero() -> None:
     """proto3 leaves zeros out: nothing on the wire says 0, it reads as 0 all the same."""
-    payload = streams.encode(ForceBlock(run_id=1, sequence=0, first_step=0), force_n=VALUES)
+    payload = codec.encode(ForceBlock(run_id=1, sequence=0, first_step=0), force_n=VALUES)
     assert len(payload) == 9 + 2 + 1 + VALUES.nbytes  # run id; tag, length, values
-    header = streams.decode(ForceBlock, payload).header
+    header = codec.decode(ForceBlock, payload).header
     assert (header.first_step, header.sequence) == (0, 0)
 
 
@@ -85,17 +85,17 @@ def test_first_block_starts_at_time_zero() -> None:
 def test_empty_arrays(kind: type[Message]) -> None:
     header = kind()
     arrays = empty(header)
-    assert streams.encode(header, **arrays) == b""
-    block = streams.decode(kind, b"")
+    assert codec.encode(header, **arrays) == b""
+    block = codec.decode(kind, b"")
     assert all(block.arrays[name].dtype == a.dtype for name, a in arrays.items())
     # A field of length zero is unusual, but valid.
-    number = next(iter(streams.array_fields(kind).values()))[0]
-    assert all(len(a) == 0 for a in streams.decode(kind, tag(number, 2) + b"\0").arrays.values())
+    number = next(iter(codec.array_fields(kind).values()))[0]
+    assert all(len(a) == 0 for a in codec.decode(kind, tag(number, 2) + b"\0").arrays.values())
 
 
 def test_unknown_array_names_are_refused() -> None:
     with pytest.raises(KeyError):
-        streams.encode(ForceBlock(), force=VALUES)
+        codec.encode(ForceBlock(), force=VALUES)
 
 
 def tag(number: int, wire_type: int) -> bytes:
@@ -132,21 +132,21 @@ MALFORMED = {
 @pytest.mark.parametrize("name", MALFORMED)
 def test_malformed_payload(name: str) -> None:
     kind, payload = MALFORMED[name]
-    with pytest.raises(streams.MessageError, match=kind.DESCRIPTOR.name):
-        streams.decode(kind, payload)
+    with pytest.raises(codec.MessageError, match=kind.DESCRIPTOR.name):
+        codec.decode(kind, payload)
 
 
 SAMPLES = {
     Hello: Hello(run_id=1, scene="a", scene_toml="b", steps=3, step_ns=4).SerializeToString(),
-    DaqBlock: streams.encode(
+    DaqBlock: codec.encode(
         DaqBlock(run_id=1, sequence=2, first_step=3, step_ns=4, every_steps=1, scale=0.5),
         code=np.arange(3),
     ),
-    ForceBlock: streams.encode(
+    ForceBlock: codec.encode(
         ForceBlock(run_id=1, sequence=2, first_step=3, step_ns=4, samples_seen=5),
         force_n=VALUES,
     ),
-    TruthBlock: streams.encode(
+    TruthBlock: codec.encode(
         TruthBlock(run_id=1, sequence=2, first_step=3, step_ns=4), xi_m=VALUES, xi_s_m=VALUES
     ),
     Books: Books(run_id=1, kinetic_j=0.5, newton_iterations=7).SerializeToString(),
@@ -164,10 +164,10 @@ ALIKE = {(DaqBlock, ForceBlock), (Hello, RunEnd)}
 @pytest.mark.parametrize("sent", SAMPLES)
 def test_another_message_in_its_place(kind: type[Message], sent: type[Message]) -> None:
     if kind is sent or (kind, sent) in ALIKE:
-        assert streams.decode(kind, SAMPLES[sent]).header.run_id == 1
+        assert codec.decode(kind, SAMPLES[sent]).header.run_id == 1
         return
-    with pytest.raises(streams.MessageError):
-        streams.decode(kind, SAMPLES[sent])
+    with pytest.raises(codec.MessageError):
+        codec.decode(kind, SAMPLES[sent])
 
 
 @pytest.mark.parametrize("stream", STREAMS)
@@ -183,14 +183,14 @@ def test_no_field_of_any_stream_is_taken_for_another_kind(stream: str) -> None:
         else:
             setattr(message, field.name, some.get(field.type, 1))
     assert message.ListFields()
-    assert streams.decode(type(message), message.SerializeToString()).header == message
+    assert codec.decode(type(message), message.SerializeToString()).header == message
 
 
 def check_against_the_library(kind: type[Message], payload: bytes) -> bool:
     """Decoding raises MessageError or agrees with the library; whether it decoded."""
     try:
-        block = streams.decode(kind, payload)
-    except streams.MessageError:
+        block = codec.decode(kind, payload)
+    except codec.MessageError:
         return False
     try:
         message = kind.FromString(payload)

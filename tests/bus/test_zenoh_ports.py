@@ -34,10 +34,10 @@ def test_a_role_that_is_there_twice_is_refused_before_a_run(twice: str) -> None:
     twins = [ZenohPort(twice, "twins", [where], [a]) for where in (b, c)]
     try:
         for port in twins:
-            port.presence.announce()
-        wait_for(lambda: len(looking.presence.alive[twice]) == 2)
+            port.liveliness.announce()
+        wait_for(lambda: len(looking.liveliness.alive[twice]) == 2)
         with pytest.raises(BusError, match=f"2 processes are the {twice} on bus 'twins'"):
-            looking.presence.wait_for([twice], PATIENCE_S)
+            looking.liveliness.wait_for([twice], PATIENCE_S)
     finally:
         for port in (*twins, looking):
             port.close()
@@ -57,9 +57,9 @@ class TestPresence:
 
     def test_a_role_that_was_released_may_leave(self, zenoh: dict[str, ZenohPort]) -> None:
         for role in (CONTROLLER, RECORDER):
-            zenoh[role].presence.release(PLANT)
+            zenoh[role].liveliness.release(PLANT)
         zenoh[PLANT].close()
-        assert zenoh[RECORDER].presence.wait_until_gone(PLANT, PATIENCE_S)
+        assert zenoh[RECORDER].liveliness.wait_until_gone(PLANT, PATIENCE_S)
         zenoh[CONTROLLER].publish(Envelope("force", b"still here"))
         assert zenoh[RECORDER].receive(PATIENCE_S, "forces").payload == b"still here"
         with pytest.raises(PeerLost, match="nothing came"):
@@ -70,13 +70,13 @@ class TestPresence:
         plant = ZenohPort(PLANT, "again", [url(ports[0])])
         try:
             first = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            first.presence.announce()
-            plant.presence.wait_for([RECORDER], PATIENCE_S)
+            first.liveliness.announce()
+            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
             first.close()
-            assert plant.presence.wait_until_gone(RECORDER, PATIENCE_S)
+            assert plant.liveliness.wait_until_gone(RECORDER, PATIENCE_S)
             recorder = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            recorder.presence.announce()
-            plant.presence.wait_for([RECORDER], PATIENCE_S)
+            recorder.liveliness.announce()
+            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
             plant.publish(Envelope("truth", b"heard"))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
             recorder.close()
@@ -86,20 +86,20 @@ class TestPresence:
     def test_a_role_leaves_with_or_without_confirming_completion(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
-        zenoh[RECORDER].presence.confirm_completion()
+        zenoh[RECORDER].liveliness.confirm_completion()
         zenoh[RECORDER].close()
-        zenoh[PLANT].presence.wait_for_completion(RECORDER, PATIENCE_S)
+        zenoh[PLANT].liveliness.wait_for_completion(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].close()
         with pytest.raises(PeerLost, match="controller left the run before its part was complete"):
-            zenoh[PLANT].presence.wait_for_completion(CONTROLLER, PATIENCE_S)
+            zenoh[PLANT].liveliness.wait_for_completion(CONTROLLER, PATIENCE_S)
 
     def test_who_has_confirmed_completion_may_leave_before_the_last_words_of_another_arrive(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
         """Two links: the recorder may be heard to leave before the plant's end comes."""
-        zenoh[RECORDER].presence.confirm_completion()
+        zenoh[RECORDER].liveliness.confirm_completion()
         zenoh[RECORDER].close()
-        assert zenoh[CONTROLLER].presence.wait_until_gone(RECORDER, PATIENCE_S)
+        assert zenoh[CONTROLLER].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
         assert not zenoh[CONTROLLER].pending()  # its departure is nothing to wait for
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
@@ -108,11 +108,11 @@ class TestPresence:
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
         """The recorder has heard them; the plant's token is gone before the controller has."""
-        zenoh[RECORDER].presence.confirm_completion()
+        zenoh[RECORDER].liveliness.confirm_completion()
         zenoh[RECORDER].close()
-        zenoh[PLANT].presence.leave()
+        zenoh[PLANT].liveliness.leave()
         for role in (RECORDER, PLANT):
-            assert zenoh[CONTROLLER].presence.wait_until_gone(role, PATIENCE_S)
+            assert zenoh[CONTROLLER].liveliness.wait_until_gone(role, PATIENCE_S)
         with pytest.raises(PeerLost, match=r"controller waited .* for samples: nothing came"):
             zenoh[CONTROLLER].receive(ABSENCE_S, "samples")
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
@@ -123,7 +123,7 @@ class TestPresence:
     ) -> None:
         """Two links, nothing confirmed: the plant may be about to say why the recorder left."""
         zenoh[RECORDER].close()
-        assert zenoh[CONTROLLER].presence.wait_until_gone(RECORDER, PATIENCE_S)
+        assert zenoh[CONTROLLER].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].publish(Envelope("force", b"not missed yet"))
         assert not zenoh[CONTROLLER].pending()
         zenoh[PLANT].publish(Envelope("end/plant", b"interrupted"))
@@ -143,7 +143,7 @@ class TestPresence:
             zenoh[CONTROLLER].publish(Envelope("force", b""))
 
     def test_a_role_that_stays_is_not_gone(self, zenoh: dict[str, ZenohPort]) -> None:
-        assert not zenoh[RECORDER].presence.wait_until_gone(PLANT, ABSENCE_S)
+        assert not zenoh[RECORDER].liveliness.wait_until_gone(PLANT, ABSENCE_S)
 
     def test_a_message_is_waited_for(self, zenoh: dict[str, ZenohPort]) -> None:
         started = time.monotonic()
@@ -165,17 +165,17 @@ class TestPresence:
         with pytest.raises(KeyboardInterrupt):
             zenoh[PLANT].receive(PATIENCE_S, "forces")
         with pytest.raises(KeyboardInterrupt):
-            zenoh[PLANT].presence.wait_until_gone(RECORDER, PATIENCE_S)
+            zenoh[PLANT].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
 
     def test_waiting_names_who_is_missing(self) -> None:
         ports = free_ports(2)
         plant = ZenohPort(PLANT, "lonely", [url(ports[0])])
         recorder = ZenohPort(RECORDER, "lonely", [url(ports[1])], [url(ports[0])])
         try:
-            recorder.presence.announce()
-            plant.presence.wait_for([RECORDER], PATIENCE_S)
+            recorder.liveliness.announce()
+            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
             with pytest.raises(PeerLost) as caught:
-                plant.presence.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
+                plant.liveliness.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
             assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
             assert "recorder" not in str(caught.value)
         finally:
@@ -189,9 +189,9 @@ class TestPresence:
         recorder = ZenohPort(RECORDER, "early", [url(ports[1])], [url(ports[0])])
         try:
             with pytest.raises(PeerLost, match="recorder"):
-                plant.presence.wait_for([RECORDER], ABSENCE_S)
-            recorder.presence.announce()
-            plant.presence.wait_for([RECORDER], PATIENCE_S)
+                plant.liveliness.wait_for([RECORDER], ABSENCE_S)
+            recorder.liveliness.announce()
+            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
         finally:
             plant.close()
             recorder.close()
@@ -205,8 +205,8 @@ class TestPresence:
         ]
         try:
             for plant in plants:
-                plant.presence.announce()
-            recorder.presence.wait_for([PLANT], PATIENCE_S)
+                plant.liveliness.announce()
+            recorder.liveliness.wait_for([PLANT], PATIENCE_S)
             for plant in plants:
                 plant.publish(Envelope("truth", plant.name.encode()))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"mine"
@@ -300,7 +300,7 @@ class TestEndpoints:
         counts = []
         for _ in range(12):
             plant = ZenohPort(PLANT, "often", [url(number)])
-            plant.presence.announce()
+            plant.liveliness.announce()
             plant.close()
             counts.append(psutil.Process().num_fds())
         assert counts[-1] <= counts[1]
@@ -356,8 +356,8 @@ class TestEndpoints:
         plant = ZenohPort(PLANT, "filed", [], config_file=file)
         recorder = ZenohPort(RECORDER, "filed", [url(numbers[1])], [url(numbers[0])])
         try:
-            recorder.presence.announce()
-            plant.presence.wait_for([RECORDER], PATIENCE_S)
+            recorder.liveliness.announce()
+            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
             plant.publish(Envelope("truth", b"heard"))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
         finally:
@@ -392,7 +392,7 @@ class TestCompiling:
     def test_a_wait_lasts_until_after_a_compilation(self, zenoh: dict[str, ZenohPort]) -> None:
         plant, controller = zenoh[PLANT], zenoh[CONTROLLER]
         controller.compiling(True)
-        wait_for(lambda: plant.presence.compiling._seen)
+        wait_for(lambda: plant.liveliness.compiling._seen)
         with ThreadPoolExecutor(1) as other:
             waiting = other.submit(plant.receive, ABSENCE_S, "forces from the controller")
             time.sleep(3 * ABSENCE_S)
@@ -406,11 +406,11 @@ class TestCompiling:
         plant, late = ZenohPort(PLANT, "late", [a]), ZenohPort(CONTROLLER, "late", [b], [a])
         try:
             late.compiling(True)
-            wait_for(lambda: plant.presence.compiling._seen)
+            wait_for(lambda: plant.liveliness.compiling._seen)
             with ThreadPoolExecutor(1) as other:
-                waiting = other.submit(plant.presence.wait_for, [CONTROLLER], ABSENCE_S)
+                waiting = other.submit(plant.liveliness.wait_for, [CONTROLLER], ABSENCE_S)
                 time.sleep(3 * ABSENCE_S)
-                late.presence.announce()
+                late.liveliness.announce()
                 late.compiling(False)
                 waiting.result(PATIENCE_S)
         finally:
@@ -420,7 +420,7 @@ class TestCompiling:
     def test_one_that_never_ends_is_named(
         self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("hertzloop.bus.presence.LONGEST_S", ABSENCE_S)
+        monkeypatch.setattr("hertzloop.bus.liveliness.LONGEST_S", ABSENCE_S)
         zenoh[CONTROLLER].compiling(True)
         said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
         with pytest.raises(PeerLost, match=said):
@@ -438,7 +438,7 @@ class TestCompiling:
             ._session.liveliness()
             .declare_token("hertzloop/contract/compiling/controller/forged")
         )
-        wait_for(lambda: zenoh[PLANT].presence.compiling._seen)
+        wait_for(lambda: zenoh[PLANT].liveliness.compiling._seen)
         with pytest.raises(PeerLost, match="nothing came"):
             zenoh[PLANT].receive(ABSENCE_S, "forces from the controller")
         forged.undeclare()
@@ -452,11 +452,11 @@ def test_a_forged_token_does_not_keep_a_finished_run(zenoh: dict[str, ZenohPort]
         ._session.liveliness()
         .declare_token("hertzloop/contract/alive/recorder/forged")
     )
-    wait_for(lambda: len(plant.presence.alive[RECORDER]) == 2)
-    zenoh[RECORDER].presence.confirm_completion()
+    wait_for(lambda: len(plant.liveliness.alive[RECORDER]) == 2)
+    zenoh[RECORDER].liveliness.confirm_completion()
     zenoh[RECORDER].close()
     with ThreadPoolExecutor(1) as other:
-        waiting = other.submit(plant.presence.wait_for_completion, RECORDER, 2 * PATIENCE_S)
+        waiting = other.submit(plant.liveliness.wait_for_completion, RECORDER, 2 * PATIENCE_S)
         try:
             waiting.result(PATIENCE_S)
         finally:
@@ -467,4 +467,4 @@ def test_the_wait_for_a_recorder_that_does_not_finish_is_bounded(
     zenoh: dict[str, ZenohPort],
 ) -> None:
     with pytest.raises(PeerLost, match="recorder did not complete its part within 0 s"):
-        zenoh[PLANT].presence.wait_for_completion(RECORDER, ABSENCE_S)
+        zenoh[PLANT].liveliness.wait_for_completion(RECORDER, ABSENCE_S)

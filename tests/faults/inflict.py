@@ -23,7 +23,7 @@ SIGNALS = {
     "pause": signal.SIGSTOP, "long pause": signal.SIGSTOP,
     "terminate": signal.SIGTERM, "interrupt": signal.SIGINT,
 }  # fmt: skip
-CLOSED = {"hang up": signal.SIGHUP, "quit": signal.SIGQUIT}  # of a terminal; not drawn
+CLOSED = {"hang up": signal.SIGHUP}  # of a terminal; not drawn
 TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
 RUN = ["aluminium-3mm", "--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.processes.launcher import Child, _cause
+from hertzloop.processes.launcher import ChildProcess, _cause
 from tests.faults import runs
 from tests.faults.inflict import (
     CLOSED,
@@ -133,9 +133,11 @@ def test_a_series_goes_on_where_it_was(
     assert "holds unfinished work with another seed" in capsys.readouterr().err
 
 
-def ended(role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0) -> Child:
+def ended(
+    role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0
+) -> ChildProcess:
     process: Any = SimpleNamespace(returncode=1)
-    return Child(
+    return ChildProcess(
         role,
         process,
         Path("none"),

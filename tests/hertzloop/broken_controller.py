@@ -1,6 +1,5 @@
 """The example controller, run as a process, with one rule of the bus broken: the first argument."""
 
-import hashlib
 import importlib.util
 import math
 import os
@@ -8,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "own_controller.py"
@@ -59,13 +57,11 @@ ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
     "no-sequence": at(1, lambda m: m.ClearField("sequence")),
     "gap": at(4, lambda m: setattr(m, "sequence", 6)),
     "hole": at(4, lambda m: setattr(m, "first_step", m.first_step + 1)),
-    "no-samples-seen": at(0, lambda m: m.ClearField("samples_seen")),
     "too-many-seen": at(2, lambda m: setattr(m, "samples_seen", m.samples_seen + 1)),
     "short": at(2, lambda m: m.force_n.pop()),
-    "beyond-the-end": at(0, lambda m: m.force_n.extend([0.0] * 1000)),
+    "beyond-the-end": at(0, lambda m: m.force_n.extend([0.0] * 3000)),
     "nan": at(5, lambda m: last_force(m, math.nan)),
     "nan-level": at(5, lambda m: setattr(m, "promise_level", math.nan)),
-    "breaks-promise": at(1, lambda m: last_force(m, 2.5)),
     "next-bit": lambda stream, m: next_bit(m) if stream == "force" else None,
     "by-the-cut": by_its_number,
     "late": at(3, lambda m: time.sleep(30)),
@@ -81,7 +77,6 @@ ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
     ),
     "other-stiffness": at_the_end(lambda m: setattr(m.set_up, "stiffness", 1.0)),
     "no-role": at_the_end(lambda m: m.ClearField("role")),
-    "silent-about-fault": at_the_end(lambda m: m.ClearField("fault")),
 }
 
 
@@ -90,12 +85,12 @@ class Broken(own.Controller):
 
     def __init__(self, say: Callable[[str, Any], None]) -> None:
         def otherwise(stream: str, message: Any) -> None:
-            if rule == "no-end" and stream == "end/controller":
-                return
             ALTERATIONS.get(rule, lambda stream, message: None)(stream, message)
             if rule == "rubbish" and stream == "force" and message.sequence == 2:
                 message = Rubbish(message)
             say(stream, message)
+            if rule == "twice" and stream == "force" and message.sequence == 4:
+                say(stream, message)
 
         super().__init__(otherwise)
 
@@ -110,29 +105,9 @@ class Rubbish:
         return self._bytes
 
 
-class Unbelieving(set):
-    """Who is there, but for what the recorder confirms."""
-
-    def add(self, what: str) -> None:
-        if what != "complete/recorder":
-            super().add(what)
-
-
 if __name__ == "__main__":
     rule = sys.argv.pop(1)
-    if rule == "stays":
-        own.sys.exit = lambda *_: time.sleep(60)
-    if rule == "hasty":  # it believes from the start that the recorder is there
-        own.set = lambda: {"recorder"}
-    if rule == "parts-early":  # it takes a recorder that confirmed for one that died
-        own.set = Unbelieving
-    if rule == "stranger":
-        own.hashlib = SimpleNamespace(
-            blake2b=lambda text, digest_size: hashlib.md5(text)
-        )  # an id that is none of its role's
     own.Controller = Broken
     own.main()
     if rule == "exit-code":
         sys.exit(4)
-    if rule == "runs-on":
-        time.sleep(60)

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.port import PeerLost
+from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,
     STREAMS,
     SUBSCRIPTIONS,
-    Checker,
     Envelope,
     StreamFault,
 )
@@ -43,10 +43,10 @@ def forces(change: Callable[[Any, np.ndarray], np.ndarray | None]) -> Alter:
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "force":
             return (envelope,)
-        block = streams.decode(STREAMS["force"].message, envelope.payload)
+        block = codec.decode(STREAMS["force"].message, envelope.payload)
         made = change(block.header, block.arrays["force_n"].copy())
         force = block.arrays["force_n"] if made is None else made
-        return (Envelope("force", streams.encode(block.header, force_n=force)),)
+        return (Envelope("force", codec.encode(block.header, force_n=force)),)
 
     return alter
 
@@ -59,7 +59,7 @@ class Heard:
     digests: dict[str, Any] = field(default_factory=dict)
     order: list[str] = field(default_factory=list)
 
-    def take(self, stream: str, block: streams.DecodedBlock) -> None:
+    def take(self, stream: str, block: codec.DecodedBlock) -> None:
         """Add one message."""
         self.order.append(stream)
         if not STREAMS[stream].compared:
@@ -114,7 +114,7 @@ class Links:
         self.controller: Any = None
         self._idle = True
         self.fault = self.recorder_fault = ""  # of the controller, of the recorder
-        self.heard, self.checker = Heard(), Checker()
+        self.heard, self.checker = Heard(), SequenceChecker()
         self.ends: list[Any] = []
 
     def send(self, role: str, envelope: Envelope) -> None:

@@ -6,15 +6,9 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    PLANT,
-    SUBSCRIPTIONS,
-    Envelope,
-    StreamFault,
-    decoded,
-)
+from hertzloop.bus.streams import CONTROLLER, PLANT, SUBSCRIPTIONS, Envelope, StreamFault
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.recordings.reader import read

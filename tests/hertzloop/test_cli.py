@@ -383,7 +383,7 @@ def test_a_compiled_run_imports_neither_network_nor_published_plant(here: Path) 
     script = (
         "import sys; from tests.commands import invoke;"
         f"assert invoke({words!r}).exit_code == 0;"
-        "print([name for name in sys.modules if name in ('zenoh', 'hertzloop.bus.presence',"
+        "print([name for name in sys.modules if name in ('zenoh', 'hertzloop.bus.liveliness',"
         " 'hertzloop.plant.schemes.thesis2008') or name.startswith('hertzloop.studies.margin')])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=here)

@@ -9,7 +9,8 @@ import pytest
 
 from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import Port, Publisher
-from hertzloop.bus.streams import Checker, Envelope
+from hertzloop.bus.sequence_checker import SequenceChecker
+from hertzloop.bus.streams import Envelope
 from hertzloop.loop import plant_streams
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_streams import set_up_by
@@ -81,7 +82,7 @@ class Hesitant:
 
     def __init__(self, port: Port) -> None:
         self.port, self.done = port, False
-        self.checker = Checker(role="controller")
+        self.checker = SequenceChecker(role="controller")
 
     def handle(self, envelope: Envelope) -> None:
         block = self.checker.accept(envelope)

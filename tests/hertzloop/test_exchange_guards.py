@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
+from hertzloop.bus.codec import decoded
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import Envelope, StreamFault, decoded
+from hertzloop.bus.streams import Envelope, StreamFault
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
 from tests.bus.tapes import changed
@@ -210,7 +211,7 @@ class TestControllerBelievesNothing:
             block = decoded(envelope)
             block.header.scale = 1e308
             codes = np.full(len(block.arrays["code"]), 1000)
-            return [Envelope("daq", streams.encode(block.header, code=codes))]
+            return [Envelope("daq", codec.encode(block.header, code=codes))]
 
         refused(
             seed,
@@ -272,6 +273,6 @@ def samples(change: Callable[[Any, np.ndarray], np.ndarray]) -> Alter:
             return [envelope]
         block = decoded(envelope)
         values = change(block.header, block.arrays["value"].copy())
-        return [Envelope("daq", streams.encode(block.header, value=values))]
+        return [Envelope("daq", codec.encode(block.header, value=values))]
 
     return alter

@@ -14,10 +14,11 @@ import pytest
 import zenoh
 
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.bus import streams
+from hertzloop.bus import codec
+from hertzloop.bus.codec import decoded
 from hertzloop.bus.messages_pb2 import DaqBlock, Hello
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
@@ -82,14 +83,14 @@ class Foreign:
         if envelope.stream == "force":
             block = decoded(envelope)
             force = self.change(block.header, block.arrays["force_n"].copy())
-            envelope = Envelope("force", streams.encode(block.header, force_n=force))
+            envelope = Envelope("force", codec.encode(block.header, force_n=force))
         self.port.publish(envelope)
 
     def _run(self) -> None:
         node = ControllerNode(self)  # type: ignore[arg-type]
         try:
-            self.port.presence.announce()
-            self.port.presence.wait_for([PLANT, RECORDER], EVENTUALLY_S)
+            self.port.liveliness.announce()
+            self.port.liveliness.wait_for([PLANT, RECORDER], EVENTUALLY_S)
             while not node.done:
                 node.handle(self.port.receive(EVENTUALLY_S, "samples"))
         except PeerLost:
@@ -141,7 +142,7 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
     def change(header: Any, force: np.ndarray) -> np.ndarray:
         force[-1:] = math.inf
         if not heard:
-            heard.append(streams.encode(header, force_n=force))
+            heard.append(codec.encode(header, force_n=force))
             publisher.put(heard[0])
             time.sleep(1.0)  # the link to the plant is slow
         return force
@@ -166,7 +167,7 @@ def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | No
     run_id: list[int] = []
 
     def note(sample: zenoh.Sample) -> None:
-        run_id.append(streams.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
+        run_id.append(codec.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
 
     long = ["--set", "run.duration_s=20"]
     plant = start("node", "plant", "aluminium-3mm", *long, *bus.words(PLANT))

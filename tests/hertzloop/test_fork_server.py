@@ -84,12 +84,3 @@ def test_a_killed_server_is_replaced(errors: Path) -> None:
     assert role.stdout.read().startswith("hertzloop ")
     assert role.wait() == 0
     assert len(servers()) == 1
-
-
-def test_another_environment_of_the_imports_takes_another_server(
-    errors: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = fork_server.prepare()
-    assert fork_server.prepare() is first
-    monkeypatch.setenv("NUMBA_DEBUG_CACHE", "0")
-    assert fork_server.prepare() is not first

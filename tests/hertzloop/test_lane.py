@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.bus import lane, lane_kernels, streams
+from hertzloop.bus import codec, lane, lane_kernels
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.answers import LaneAnswers
@@ -136,12 +136,12 @@ class TestLies:
         def alter(envelope: Envelope) -> Envelope:
             if envelope.stream != stream:
                 return envelope
-            block = streams.decode(STREAMS[stream].message, envelope.payload)
+            block = codec.decode(STREAMS[stream].message, envelope.payload)
             values = block.arrays[field].copy()
             if block.header.first_step + len(values) < 3000:
                 return envelope
             values.view(np.int64)[-1] ^= 1  # a quick controller may send one block for all
-            return Envelope(stream, streams.encode(block.header, **{field: values}))
+            return Envelope(stream, codec.encode(block.header, **{field: values}))
 
         pair.ports[at].alter = alter
         return pair.run()

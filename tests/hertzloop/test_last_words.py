@@ -8,8 +8,9 @@ from contextlib import suppress
 
 import pytest
 
+from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decoded
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
@@ -41,7 +42,7 @@ def test_a_plant_without_a_recorder_tells_the_controller(mesh: dict[str, ZenohPo
     """What it cannot send any more does not keep it from its last words."""
     node = PlantNode(scene(), mesh[PLANT], timeout_s=PATIENCE_S)
     mesh[RECORDER].close()
-    assert mesh[PLANT].presence.wait_until_gone(RECORDER, PATIENCE_S)
+    assert mesh[PLANT].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
     wait_for(mesh[PLANT].pending)  # until it is missed
     with pytest.raises(PeerLost, match="recorder left the run; plant was sending 'hello'"):
         node.run()
@@ -55,14 +56,14 @@ def test_it_stays_until_they_have_heard(mesh: dict[str, ZenohPort]) -> None:
     over = threading.Event()
 
     def leave() -> None:
-        mesh[PLANT].presence.wait_until_heard(PATIENCE_S)
+        mesh[PLANT].liveliness.wait_until_heard(PATIENCE_S)
         over.set()
 
     waiting = threading.Thread(target=leave)
     waiting.start()
     mesh[RECORDER].close()
     assert not over.wait(ABSENCE_S)
-    mesh[PLANT].presence.wait_until_heard(math.inf, besides=[CONTROLLER])  # nobody else is there
+    mesh[PLANT].liveliness.wait_until_heard(math.inf, besides=[CONTROLLER])  # nobody else is there
     mesh[CONTROLLER].publish(Envelope("end/controller", b"", 0))
     assert over.wait(PATIENCE_S / 2)
     waiting.join(EVENTUALLY_S)

@@ -34,9 +34,9 @@ def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     ports = {PLANT: _port(PLANT, a), CONTROLLER: _port(CONTROLLER, b, a)}
     controller = ControllerNode(ports[CONTROLLER])
     for port in ports.values():
-        port.presence.announce()
+        port.liveliness.announce()
     for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
-        ports[role].presence.wait_for([other, RECORDER], 120.0)
+        ports[role].liveliness.wait_for([other, RECORDER], 120.0)
     time.sleep(3 * TIMEOUT_S)  # the recorder sees both, the plant could still miss one
     thread = threading.Thread(target=_serve, args=(controller,))
     thread.start()

@@ -14,7 +14,7 @@ import pytest
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import launcher as launchers
-from hertzloop.processes.launcher import Child, Launcher, RunFailed
+from hertzloop.processes.launcher import ChildProcess, Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 
@@ -42,7 +42,7 @@ def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
-        child = Child(role, process, folder / role)
+        child = ChildProcess(role, process, folder / role)
         launcher.children.append(child)
         threading.Thread(target=launcher._listen, args=(child,), daemon=True).start()
     return launcher

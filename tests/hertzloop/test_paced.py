@@ -16,9 +16,10 @@ import pytest
 from rich.console import Console
 
 from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
+from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
-from hertzloop.bus.streams import PLANT, DecodedBlock, StreamFault
+from hertzloop.bus.streams import PLANT, StreamFault
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode

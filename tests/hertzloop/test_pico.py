@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.deflection import modes_of_scene
+from hertzloop.bus.codec import encode
 from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, SceneText, StreamCount
-from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, encode
+from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import hello

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.bus.liveliness import Liveliness
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.presence import Presence
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.roles import BusAddress, run_controller, run_plant, run_recorder
@@ -30,8 +30,8 @@ def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
         ended = other.submit(run_recorder, path, address)
         try:
             for port in ports:
-                port.presence.announce()
-                port.presence.wait_for([RECORDER], PATIENCE_S)
+                port.liveliness.announce()
+                port.liveliness.wait_for([RECORDER], PATIENCE_S)
             yield ended, *ports
         finally:
             ended.exception(PATIENCE_S)
@@ -45,7 +45,7 @@ def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> F
         for port, said in zip(ports, (plant, controller), strict=True):
             for envelope in said:
                 port.publish(envelope)
-        ports[0].presence.wait_for_completion(RECORDER, PATIENCE_S)
+        ports[0].liveliness.wait_for_completion(RECORDER, PATIENCE_S)
     return ended
 
 
@@ -86,7 +86,7 @@ def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All was sent and answered: without the recorder's word nobody knows that it was kept."""
-    monkeypatch.setattr(Presence, "confirm_completion", lambda _: None)
+    monkeypatch.setattr(Liveliness, "confirm_completion", lambda _: None)
     for role in run_over_zenoh(tmp_path / "a.mcap", "unconfirmed"):
         with pytest.raises(PeerLost, match="recorder left the run before its part was compl"):
             role.result()

@@ -1,16 +1,70 @@
-"""Signals that end a process: counted one by one, and heard while the command imports."""
+"""Ctrl-C, SIGTERM and SIGHUP: raised, held back, counted, and left alone where they are ignored."""
 
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
-from hertzloop.processes.signals import ending_signals
+from hertzloop.processes.signals import deferred, ending_signals, install_handlers, received
+from tests.hertzloop.processes import finish, next_line, start
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """The command line's handlers for the time of a test."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    install_handlers()
+    yield
+    received.clear()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("handlers")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_raises_but_not_while_it_is_deferred(number: signal.Signals) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    steps: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        hold_back(number, steps.append)
+    assert steps == ["held"]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+
+
+def hold_back(number: signal.Signals, steps: Callable[[str], None]) -> None:
+    with deferred():
+        os.kill(os.getpid(), number)
+        time.sleep(0.1)
+        steps("held")
+
+
+@pytest.mark.usefixtures("handlers")
+def test_a_signal_is_deferred_where_another_thread_takes_it() -> None:
+    over, steps = threading.Event(), list[str]()
+    other = threading.Thread(target=over.wait)
+    other.start()
+    with pytest.raises(KeyboardInterrupt):
+        hold_back(signal.SIGINT, steps.append)
+    over.set()
+    other.join()
+    assert steps == ["held"]
+
+
+@pytest.mark.usefixtures("handlers")
+def test_one_that_a_call_from_c_has_lost_is_raised_before_the_next_work() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)  # and nobody heeds it
+    with pytest.raises(KeyboardInterrupt), ending_signals(lambda _: None):
+        pass
 
 
 def test_ending_signals_are_counted_in_order() -> None:
@@ -26,74 +80,35 @@ def test_ending_signals_are_counted_in_order() -> None:
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-@pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGQUIT])
-def test_a_signal_that_is_ignored_stays_so(ignored: signal.Signals) -> None:
-    """As under nohup, or in a script's background: a run goes on where its terminal closes."""
+@pytest.mark.usefixtures("handlers")
+def test_a_signal_that_is_ignored_stays_so() -> None:
+    """As under nohup: a run goes on where its terminal closes."""
     counted: list[int] = []
-    before = signal.signal(ignored, signal.SIG_IGN)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with ending_signals(counted.append):
-            signal.raise_signal(ignored)
+            signal.raise_signal(signal.SIGHUP)
             signal.raise_signal(signal.SIGTERM)
         assert counted == [1]  # all that came is counted when the context has ended
-        assert signal.getsignal(ignored) == signal.SIG_IGN
+        install_handlers()
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     finally:
-        signal.signal(ignored, before)
+        signal.signal(signal.SIGHUP, before)
 
 
-_INTERRUPTED_IMPORT = """
-import signal, sys
-
-class Finder:
-    def find_spec(self, name, path, target=None):
-        if name in {modules!r}:
-            signal.raise_signal(signal.{signal})
-
-sys.argv[0] = {name!r}
-sys.meta_path.insert(0, Finder())
-import hertzloop.__main__
-sys.argv[1:] = ["law", "--help"]
-hertzloop.__main__.main()
-"""
-_FIRST, _LATE = "hertzloop.processes", "hertzloop.cli.app"
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_compiles_ends_in_one_sentence(tmp_path: Path, number: signal.Signals) -> None:
+    cache = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    run = start("run", "--out", str(tmp_path / "a.mcap"), env=cache)
+    assert next_line(run, run.stderr).startswith("Compiling the model")
+    time.sleep(1.0)
+    run.send_signal(number)
+    code, said, _ = finish(run)
+    assert (code, said) == (130, "interrupted")
+    assert not (tmp_path / "a.mcap").exists()
 
 
-def interrupted_as_it_imports(
-    name: str,
-    number: int = signal.SIGINT,
-    modules: Sequence[str] = (_FIRST,),
-    before: Any = signal.SIG_DFL,
-) -> tuple[int, str]:
-    script = _INTERRUPTED_IMPORT.format(
-        name=name, signal=signal.Signals(number).name, modules=modules
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        preexec_fn=lambda: signal.signal(number, before),
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    return done.returncode, done.stderr
-
-
-@pytest.mark.parametrize(
-    ("name", "module"),
-    [("SIGINT", _FIRST), ("SIGTERM", _FIRST), ("SIGTERM", _LATE), ("SIGHUP", _FIRST),
-     ("SIGQUIT", _LATE)],
-)  # fmt: skip
-def test_the_command_ends_quietly_in_its_imports(name: str, module: str) -> None:
-    number = signal.Signals[name]
-    found = interrupted_as_it_imports("/usr/bin/hertzloop", number, [module])
-    assert found == (130, "interrupted\n")
-
-
-def test_what_nohup_ignores_stays_ignored() -> None:
-    found = interrupted_as_it_imports(
-        "/usr/bin/hertzloop", signal.SIGHUP, [_FIRST, _LATE], signal.SIG_IGN
-    )
-    assert found == (0, "")
-
-
-def test_another_program_that_imports_the_command_keeps_its_handler() -> None:
-    code, said = interrupted_as_it_imports("/home/me/program.py")
-    assert code == -signal.SIGINT
-    assert said.endswith("KeyboardInterrupt\n")
+def test_another_program_that_imports_the_command_keeps_its_handlers() -> None:
+    script = "import signal, hertzloop.__main__; print(signal.getsignal(signal.SIGTERM))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == f"{signal.getsignal(signal.SIGTERM)}\n"

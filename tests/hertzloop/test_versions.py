@@ -8,9 +8,10 @@ import pytest
 
 from hertzloop import __version__
 from hertzloop import api as interface
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Hello, SetUp
-from hertzloop.bus.streams import STREAMS, Envelope, StreamFault, other_version
+from hertzloop.bus.sequence_checker import other_version
+from hertzloop.bus.streams import STREAMS, Envelope, StreamFault
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
@@ -32,7 +33,7 @@ def hellos(change: Callable[[Hello], None]) -> Callable[[Envelope], Iterable[Env
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "hello":
             return (envelope,)
-        hello = streams.decode(STREAMS["hello"].message, envelope.payload).header
+        hello = codec.decode(STREAMS["hello"].message, envelope.payload).header
         hello.versions = OTHER
         change(hello)
         return (Envelope("hello", hello.SerializeToString(), envelope.sequence),)
@@ -69,7 +70,7 @@ def end_of_controller(change: Callable[[SetUp], None]) -> Callable[[Envelope], I
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "end/controller":
             return (envelope,)
-        end = streams.decode(STREAMS["end/controller"].message, envelope.payload).header
+        end = codec.decode(STREAMS["end/controller"].message, envelope.payload).header
         end.set_up.versions = OTHER
         change(end.set_up)
         return (Envelope("end/controller", end.SerializeToString(), envelope.sequence),)
@@ -122,7 +123,7 @@ def later_recording(tmp_path: Path) -> Path:
             item.header.scene_toml, item.header.versions = text, OTHER
         elif item.stream == "end/controller":
             item.header.set_up.scene_toml = text
-        payload = streams.encode(item.header, **item.arrays)
+        payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)
     return path

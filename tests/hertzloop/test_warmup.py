@@ -132,10 +132,10 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
         recorder = others.submit(run_recorder, path, address(2))
         try:
             node = PlantNode(scene(), plant, timeout_s=timeout_s)
-            plant.presence.announce()
-            plant.presence.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
+            plant.liveliness.announce()
+            plant.liveliness.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
             node.run()
-            plant.presence.wait_for_completion(RECORDER, PATIENCE_S)
+            plant.liveliness.wait_for_completion(RECORDER, PATIENCE_S)
         finally:
             plant.close()
         controller.result(PATIENCE_S)

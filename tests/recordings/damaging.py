@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
 from tests.recordings.rewriting import Sent
@@ -161,8 +161,6 @@ def lying(original: list[Sent], source: Path, path: Path, rng: np.random.Generat
     writer = RecordingWriter(path, overwrite=True)
     writer.scene(scene, metadata)
     for m in sent:
-        writer.write(
-            m.stream, streams.encode(m.header, **m.arrays), m.number & 0xFFFFFFFF, m.time_ns
-        )
+        writer.write(m.stream, codec.encode(m.header, **m.arrays), m.number & 0xFFFFFFFF, m.time_ns)
     writer.finish(result)
     return path

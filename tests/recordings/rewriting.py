@@ -10,7 +10,7 @@ import numpy as np
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Event, RunEnd
 from hertzloop.bus.streams import STREAMS
 from hertzloop.loop import compiled as loop_compiled
@@ -58,7 +58,7 @@ def messages(path: Path) -> list[Sent]:
             elif isinstance(record, Message):
                 topic = topics[record.channel_id]
                 kind = next(s.message for s in STREAMS.values() if s.topic == topic)
-                block = streams.decode(kind, record.data)
+                block = codec.decode(kind, record.data)
                 stream = topic[1:]
                 if isinstance(block.header, Event):
                     stream = f"events/{block.header.name}"
@@ -79,7 +79,7 @@ def write(path: Path, original: Path, sent: Iterable[Sent]) -> Path:
     if source.law_source:
         writer.law(source.law_source)
     for item in sent:
-        payload = streams.encode(item.header, **item.arrays)
+        payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)
     return path

@@ -12,7 +12,7 @@ import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.opcode import Opcode
 
-from hertzloop.bus import streams
+from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import Envelope, StreamFault
 from hertzloop.recordings import run_reader, stream_assembler
@@ -256,7 +256,7 @@ def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             item.header.set_up.law = EVIL
         elif item.stream.startswith("events/"):
             item.header.message = EVIL
-        payload = streams.encode(item.header, **item.arrays)
+        payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish({**source.result, "fault": EVIL})
     return path

@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import load
@@ -137,7 +136,7 @@ def test_a_worker_that_cannot_be_started_is_told(
 def test_an_interrupt_leaves_no_lock_of_the_pool_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is heard when nothing is asked of the workers."""
     at_once(monkeypatch)
-    before, asked = signal.signal(signal.SIGINT, interrupt), []
+    before, asked = signal.signal(signal.SIGINT, signal.default_int_handler), []
 
     def interrupted(given: Any, *more: Any, **named: Any) -> Any:
         os.kill(os.getpid(), signal.SIGINT)

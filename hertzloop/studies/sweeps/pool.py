@@ -27,7 +27,7 @@ from typing import Any
 
 from hertzloop.analysis.cases import Span
 from hertzloop.controller.loading.registry import shipped
-from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
+from hertzloop.processes.signals import deferred
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
@@ -113,8 +113,6 @@ class _Others:
 
     def __init__(self, count: int) -> None:
         self._started = _Started()
-        # Not where interrupts are held back: multiprocessing lets them through again when it
-        # starts what tracks its semaphores.
         with _starting():
             _start_tracker()
             self._pool = ProcessPoolExecutor(count, self._started, _end_with_parent)
@@ -133,21 +131,21 @@ class _Others:
         """
         given = set[Future[Rows]]()
         while left or given:
-            with _starting(), interrupts_held_back(), _without_main():
+            with _starting(), deferred(), _without_main():
                 while left and len(given) < self._ahead:
                     given.add(self._pool.submit(run_chunk, toml, span, left.popleft()))
             wait_s = _ASK_S
             if own and left:
                 yield list(run_cases(own, span, left.pop()))
                 wait_s = 0.0
-            with interrupts_held_back():
+            with deferred():
                 wait(given, wait_s, return_when=FIRST_COMPLETED)
                 done = {future for future in given if future.done()}
                 if not done and self._lost():
                     raise BrokenProcessPool
             given -= done
             for future in done:
-                with interrupts_held_back():
+                with deferred():
                     rows = future.result()
                 yield rows
 
@@ -161,7 +159,7 @@ class _Others:
         # Held back, since Python 3.11 takes a thread for ended when it is interrupted in waiting
         # for it. Waited for: a thread of it that is left to the end of the interpreter may find its
         # pipe closed there, and the last that is said would be an OSError.
-        with interrupts_held_back():
+        with deferred():
             for process in self._started.processes:
                 if process.pid is not None:  # of one that could not be started
                     process.kill()
@@ -190,9 +188,9 @@ class _Started(SpawnContext):
 
 
 def _start_tracker() -> None:
-    """Start the process that removes the workers' semaphores if this one is killed, deaf to the
-    signals of a terminal, which go to it as well and would end it first."""
-    with deaf_to_the_terminal():
+    """Start the process that removes the workers' semaphores if this one is killed. A terminal that
+    closes signals it, too, and must not end it first."""
+    with deferred():
         resource_tracker.ensure_running()
 
 

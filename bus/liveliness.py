@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import zenoh
 
+from hertzloop.bus.access_monitor import AccessMonitor
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.process_clock import LONGEST_S, clock
 from hertzloop.bus.streams import RECORDER, ROLES
-from hertzloop.bus.unauthorised import UnauthorisedPeers
 from hertzloop.bus.zenoh_config import role_of
 
 _NOTICE_S = 4.0  # for zenoh to say whose link it has closed
@@ -26,7 +26,7 @@ _EXPLAIN_S = 0.5
 _LOOK_S = 0.002
 
 
-class Presence:
+class Liveliness:
     """What one role knows of the presence of the others, and tells them of its own.
 
     Args:
@@ -34,7 +34,7 @@ class Presence:
         name: of the run.
         role: this one.
         on_left: told when a process of any role has left.
-        unauthorised: the peers that are linked in vain, where a configuration file says who is
+        access_monitor: the peers that are linked in vain, where a configuration file says who is
             authorised.
     """
 
@@ -44,12 +44,12 @@ class Presence:
         name: str,
         role: str,
         on_left: Callable[[PeerLost], None],
-        unauthorised: UnauthorisedPeers | None,
+        access_monitor: AccessMonitor | None,
     ) -> None:
         self.role, self.name = role, name
         self.alive: dict[str, set[str]] = {r: set() for r in ROLES}  # instances
         self._living, self._root = session.liveliness(), f"hertzloop/{name}"
-        self._on_left, self._unauthorised = on_left, unauthorised
+        self._on_left, self._access_monitor = on_left, access_monitor
         self._instance = secrets.token_hex(8)  # two processes of one role have two tokens
         self._watched: dict[str, str] = {}  # the instance that takes part in the run
         self._left_s: dict[str, float] = {}  # roles of which some process has left, and when
@@ -196,13 +196,13 @@ class Presence:
             self._refuse_doubles()
             if self._aborted:
                 raise self._aborted
-            if self._unauthorised:
-                self._unauthorised.report(absent)
+            if self._access_monitor:
+                self._access_monitor.report(absent)
             deadline = self.compiling.extended(deadline, timeout_s, lambda one, _: one in absent)
             if clock.now() > deadline:
                 left = [role for role in absent if role in self._left_s]
                 again = f" ({' and '.join(left)} appeared, but exited again)" if left else ""
-                again += self._unauthorised.words() if self._unauthorised else ""
+                again += self._access_monitor.words() if self._access_monitor else ""
                 again += self.compiling.words()
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(absent)} on bus "

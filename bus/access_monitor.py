@@ -38,7 +38,7 @@ def names_allowed(config: zenoh.Config) -> frozenset[str] | None:
     return frozenset(name for subject in subjects for name in subject["cert_common_names"])
 
 
-class UnauthorisedPeers:
+class AccessMonitor:
     """Watch the links of a role's session that a configuration `file` opened; tell `say`, once a
     name, which peers are linked in vain.
 

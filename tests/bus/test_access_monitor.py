@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import zenoh
 
+from hertzloop.bus.access_monitor import AccessMonitor, names_allowed
 from hertzloop.bus.streams import PLANT
-from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
 from hertzloop.bus.zenoh_config import access_control
 
 
@@ -23,7 +23,7 @@ def test_names_count_where_access_control_is_on_and_goes_by_them() -> None:
 
 
 def test_a_role_that_is_starting_is_known_by_its_name() -> None:
-    watcher = object.__new__(UnauthorisedPeers)
+    watcher = object.__new__(AccessMonitor)
     watcher._starting = set()
     key = "hertzloop/run-1/starting/controller"
     watcher._on_start(SimpleNamespace(kind=zenoh.SampleKind.PUT, key_expr=key))

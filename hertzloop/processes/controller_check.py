@@ -1,0 +1,104 @@
+"""Check a controller program: run short cases with it, and compare its forces with those of a law.
+
+Plant and recorder are those of every run, so that their checks name what the program does wrong:
+see docs/reference/wire.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hertzloop.bus.streams import CONTROLLER
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.launcher import record
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.setup import Setup, load
+from hertzloop.setup.controller import build_controller
+
+SCENE = "aluminium-3mm"
+_SHORT = ("run.duration_s=0.0025", "run.accuracy=0.1")  # four contacts
+_PATHS = {
+    "ideal sensor": (),
+    "converter and latency": (
+        "sensors.bits=8",
+        "sensors.full_scale=contact",
+        "controller.latency_us=5",
+    ),
+    "a sample every third step": ("sensors.every_steps=3", "controller.latency_us=4"),
+}
+_HORIZON = 100  # steps between two exchanges at most, in the case that repeats the first
+
+
+class WrongForce(RuntimeError):
+    """A force is not the expected one. The message names the first such step and both forces."""
+
+    exit_status = 1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run with the program under test; `horizon` as in RunOptions."""
+
+    name: str
+    setup: Setup
+    horizon: int | None = None
+
+
+def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
+    """The cases, in the order in which they are run; the last repeats the first in small blocks.
+
+    Args:
+        law: Put this law into the scene.
+        settings: Settings of the scene, as "section.key=value".
+
+    Raises SceneError for a law or a setting that cannot be.
+    """
+    asked = (*settings, *([f"controller.law={law}"] if law else []))
+    cases = [
+        Case(name, load(SCENE, [*_SHORT, *path, *asked]).with_name("law-test"))
+        for name, path in _PATHS.items()
+    ]
+    return [*cases, replace(cases[0], name=f"a horizon of {_HORIZON} steps", horizon=_HORIZON)]
+
+
+def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
+    """Run a case with the program of `options.controller`; the recording is written to `folder`.
+
+    Raises as `launcher.record`, with one sentence on what the program does wrong.
+    """
+    path = folder / "run.mcap"
+    record(case.setup, path, replace(options, horizon=case.horizon, overwrite=True))
+    return read(path)
+
+
+def law_of(recording: Recording) -> str:
+    """Name and version of the law that the program says it has run; "" if it does not say."""
+    return str(recording.ends[CONTROLLER].set_up.law)
+
+
+def compare_with_law(recording: Recording, setup: Setup) -> None:
+    """Raise WrongForce unless the law of the setup answers the recorded samples with the recorded
+    forces, bit for bit."""
+    expected = build_controller(setup).process(recording.daq_values).forces
+    law = f"law '{setup.law_reference}'"
+    _compare(recording.force.arrays["force_n"], expected, law, setup)
+
+
+def compare_blocks(recording: Recording, first: Recording, setup: Setup) -> None:
+    """Raise WrongForce unless two runs that differ only in their blocks have the same forces."""
+    forces, expected = (one.force.arrays["force_n"] for one in (recording, first))
+    _compare(forces, expected, "the first run, whose blocks are longer,", setup)
+
+
+def _compare(forces: np.ndarray, expected: np.ndarray, other: str, setup: Setup) -> None:
+    ours, theirs = (np.ascontiguousarray(f).view(np.int64) for f in (forces, expected))
+    differs = np.flatnonzero(ours != theirs)
+    if not len(differs):
+        return
+    at = int(differs[0])
+    raise WrongForce(
+        f"the controller's force of step {at} ({1e3 * at * setup.step_s:.6g} ms) is "
+        f"{float(forces[at])!r} N, that of {other} is {float(expected[at])!r} N"
+    )
