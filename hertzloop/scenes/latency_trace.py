@@ -1,14 +1,14 @@
 """Latencies by sample (`controller.latency_trace`): from a file, or drawn from a distribution."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from hertzloop.scenes.errors import quoted_path, shortened, shown
-from hertzloop.text_tables import TableError, read_table
-from hertzloop.units import name_and_unit, plain_name, unit_of
+from hertzloop.text_files import text_of
 
 # Numbers that a distribution of latencies must have, with their least value.
 _DRAWN = {"median_us": 0.0, "sigma": 0.0, "autocorrelation": 0.0}
@@ -49,44 +49,85 @@ def draw_latencies(table: dict[str, Any]) -> list[float]:
     return [round(float(x), 3) for x in numbers["least_us"] + numbers["median_us"] * np.exp(logs)]
 
 
-_LATENCY = "latency"  # name of the column of a trace that has several
 _MOST_LATENCIES = 1_000_000
+_IN_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "μs": 1.0, "ns": 1e-3}
+_IN_BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*(\S*?)\s*[\])]")
 
 
 def read_latencies(path: Path) -> list[float]:
-    """Latencies of a text table, us: its only column, or the one called latency, in the unit of its
-    heading, or else in us. Of a recording (.mcap) of a paced run, those that it had."""
-    said = f"controller.latency_trace = {quoted_path(path)}"
-    if path.suffix == ".mcap":
-        # 0.03 s of every start, for traces of this kind alone.
-        from hertzloop.recordings.latencies import latencies_of
-        from hertzloop.recordings.reader import read
+    """Latencies of a text table or a recording, us.
 
-        try:
-            return [float(x) for x in latencies_of(read(path))]
-        except (ValueError, OSError, RuntimeError) as error:
-            raise ValueError(f"{said}: {shortened(str(error))}") from error
+    A table has one column, or one called latency; its heading may name a unit of time, as in
+    `latency_ms` or `latency [ns]`, and us is meant without one. Numbers may have a decimal comma
+    if that is not the separator of columns. A recording (.mcap) of a paced run gives those that it
+    had.
+
+    Raises:
+        ValueError: there is no latency in each line, or the file can mean two things.
+    """
+    said = f"controller.latency_trace = {quoted_path(path)}"
     try:
-        table = read_table(path, (_LATENCY,))
-    except (OSError, TableError) as error:
-        raise ValueError(f"{said}: cannot be read: {shortened(str(error))}") from error
-    split = [(name_and_unit(column.heading, (_LATENCY,)), column) for column in table.columns]
-    if len(split) > 1:
-        split = [one for one in split if plain_name(one[0][0]) == _LATENCY]
-    if table.columns and len(split) != 1:
-        raise ValueError(f"{said}: has several columns. Call one of them latency_us")
-    found: list[float] = []
-    for (_, stated), column in split:
-        unit = unit_of(stated or column.unit or "us")
-        if unit is None or unit.si != "s":
-            raise ValueError(
-                f"{said}: '{stated or column.unit}' is no unit of time. Use latency_us"
-            )
-        found = [round(1e6 * unit.size * float(value), 9) for value in column.values]
-        gaps = [i for i, value in enumerate(found) if not math.isfinite(value)]
-        if gaps or table.notes:
-            where = f"row {gaps[0] + 1} of the numbers has no number" if gaps else table.notes[0]
-            raise ValueError(f"{said}: {where.rstrip('.')}. Give a latency in every line")
+        if path.suffix == ".mcap":
+            # 0.03 s of every start, for traces of this kind alone.
+            from hertzloop.recordings.latencies import latencies_of
+            from hertzloop.recordings.reader import read
+
+            found = [float(x) for x in latencies_of(read(path))]
+        else:
+            found = _column(text_of(path.read_bytes()))
+    except (ValueError, OSError, RuntimeError) as error:
+        raise ValueError(f"{said}: {shortened(str(error))}") from error
     if not 1 <= len(found) <= _MOST_LATENCIES:
         raise ValueError(f"{said}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
     return found
+
+
+def _column(text: str) -> list[float]:
+    """The latencies in a text table, us."""
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    separator = next((mark for mark in (";", "\t") if mark in text), None)
+    headed = bool(lines) and not _is_number(lines[0].split(separator or ",")[0])
+    if separator is None and lines and "," in (lines[0] if headed else "".join(lines)):
+        if not headed:
+            raise ValueError(
+                "a comma may separate columns or begin the decimals. Give a heading: latency_us for "
+                "one column, or one for each column"
+            )
+        separator = ","
+    rows = [[cell.strip(' "') for cell in line.split(separator)] for line in lines]
+    headings = rows.pop(0) if headed else [""] * len(rows[0] if rows else [""])
+    names = [_name_and_unit(heading) for heading in headings]
+    chosen = [at for at, (name, _) in enumerate(names) if name.lower() == "latency"]
+    if len(names) > 1 and len(chosen) != 1:
+        raise ValueError("has several columns. Call one of them latency_us")
+    at = chosen[0] if len(names) > 1 else 0
+    cells = [row[at] if at < len(row) else "" for row in rows]
+    if any("," in cell for cell in cells) and any("." in cell for cell in cells):
+        raise ValueError("has numbers with a decimal comma and with a decimal point. Use one")
+    for number, cell in enumerate(cells, 1):
+        if not _is_number(cell):
+            raise ValueError(
+                f"row {number}: {shown(cell)} is no number. Give a latency in every line"
+            )
+    return [round(names[at][1] * float(cell.replace(",", ".")), 9) for cell in cells]
+
+
+def _name_and_unit(heading: str) -> tuple[str, float]:
+    """The name in a heading, and its unit in us."""
+    if found := _IN_BRACKETS.fullmatch(heading):
+        name, unit = found.groups()
+    else:
+        name, _, unit = heading.rpartition("_")
+        if unit not in _IN_US and name.lower() != "latency":
+            name, unit = heading, ""
+    if unit and unit not in _IN_US:
+        raise ValueError(f"{shown(unit)} is no unit of time. Use latency_us")
+    return name, _IN_US[unit or "us"]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return math.isfinite(float(cell.replace(",", ".")))
+    except ValueError:
+        return False

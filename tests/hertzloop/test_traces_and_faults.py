@@ -80,8 +80,10 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "more", "word"),
-    [("", (), "has 0 latencies"), ("1\nx\n", (), "'x' on. Give a latency in every line"),
-     ("latency_ms\n1\nx\n3\n", (), "'x' stands between"), ("latency_kg\n1\n2\n", (), "'kg'"),
+    [("", (), "has 0 latencies"), ("1\nx\n", (), "'x' is no number. Give a latency in every"),
+     ("latency_ms\n1\nx\n3\n", (), "row 2: 'x'"), ("latency_kg\n1\n2\n", (), "'kg'"),
+     ("4,0\n5,8\n", (), "may separate columns or begin the decimals"),
+     ("latency_us\n4.0\n5,8\n", (), "a decimal comma and with a decimal point"),
      ("a,b\n1,2\n", (), "Call one of them latency_us"), ("-1\n", (), "latency_trace"),
      ("1\n", ("controller.latency_us=2",), "has no effect beside")],
 )  # fmt: skip
