@@ -26,13 +26,13 @@ from benchmarks.synthetic_fits import (
     summary,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.identification.fit.fit import FitResult, fit, free_of, value_of
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.observation import Chain, Observed, observe
+from hertzloop.identification.records.records import Measured
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.setup import Setup, load
-from hertzloop.studies.fit.fit import FitResult, fit, free_of, value_of
-from hertzloop.studies.fit.model import FrozenModel
-from hertzloop.studies.fit.observation import Chain, Observed, observe
-from hertzloop.studies.fit.records import Measured
 
 RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
 STIFFNESS, HEIGHT = "contact.stiffness_factor", "sphere.drop_height_m"

@@ -27,12 +27,12 @@ from benchmarks.program import (
     write_records,
     written,
 )
+from hertzloop.identification.fit.fit import FitResult, fit, free_of
+from hertzloop.identification.modes.hits import hits_of_records
+from hertzloop.identification.modes.modes import modes_of_hits
+from hertzloop.identification.records.records import Record, read_record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import Setup, load
-from hertzloop.studies.fit.fit import FitResult, fit, free_of
-from hertzloop.studies.fit.records import Record, read_record
-from hertzloop.studies.modal.hits import hits_of_records
-from hertzloop.studies.modal.modes import modes_of_hits
 
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
 _CONVERTER = {"low_pass": "sigma-delta", "low_pass_hz": 11_520.0}  # 0.45 of the rate

@@ -23,8 +23,8 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.identification.fit.fit import fit, free_of
 from hertzloop.setup import load
-from hertzloop.studies.fit.fit import fit, free_of
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _FORCE, _V = "contact_force", "v_p"

@@ -26,11 +26,11 @@ from benchmarks.program import (
     write_records,
     written,
 )
+from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.setup import Setup, load
 from hertzloop.setup.build import build_plant
-from hertzloop.studies.fit.model import FrozenModel
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
 _MASSIVE = (

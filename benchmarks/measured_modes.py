@@ -30,22 +30,22 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
-from hertzloop.loop.compiled import simulate
-from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import load
-from hertzloop.studies import pictures
-from hertzloop.studies.fit.records import Record, read_record
-from hertzloop.studies.modal.hits import hits_of_records
-from hertzloop.studies.modal.identify import real_rows
-from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
-from hertzloop.studies.modal.responses import FrequencyResponses, noise_weights
-from hertzloop.studies.modal.universal import (
+from hertzloop.identification.modes.hits import hits_of_records
+from hertzloop.identification.modes.identify import real_rows
+from hertzloop.identification.modes.modes import modes_of_hits, modes_of_responses
+from hertzloop.identification.modes.responses import FrequencyResponses, noise_weights
+from hertzloop.identification.modes.universal import (
     RESPONSES,
     Points,
     modes_of_sets,
     read_sets,
     units_of,
 )
+from hertzloop.identification.records.records import Record, read_record
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.setup import load
+from hertzloop.studies import pictures
 
 _NOISE = 1e-3
 _JUDGED_HZ = 5e3  # up to here

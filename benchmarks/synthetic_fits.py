@@ -23,10 +23,10 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.synthetic_records import Spoilt, measured
+from hertzloop.identification.fit.fit import FitResult
+from hertzloop.identification.fit.observation import Observed
+from hertzloop.identification.records.records import Measured, Record
 from hertzloop.setup import Setup
-from hertzloop.studies.fit.fit import FitResult
-from hertzloop.studies.fit.observation import Observed
-from hertzloop.studies.fit.records import Measured, Record
 from hertzloop.studies.words import write_rows
 
 ExactOption = Annotated[bool, typer.Option("--exact", help="Take the model as exact.")]

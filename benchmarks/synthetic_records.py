@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from hertzloop.identification.fit.loop_model import LoopModel
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.observation import Chain, Observed, observe
+from hertzloop.identification.records.records import Measured, Record
 from hertzloop.setup import Setup
-from hertzloop.studies.fit.loop_model import LoopModel
-from hertzloop.studies.fit.model import FrozenModel
-from hertzloop.studies.fit.observation import Chain, Observed, observe
-from hertzloop.studies.fit.records import Measured, Record
 
 _PLANT_NS = 100  # under a law
 _OTHER_STEP_NS = {"short": 125, "long": 400}

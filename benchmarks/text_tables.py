@@ -34,7 +34,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.studies.fit.records import RecordError, read_record
+from hertzloop.identification.records.records import RecordError, read_record
 
 TablesOption = Annotated[int, typer.Option(min=1, help="Draw this many tables (200 with --quick).")]
 FirstOption = Annotated[int, typer.Option(help="Number of the first table.")]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.identification.records.records import QUANTITIES
 from hertzloop.setup import load
-from hertzloop.studies.fit.records import QUANTITIES
 
 EXAMPLES = Path(__file__).parent
 TRUE = {

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from hertzloop.analysis.span_figures import RunFigures, SpanFigures
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
+    from hertzloop.identification.fit.fit import FitError, FitResult
+    from hertzloop.identification.records.records import Record, RecordError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.studies.fit.fit import FitError, FitResult
-    from hertzloop.studies.fit.records import Record, RecordError
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
 
@@ -45,8 +45,8 @@ _NAMES_BY_MODULE = {
     "interop.environment": ("ImpactEnv",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
-    "studies.fit.fit": ("FitError", "FitResult"),
-    "studies.fit.records": ("Record", "RecordError"),
+    "identification.fit.fit": ("FitError", "FitResult"),
+    "identification.records.records": ("Record", "RecordError"),
     "studies.sweeps.design": ("DesignError",),
     "studies.sweeps.pool": ("SweepFailed",),
 }

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from hertzloop.api.scenes import AnyScene, resolved
 
 if TYPE_CHECKING:
-    from hertzloop.studies.fit.fit import FitResult
-    from hertzloop.studies.fit.records import Record
+    from hertzloop.identification.fit.fit import FitResult
+    from hertzloop.identification.records.records import Record
 
 
 def read_record(path: str | Path, **table: Any) -> "Record":
@@ -24,7 +24,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     Raises:
         RecordError: the file cannot be read, or the record cannot be used.
     """
-    from hertzloop.studies.fit.records import read_record
+    from hertzloop.identification.records.records import read_record
 
     return read_record(Path(path), table)
 
@@ -42,7 +42,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
     Raises:
         RecordError: a file cannot be read, or a record cannot be used.
     """
-    from hertzloop.studies.fit.records import read_records
+    from hertzloop.identification.records.records import read_records
 
     return read_records(Path(path), table)
 
@@ -69,9 +69,9 @@ def fit(
         FitError: a key cannot be fitted.
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.studies.fit.fit import fit as fitted_to
-    from hertzloop.studies.fit.fit import free_of
-    from hertzloop.studies.fit.records import Record
+    from hertzloop.identification.fit.fit import fit as fitted_to
+    from hertzloop.identification.fit.fit import free_of
+    from hertzloop.identification.records.records import Record
 
     setup = resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)

@@ -28,7 +28,9 @@ _QUIET = ("--quiet", "-q")
 def loaded(leaf: Leaf) -> Any:
     """Import a command's module and make its command."""
     module, _, name = leaf.function.partition(":")
-    function = getattr(import_module(f"hertzloop.cli.{module}"), name)
+    if not module.startswith("hertzloop."):
+        module = f"hertzloop.cli.{module}"
+    function = getattr(import_module(module), name)
     one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     about = _with_helps(function)
     one.command(

@@ -9,7 +9,7 @@ class Leaf:
 
     Attributes:
         words: its words after `hertzloop`.
-        function: "module:function" below hertzloop.cli.
+        function: "module:function", below hertzloop.cli if the name is not whole.
         summary: the first sentence of its help.
         example: an example of its use, without `hertzloop`.
     """
@@ -50,7 +50,8 @@ MAIN = (
         "margin aluminium-20mm --set controller.law=velocity_feedback --set controller.kappa=0.05",
     ),
     Leaf(
-        "fit", "fit:fit", "Fit keys of a scene to measured records.",
+        "fit", "hertzloop.identification.commands.fit:fit",
+        "Fit keys of a scene to measured records.",
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),
     Leaf(
@@ -99,7 +100,7 @@ SCENE = (
         "scene check aluminium-3mm",
     ),
     Leaf(
-        "scene modes", "modes:modes",
+        "scene modes", "hertzloop.identification.commands.modes:modes",
         "Write modes as a table that a scene can read: of a plate, or measured ones.",
         "scene modes --from plate.unv --contact 12 --direction z --out modes.csv",
     ),

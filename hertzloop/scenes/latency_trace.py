@@ -91,8 +91,8 @@ def _column(text: str) -> list[float]:
     if separator is None and lines and "," in (lines[0] if headed else "".join(lines)):
         if not headed:
             raise ValueError(
-                "a comma may separate columns or begin the decimals. Give a heading: latency_us for "
-                "one column, or one for each column"
+                "a comma may separate columns or begin the decimals. Give a heading: latency_us "
+                "for one column, or one for each column"
             )
         separator = ","
     rows = [[cell.strip(' "') for cell in line.split(separator)] for line in lines]

@@ -12,13 +12,13 @@ import pytest
 
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, load_anew
+from hertzloop.identification.records.records import read_records
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.loading import load, parse, shipped_text
 from hertzloop.setup import load as setup_load
 from hertzloop.setup.build import build_plant
 from hertzloop.studies.budget.requirements import read_requirements
-from hertzloop.studies.fit.records import read_records
 from hertzloop.text_files import python_text, text_of
 from hertzloop.views.run import next_lines
 from tests.commands import invoke

@@ -8,6 +8,9 @@ import pytest
 import scipy
 
 from benchmarks.margin import beside_the_contact
+from hertzloop.identification.fit.fit import _placed
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.records.records import Measured, Record, RecordError
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
@@ -18,9 +21,6 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.setup.build import build_plant
 from hertzloop.setup.controller import check_buildable
-from hertzloop.studies.fit.fit import _placed
-from hertzloop.studies.fit.model import FrozenModel
-from hertzloop.studies.fit.records import Measured, Record, RecordError
 
 AT, BESIDE, THIRD = "[0.21,0.13]", "[0.31,0.22]", "[0.12,0.31]"
 FLIGHT = ["run.lead_in_s=0.01", "controller.law=off", "sensors.quantity=v_p"]

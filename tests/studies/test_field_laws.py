@@ -14,7 +14,7 @@ import pytest
 
 from hertzloop.plant.structures.mode_file import read_modes
 from tests.hertzloop.processes import hertzloop
-from tests.studies.field import FOLDER
+from tests.identification.field import FOLDER
 
 LAWS = FOLDER / "laws"
 pytestmark = [

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.setup import FitTable, Setup
+from hertzloop.setup.key_value import value_of_key
 from hertzloop.studies.sweeps.design import Design, on_grain
 from hertzloop.text_files import text_of
 
@@ -240,8 +241,6 @@ def _correlated(given: Any, setup: Setup, name: str) -> Part:
 
 def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
     """The keys that a fit identified, with the covariance of their logarithms."""
-    from hertzloop.studies.fit.fit import value_of  # a sweep without such a scene starts faster
-
     n = len(table.keys)
     if not len(table.values) == len(table.verdicts) == n or len(table.covariance_log) != n * n:
         raise SceneError(
@@ -257,11 +256,11 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
             f"{name}: the fit identified no key that can be drawn. Fit a record that tells more."
         )
     for i in known:
-        now = value_of(setup, table.keys[i])
-        if abs(now / table.values[i] - 1.0) > _SAME:
+        now = value_of_key(setup, table.keys[i])
+        if not isinstance(now, float | int) or abs(now / table.values[i] - 1.0) > _SAME:
             raise SceneError(
-                f"{table.keys[i]} = {now:g}: the fit found {table.values[i]:g}, so its uncertainty "
-                "does not hold. Leave the key as it was fitted, or fit again."
+                f"{table.keys[i]} = {shown(now)}: the fit found {table.values[i]:g}, so its "
+                "uncertainty does not hold. Leave the key as it was fitted, or fit again."
             )
     covariance = np.array(table.covariance_log).reshape(n, n)[np.ix_(known, known)]
     sizes, axes = np.linalg.eigh(covariance)

@@ -1,0 +1,147 @@
+"""The command `fit`: from measured records to a calibrated scene."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hertzloop.cli import options
+from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.identification.fit import fit as fit_study
+from hertzloop.identification.fit import report as fit_report
+from hertzloop.identification.fit.hits import shown
+from hertzloop.identification.fit.loop_model import acts_by_law
+from hertzloop.identification.fit.verdicts import Model
+from hertzloop.identification.records.records import Record, holds_records, read_records
+from hertzloop.text_files import text_of
+from hertzloop.whole_files import write_whole
+
+
+def fit(
+    scene: options.SceneArgument,
+    records: Annotated[list[Path] | None, typer.Argument(metavar="RECORD...")] = None,
+    free: Annotated[
+        list[str] | None, typer.Option("--free", metavar="KEY[=LOW:HIGH][±PRIOR]")
+    ] = None,
+    hold_out: Annotated[
+        list[str] | None, typer.Option("--hold-out", metavar="RECORD|HIT|none")
+    ] = None,
+    check: bool = False,
+    expect: Annotated[
+        list[str] | None, typer.Option("--expect", metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]")
+    ] = None,
+    exact: bool = False,
+    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    report_file: Annotated[Path | None, typer.Option("--report")] = None,
+    replay_file: Annotated[Path | None, typer.Option("--replay")] = None,
+    settings: options.SetOption = None,
+    json_file: options.JsonOption = None,
+    overwrite: options.OverwriteOption = False,
+) -> None:
+    """Fit keys of a scene to measured records.
+
+    It prints estimates with 95 % intervals, and verdicts on the keys and on the model.
+
+    Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
+    key that the records cannot identify.
+
+    Args:
+        records: Files of measured records.
+        free: Fit this scene key, within a range, with a prior standard deviation in its unit or in
+            %.
+        hold_out: Compare this record, or the hit of this number, with the result; do not fit it. Of
+            several hits the last one is held out.
+        check: Report what the records can tell; do not fit. Without a scene, show what is read of
+            them.
+        expect: With --check, suppose a record of this kind, before the experiment.
+        exact: Take the model as exact: only noise spoils a record.
+        out_file: Fitted scene to write; SCENE-fitted.toml if left out.
+        report_file: Write an HTML page of the fit to this file.
+        replay_file: Write measured over simulated values to this .rrd file.
+    """
+    if check and not free and holds_records(Path(scene)):
+        for file in (Path(scene), *(records or [])):
+            out.say("\n".join(shown(file)))
+        return
+    setup = options.scene_from(scene, settings, None)
+    files = list(records or [])
+    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
+    held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
+    target = out_file or Path(f"{setup.name}-fitted.toml")
+    if expect and not check:
+        fail("--expect: supposes a record, which cannot be fitted. Add --check.")
+    if not check:
+        read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
+        own = out_file is None and _written_by_fit(target)
+        options.check_output(target, overwrite or own, read=read)
+    for path, option in ((report_file, "--report"), (replay_file, "--replay")):
+        if path is not None:
+            options.check_output(path, overwrite, option, read=[*files, *held])
+    options.check_json(json_file, target, report_file, replay_file)
+    keys = [fit_study.free_of(setup, text) for text in free or []]
+    if not keys:
+        raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
+    measured = [one for path in files for one in read_records(path)]
+    compared: list[Record | int] = [one for path in held for one in read_records(path)]
+    compared += numbers
+    for one in (*measured, *compared):
+        if isinstance(one, Record):
+            out.say(f"{one.name}: {one.source}.")
+    options.compile_first(setup)
+    if check:
+        under = True if any(acts_by_law(key.key) for key in keys) else None
+        measured += [
+            fit_study.expected_record(setup, text, f"expected record {i}", under)
+            for i, text in enumerate(expect or [], 1)
+        ]
+    if not measured:
+        remedy = "RECORD, or --expect" if check else "RECORD"
+        raise fit_study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
+    if check:
+        result = fit_study.check(setup, measured, keys)
+    else:
+        with progress("fit", 1000, lines=True) as advance:
+
+            def tell(done: int, expected: int) -> None:
+                about = f"fit: {done} of about {expected} simulations"
+                advance(round(1000 * done / expected), about)
+
+            others = compared if hold_out else None
+            result = fit_study.fit(setup, measured, keys, others, tell, exact)
+    out.print(fit_report.parameter_table(result))
+    for sentence in fit_report.sentences(result):
+        out.say(sentence)
+    data = fit_report.as_json(result)
+    if result.setup is not None and result.identifiable:
+        write_whole(target, fit_report.fitted_scene(result, target.stem))
+        data["scene"] = str(target)
+        out.say(f"written: {target}")
+    if report_file is not None:
+        from hertzloop.identification.fit.page import page  # of an extra
+
+        named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
+        given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
+        words = ["fit", scene, *files, *given, *(["--check"] if check else []),
+                 *(["--exact"] if exact else [])]  # fmt: skip
+        command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
+        write_whole(report_file, page(result, command))
+        out.say(f"written: {report_file}")
+    if replay_file is not None:
+        from hertzloop.identification.fit.page import write_replay  # of an extra
+
+        write_replay(result, replay_file)
+        out.say(f"written: {replay_file}")
+    options.write_json(json_file, data)
+    if not result.identifiable:
+        raise typer.Exit(2)
+    if result.model is Model.DOES_NOT_FIT:
+        raise typer.Exit(1)
+
+
+def _written_by_fit(path: Path) -> bool:
+    """Whether a file is a fitted scene of before, which may be replaced without asking."""
+    try:
+        return "\n[fit]\n" in text_of(path.read_bytes())
+    except (OSError, ValueError):
+        return False

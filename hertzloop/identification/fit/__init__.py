@@ -1,0 +1,1 @@
+"""From measured records to a calibrated scene: observation, least squares, verdicts."""

@@ -1,0 +1,420 @@
+"""The simulation of a fit: a frozen plate model, and what an ideal sensor would see of it.
+
+A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
+the way: each mode that enters would make a jump. So theory, tail and number of modes are those of
+the starting point; only the frequencies move.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.actuator import build_model
+from hertzloop.plant.contact.hertz import Contact, rigid_impact
+from hertzloop.plant.contact.yielding import above_dent_m, elastic_n
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.factory import plant_at_start
+from hertzloop.plant.structures.structure import frequencies
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.setup.build import check_modes_reach_impact
+from hertzloop.setup.mechanics import Mechanics
+
+LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
+PHASE = 0.5
+_FINE_NS, _MIDDLE_NS, _COARSE_NS = 250, 500, 1000
+_FINE_UNTIL_S, _MIDDLE_UNTIL_S = 4e-3, 15e-3
+_LONG_CONTACT_S = 150e-6  # four times as many steps as a contact of 30 us at 250 ns
+# Error of the plate's velocity at the contact point during contact, root mean square over the peak:
+# the first over the square of the periods of the modes' limit in a contact, and the second times
+# the square of the step over the contact time. In 18 random impacts on thin plates, elastic and
+# yielding, the first was 0.05 to 0.09; a heavy ball on a light plate has more, but its
+# contact lasts longer. The second was 0.5 to 0.9 in five impacts.
+_BY_MODES, _BY_STEPS = 0.06, 0.9
+_SHORTEST_NS = 30
+_MOST_WORK = 8e7  # frequencies times steps of one simulation, about 50 ms
+_COARSER = 1.3
+_KEPT_PLANTS = 24
+_KEPT_RUNS = 64
+_RATE_S = 2e-9  # for the rate of the force
+_AT_NODE = 1e-6  # of a step: so near, a time is that of a jump
+_NEXT_MODE = 1.02  # how far above the limit the next mode is looked for
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One simulated drop.
+
+    `time_s`: times of the rows after the first touch, s, shape (steps,). `rows`: the columns of
+    `hertzloop.plant.time_series.TRUTH`, shape (10, steps). `contact`, `speed_m_s`,
+    `gravity_m_s2`: the contact, the impact speed, and what acts on the striker. `mobility_m_ns`: of
+    a damped tail, and `pushed_m_ns`: the same where the actuator acts at the contact point. `held`:
+    whether the actuator's force is constant over a step.
+    """
+
+    time_s: np.ndarray
+    rows: np.ndarray
+    contact: Contact
+    speed_m_s: float
+    gravity_m_s2: float
+    mobility_m_ns: float = 0.0
+    pushed_m_ns: float = 0.0
+    held: bool = True
+    _splines: dict[int, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return float(self.time_s[1] - self.time_s[0])
+
+    def _spline(self, row: int) -> Any:
+        if row not in self._splines:
+            self._splines[row] = scipy.interpolate.CubicSpline(self.time_s, self.rows[row])
+        return self._splines[row]
+
+    @cached_property
+    def _velocity(self) -> Any:
+        """Velocity of the plate at the contact point, but for what follows the force at once.
+
+        Behind a damped tail the velocity has a share Y F, as sharp as the force is where contact
+        begins. The rest is smooth. Without a damped tail the velocity is the derivative of the
+        displacement's spline, which is of fourth order at its knots.
+        """
+        if self.mobility_m_ns:
+            at_once = self.mobility_m_ns * (self.rows[ts.F_C] - self.rows[ts.F_C1])
+            if self.pushed_m_ns:  # the velocity of a row comes before a jump of the force
+                pushed = self.rows[ts.F_A] + self.rows[ts.F_A1]
+                at_once = at_once - self.pushed_m_ns * np.concatenate([[0.0], pushed[:-1]])
+            return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.V_P] + at_once)
+        moved = self._spline(ts.XI_P)
+        return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
+
+    def _velocity_m_s(self, time_s: np.ndarray) -> np.ndarray:
+        found = self._velocity(time_s)
+        if self.mobility_m_ns:
+            found = found - self.mobility_m_ns * self.force_n(time_s)
+        if self.pushed_m_ns:
+            found = found + self.pushed_m_ns * self.actuator_n(time_s)
+        return np.asarray(found)
+
+    def _acceleration_m_s2(self, time_s: np.ndarray) -> np.ndarray:
+        found = self._velocity(time_s, 1)
+        if self.mobility_m_ns:
+            rise = self.force_n(time_s + _RATE_S) - self.force_n(time_s - _RATE_S)
+            found = found - self.mobility_m_ns * rise / (2.0 * _RATE_S)
+        if self.pushed_m_ns:
+            rise = self.actuator_n(time_s + _RATE_S) - self.actuator_n(time_s - _RATE_S)
+            found = found + self.pushed_m_ns * rise / (2.0 * _RATE_S)
+        return np.asarray(found)
+
+    @cached_property
+    def _at_point(self) -> tuple[Any, Any]:
+        moved = self._spline(ts.XI_A)
+        return moved, scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
+
+    def force_n(self, time_s: np.ndarray) -> np.ndarray:
+        """Contact force at times after the touch (s, any shape): the contact law of the gap's
+        spline. The rows hold means of a step, which are 5e-3 of the peak away from it."""
+        time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        gap = self._spline(ts.XI)(time_s)
+        deepest = self._deepest(time_s, -gap)
+        above = above_dent_m(self.contact, gap, deepest)
+        found = elastic_n(self.contact, -gap, deepest)
+        if self.contact.has_damper:
+            rate = -self._spline(ts.XI)(time_s, 1)
+            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** self.contact.exponent
+            damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
+            found = found + damper * rate
+        return np.asarray(np.where(above < 0.0, found, 0.0))
+
+    @cached_property
+    def _actuator(self) -> Any:
+        """The smooth force of an actuator with a bandwidth: the derivative of its time integral,
+        which the means of the steps give exactly."""
+        impulse = np.concatenate([[0.0], np.cumsum(self.rows[ts.F_A])]) * self.step_s
+        grid_s = self.time_s[0] + np.arange(len(impulse)) * self.step_s
+        summed = scipy.interpolate.CubicSpline(grid_s, impulse)
+        return scipy.interpolate.CubicSpline(grid_s, summed(grid_s, 1))
+
+    def actuator_n(self, time_s: np.ndarray) -> np.ndarray:
+        """Actuator force, up on the plate, at times after the touch (s, any shape); where it jumps,
+        the middle of the jump."""
+        time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        if not self.held:
+            return np.asarray(self._actuator(time_s))
+        force, at = self.rows[ts.F_A], (time_s - self.time_s[0]) / self.step_s
+        after = np.floor(at + _AT_NODE).astype(int)
+        before = np.floor(at - _AT_NODE).astype(int)
+        last = len(force) - 1
+        return np.asarray(0.5 * (force[np.clip(before, 0, last)] + force[np.clip(after, 0, last)]))
+
+    def _deepest(self, time_s: np.ndarray, penetration_m: np.ndarray) -> np.ndarray:
+        if self.contact.limit is None:
+            return np.maximum(penetration_m, 0.0)
+        deepest = self.rows[ts.DEEPEST]
+        row = np.clip(((time_s - self.time_s[0]) / self.step_s).astype(int), 0, len(deepest) - 1)
+        after = deepest[np.minimum(row + 1, len(deepest) - 1)]
+        return np.asarray(np.clip(penetration_m, deepest[row], np.maximum(after, deepest[row])))
+
+    def value(self, quantity: str, time_s: np.ndarray, elsewhere: bool = False) -> np.ndarray:
+        """Return a quantity at times after the first touch.
+
+        Args:
+            quantity: a key of `hertzloop.identification.records.records.QUANTITIES`.
+            time_s: s, shape (samples,); before the touch the plate is at rest.
+            elsewhere: at the measuring point instead of the contact point.
+
+        Returns:
+            Values in SI units, shape (samples,).
+        """
+        if quantity == "contact_force":
+            return np.asarray(np.where(time_s > self.time_s[0], self.force_n(time_s), 0.0))
+        if quantity == "actuator_force":
+            return self.actuator_n(time_s)
+        inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        if quantity in ("xi", "xi_s"):
+            column = self._spline(ts.XI if quantity == "xi" else ts.XI_S)
+            return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
+        moved, velocity = self._at_point if elsewhere else (None, None)
+        if quantity == "v_p":
+            found = self._velocity_m_s(inside) if velocity is None else velocity(inside)
+        elif quantity == "acceleration":
+            found = self._acceleration_m_s2(inside) if velocity is None else velocity(inside, 1)
+        elif quantity == "xi_p":
+            found = (moved or self._spline(ts.XI_P))(inside)
+        else:
+            raise ValueError(f"quantity = '{quantity}': not known. Give one of the quantities.")
+        return np.asarray(np.where(time_s > self.time_s[0], found, 0.0))
+
+    def _flight(self, time_s: np.ndarray) -> np.ndarray:
+        """Height before the touch, at most that of the release, m."""
+        g = self.gravity_m_s2
+        before = np.minimum(-time_s, self.speed_m_s / g if g else math.inf)
+        return np.asarray(before * (self.speed_m_s - 0.5 * g * before))
+
+
+class FrozenModel:
+    """Simulations of one scene with other values of its keys, on one frozen model of the plate.
+
+    Args:
+        setup: the starting point; its law is switched off.
+        duration_s: the longest time after the touch that will be asked for, s.
+        accuracy: relative error that leaving out modes may cause.
+        point_m: where plate motion is measured, or None for the contact point, m.
+        step_ns: length of a step; by contact and duration if left out.
+        velocity_error: error of the plate's velocity at the contact point during contact, root
+            mean square over the peak, that steps and modes are refined for.
+
+    Attributes:
+        velocity_error: estimate of this error; larger where refinement would cost too much, and
+            zero of a solid, for which no estimate is known.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        duration_s: float,
+        accuracy: float,
+        point_m: tuple[float, float] | None = None,
+        step_ns: int | None = None,
+        velocity_error: float | None = None,
+    ) -> None:
+        free = setup.without_control()
+        lasts_s = rigid_impact(free.sphere, free.contact).contact_s
+        self.step_ns = step_ns or _step_ns(lasts_s, duration_s)
+        self.contact_s = lasts_s
+        changed: dict[str, Any] = {
+            "run.scheme": "modal", "run.plate_model": "modal", "run.lead_in_s": LEAD_IN_S,
+            "run.touch_phase": PHASE, "run.step_ns": self.step_ns, "run.accuracy": accuracy,
+            "run.duration_s": 2.0 * LEAD_IN_S + duration_s, "plate.theory": free.theory,
+        }  # fmt: skip
+        if point_m is not None and free.structure.mode_table is None:
+            changed["plate.actuator_point_m"] = point_m
+        self.setup = free.vary(changed)
+        self.elsewhere = point_m is not None
+        self.spec = self._turned(self.setup.plant)
+        check_modes_reach_impact(self.spec)
+        if velocity_error is not None and not self.spec.plate.solid:
+            self._refine(velocity_error, changed["run.duration_s"])
+        self.velocity_error = self._velocity_error(self.step_ns, self.spec.frequency_limit_hz)
+        self._limit_hz = _between_modes(self.spec)
+        self._scale = _frequency_scale(self.spec)
+        self._plants: dict[Any, Any] = {}
+        self._runs: dict[Any, Simulated] = {}
+        self.simulations = 0
+
+    def _velocity_error(self, step_ns: int, limit_hz: float) -> float:
+        if self.spec.plate.solid:
+            return 0.0
+        by_modes = _BY_MODES / (limit_hz * self.contact_s) ** 2
+        return math.hypot(by_modes, _BY_STEPS * (1e-9 * step_ns / self.contact_s) ** 2)
+
+    def _refine(self, error: float, duration_s: float) -> None:
+        """Use shorter steps and more modes, as far as one simulation may cost."""
+        spec, coarsest_ns = self.spec, self.step_ns
+        while self._velocity_error(self.step_ns, self.spec.frequency_limit_hz) > error:
+            share = math.sqrt(0.5) * error
+            longest_ns = 1e9 * self.contact_s * math.sqrt(share / _BY_STEPS)
+            step_ns = coarsest_ns
+            while step_ns > max(longest_ns, _SHORTEST_NS):
+                step_ns //= 2
+            limit_hz = spec.frequency_limit_hz
+            if spec.plate.mode_table is None:
+                wanted_hz = math.sqrt(_BY_MODES / share) / self.contact_s
+                limit_hz = max(limit_hz, min(wanted_hz, 0.5e9 / step_ns, spec.plate.highest_hz))
+            oscillators = frequencies(
+                spec.plate, spec.contact_point_m, spec.actuator_point_m, 2.0 * math.pi * limit_hz
+            )
+            if oscillators * duration_s * 1e9 / step_ns <= _MOST_WORK:
+                if step_ns != coarsest_ns:
+                    self.setup = self.setup.vary({"run.step_ns": step_ns})
+                    self.step_ns = step_ns
+                self.spec = replace(self._turned(self.setup.plant), frequency_limit_hz=limit_hz)
+                return
+            error *= _COARSER
+
+    def _turned(self, spec: PlantSpec) -> PlantSpec:
+        """The plant with its actuator at the measuring point, which is where rows are known."""
+        return replace(spec, plate=spec.plate.pushed_at_sensor) if self.elsewhere else spec
+
+    def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
+        """Return the plant with other values of some scene keys. Raises SceneError."""
+        return self.spec_with(self.setup.vary(values).mechanics if values else self.setup.mechanics)
+
+    def spec_with(self, bodies: Mechanics) -> PlantSpec:
+        """Return the plant with other bodies, at the frozen model of the plate."""
+        spec = replace(
+            self.spec,
+            sphere=bodies.sphere,
+            plate=bodies.structure.beside(self.spec.plate),
+            contact=bodies.contact,
+            contact_point_m=bodies.contact_point_m,
+            actuator_point_m=bodies.actuator_point_m,
+            actuator=bodies.actuator,
+            sensor_point_m=bodies.sensor_point_m,
+            sensor_mass_kg=bodies.sensor_mass_kg,
+        )
+        spec = self._turned(spec)
+        limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
+        spec = replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
+        check_modes_reach_impact(spec)
+        return spec
+
+    def run(self, values: Mapping[str, float], until_s: float) -> Simulated:
+        """Simulate the drop with other values of some keys until `until_s` after the touch.
+
+        Raises:
+            SceneError: a value that the scene refuses.
+        """
+        steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
+        key = (tuple(sorted(values.items())), steps)
+        return self.kept(key, lambda: self._simulated(self.spec_of(values), steps))
+
+    def run_spec(self, spec: PlantSpec, until_s: float) -> Simulated:
+        """Simulate the drop of another plant until `until_s` after the touch."""
+        return self._simulated(spec, 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns))
+
+    def kept(self, key: Any, simulate: Callable[[], Simulated]) -> Simulated:
+        """Return a simulation, which is made once for a key."""
+        found = self._runs.get(key)
+        if found is None:
+            found = simulate()
+            if len(self._runs) >= _KEPT_RUNS:
+                self._runs.pop(next(iter(self._runs)))
+            self._runs[key] = found
+        return found
+
+    def _simulated(self, spec: PlantSpec, steps: int) -> Simulated:
+        self.simulations += 1
+        plant = self.plant_of(spec)
+        rows = ts.series_under(plant, np.zeros(steps))
+        lead_s, _ = _lead(spec, spec.sphere.impact_speed_m_s)
+        time_s = np.arange(steps) * spec.step_s - lead_s
+        return self.simulated(spec, plant, time_s, rows)
+
+    def simulated(
+        self, spec: PlantSpec, plant: Any, time_s: np.ndarray, rows: np.ndarray
+    ) -> Simulated:
+        """Return the rows of a plant as a simulated drop."""
+        tail, sphere = plant.model.tail, spec.sphere
+        mobility = 0.0 if tail is None else tail.mobility_m_ns
+        pushed = mobility if spec.same_point and np.any(rows[ts.F_A]) else 0.0
+        held = spec.actuator.bandwidth_hz is None
+        return Simulated(
+            time_s, rows, spec.contact, sphere.impact_speed_m_s, sphere.gravity_m_s2, mobility,
+            pushed, held,
+        )  # fmt: skip
+
+    def plant_of(self, spec: PlantSpec, phase: float = PHASE) -> Any:
+        """The plant at the start of the drop; its modes are computed once for a structure."""
+        from hertzloop.plant.schemes.collocation import with_contact
+
+        key = (spec.plate, spec.frequency_limit_hz, spec.contact_point_m, spec.actuator_point_m,
+               spec.actuator.mass_kg, spec.sensor_point_m, spec.sensor_mass_kg)  # fmt: skip
+        base = self._plants.get(key)
+        if base is None or base.model.air is not None:
+            try:
+                base = plant_at_start(spec, "modal", 1, PHASE)
+            except ValueError as error:
+                raise SceneError(str(error)) from error
+            if len(self._plants) >= _KEPT_PLANTS:
+                self._plants.pop(next(iter(self._plants)))
+            self._plants[key] = base
+        new = copy(base)
+        new.spec = spec
+        if new.model.air is None:
+            new.model = with_contact(base.model, spec)
+        if spec.actuator != base.spec.actuator:
+            new.model = new.model._replace(actuator=build_model(spec.actuator, spec.step_s))
+        return new.at_start(phase)
+
+
+def _lead(spec: PlantSpec, speed_m_s: float) -> tuple[float, float]:
+    """Flight before the touch, s, as the plant rounds it, and the fall, s."""
+    g = spec.sphere.gravity_m_s2
+    fall_s = speed_m_s / g if g else math.inf
+    height, _ = pk.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
+    # Height = lead (v - g lead/2); the smaller root is the lead.
+    root = math.sqrt(max(speed_m_s**2 - 2.0 * g * float(height), 0.0))
+    return min(2.0 * float(height) / (speed_m_s + root), fall_s), fall_s
+
+
+def _step_ns(contact_s: float, duration_s: float) -> int:
+    if contact_s > _LONG_CONTACT_S or duration_s > _MIDDLE_UNTIL_S:
+        return _COARSE_NS if contact_s > 10e-6 else _MIDDLE_NS
+    if duration_s > _FINE_UNTIL_S:
+        return _MIDDLE_NS
+    return _FINE_NS
+
+
+def _frequency_scale(spec: PlantSpec) -> float:
+    """What all frequencies of a plate are proportional to as its sizes and material change."""
+    plate = spec.plate.local_plate
+    if plate is None or spec.plate.mode_table is not None:
+        return 1.0
+    speed = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
+    return speed / (plate.size_m[0] * plate.size_m[1])
+
+
+def _between_modes(spec: PlantSpec) -> float:
+    """The limit, moved to the middle between two modes: rounding must not decide on one."""
+    if spec.plate.local_plate is None or spec.plate.mode_table is not None or spec.plate.solid:
+        return spec.frequency_limit_hz
+    limit = 2.0 * math.pi * spec.frequency_limit_hz
+    omega = spec.plate.modes(_NEXT_MODE * limit, spec.contact_point_m, spec.actuator_point_m).omega
+    above = omega[omega > limit * (1.0 + 1e-9)]
+    below = omega[omega < limit * (1.0 + 1e-9)]
+    if not len(above) or not len(below):
+        return spec.frequency_limit_hz
+    return 0.5 * float(above[0] + below[-1]) / (2.0 * math.pi)

@@ -1,0 +1,1 @@
+"""Files of measurements as samples with units."""

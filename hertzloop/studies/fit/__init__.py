@@ -1,1 +1,0 @@
-"""From measured records to a calibrated scene: records, observation, least squares, verdicts."""

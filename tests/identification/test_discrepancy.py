@@ -1,0 +1,150 @@
+"""The error of a model that is not exact: its process, and what it does to intervals."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.identification.fit.discrepancy import Discrepancy, Rows, estimated, unknown
+from hertzloop.identification.fit.fit import fit, free_of
+from hertzloop.identification.fit.report import sentences
+from hertzloop.identification.fit.verdicts import Verdict
+from hertzloop.identification.records.records import Measured, RecordError, measured_of
+from hertzloop.setup import load
+from tests.identification.test_fit import HEIGHT, RADIUS, YIELDS, record, scene
+
+SIZE = np.full(160, 2.0)
+TIMES_S = np.linspace(-0.5e-5, 7.5e-5, 160)
+
+
+def error_of(shares: tuple[float, float], kappa: float, noise: float = 0.5) -> Discrepancy:
+    whitening = scipy.sparse.diags_array(np.full(160, 1.0 / noise)).tocsr()
+    found = unknown(TIMES_S, SIZE, whitening, 1e-5)
+    assert found is not None
+    return replace(found, shares=shares, kappa=kappa)
+
+
+def dense(error: Discrepancy) -> np.ndarray:
+    """Covariance of the whitened samples."""
+    upper = error._prior[0]
+    nodes = upper.shape[1]
+    precision = np.zeros((nodes, nodes))
+    for k in range(len(upper)):
+        precision += np.diag(upper[-1 - k, k:], k) + (np.diag(upper[-1 - k, k:], -k) if k else 0.0)
+    spread = error.basis.toarray() * error.amplitude
+    return np.eye(160) + spread @ np.linalg.inv(precision) @ spread.T
+
+
+def test_rows_of_noise_and_error_have_the_products_of_their_covariance() -> None:
+    error = error_of((0.3, 0.1), 4.0)
+    white = np.random.default_rng(1).standard_normal((160, 3))
+    rest, own = error.applied(white)
+    covariance = dense(error)
+    exact = white.T @ np.linalg.solve(covariance, white)
+    np.testing.assert_allclose(rest.T @ rest + own.T @ own, exact, rtol=1e-9)
+    logarithm = error.logarithm(error.system())
+    assert logarithm == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-8)
+
+
+def test_the_process_is_that_of_matern() -> None:
+    """Of order 7/2: its variance is one, its correlation a polynomial times an exponential."""
+    kappa = 4.0
+    error = error_of((0.5, 0.5), kappa)
+    covariance = (dense(error) - np.eye(160)) * 0.5**2  # of samples, in the unit of the record
+    size = float(np.sqrt(covariance[80, 80]))
+    assert size == pytest.approx(
+        0.5 * 2.0 * math.sqrt(2.0), rel=0.02
+    )  # an amplitude is sqrt(2) rms
+    lag = (TIMES_S[80:130] - TIMES_S[80]) / 1e-5
+    r = kappa * lag
+    matern = (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
+    np.testing.assert_allclose(covariance[80, 80:130] / size**2, matern, atol=0.02)
+
+
+def test_an_error_is_found_with_its_size_and_not_where_there_is_noise_alone() -> None:
+    generator = np.random.default_rng(2)
+    error = error_of((0.0, 0.0), 2.0)
+    true = dense(error_of((0.2, 0.2), 8.0))
+    sizes: list[float] = []
+    for _ in range(5):
+        white = np.linalg.cholesky(true) @ generator.standard_normal(160)
+        rows = Rows(np.column_stack([np.ones(160), white]), 160.0, error, False, None)
+        _, [(shares, factor)], _ = estimated([rows], np.zeros((1, 2)))
+        sizes += shares
+        assert factor == 1.0
+    assert 0.1 < np.median(sizes) < 0.4
+    for _ in range(5):
+        white = 1.3 * generator.standard_normal(160)
+        rows = Rows(np.column_stack([np.ones(160), white]), 160.0, error, False, 0.0)
+        _, [(shares, factor)], _ = estimated([rows], np.zeros((1, 2)))
+        assert shares == (0.0, 0.0)
+        assert factor == pytest.approx(1.3, rel=0.25)
+
+
+@pytest.mark.full
+def test_the_right_class_gives_the_same_bits_as_an_exact_model() -> None:
+    one = record(scene())
+    keys = [free_of(scene(), RADIUS)]
+    free, exact = (fit(scene(), [one], keys, exact=e) for e in (False, True))
+    assert free.estimates == exact.estimates
+    assert free.model == exact.model
+    assert free.nuisances[0].error_percent == (0.0, 0.0)
+
+
+@pytest.mark.full
+def test_intervals_of_a_wrong_class_hold_the_truth() -> None:
+    """An elastic model of a contact that yields: taken as exact, it misses the height by far."""
+    one = record(scene(*YIELDS))
+    keys = [free_of(scene(), HEIGHT)]
+    free, exact = (fit(scene(), [one], keys, exact=e) for e in (False, True))
+    [estimate] = free.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.05 < estimate.high
+    [wrong] = exact.estimates
+    assert wrong.verdict is Verdict.AT_BOUND
+    assert wrong.high is not None
+    assert wrong.high < 0.04
+    said = sentences(free)
+    assert any(s.startswith("synthetic: good to ") and "in the pulse" in s for s in said)
+    assert any(s.startswith("The model is not exact.") for s in said)
+    assert not any(s.startswith("The model is not exact.") for s in sentences(exact))
+
+
+@pytest.mark.full
+def test_sixteen_samples_before_the_impact_tell_noise_and_intervals() -> None:
+    setup = scene()
+    seen = truth(setup, "contact_force", 80e-6)
+    held = 0
+    for seed in range(8):
+        gain = 1.0 + 0.03 * float(np.random.default_rng(seed).standard_normal())
+        one = measured(seen, Spoilt(noise=1e-3, gain=gain), seed, quiet_s=16 / 2e6)
+        found = fit(setup, [one], [free_of(setup, RADIUS)])
+        assert found.noise_rms == pytest.approx(1e-3 * np.max(one.value), rel=0.25)
+        [estimate] = found.estimates
+        held += estimate.low < 0.003 < estimate.high  # type: ignore[operator]
+    assert held >= 7
+
+
+@pytest.mark.full
+def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
+    """A record in volts: its gain is the sensitivity, and the time of the contact is left."""
+    setup = load("aluminium-3mm", ["controller.law=off"])
+    seen = truth(setup, "contact_force", 80e-6)
+    table = measured_of(
+        {"quantity": "contact_force", "unit": "V", "sensitivity_uncertainty": math.inf}, "volts.csv"
+    )
+    newton = measured(seen, Spoilt(), 3)
+    one = replace(newton, value=0.01 * newton.value, measured=table)
+    found = fit(setup, [one], [free_of(setup, RADIUS)])
+    [estimate] = found.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+    assert found.nuisances[0].gain == pytest.approx(0.01, rel=0.02)
+    assert "synthetic: gain" in found.statistics["prior_pulls_sigma"]
+    with pytest.raises(RecordError, match="sensitivity_uncertainty = inf"):
+        fit(setup, [replace(one, measured=Measured())], [free_of(setup, RADIUS)])

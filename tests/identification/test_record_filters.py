@@ -1,0 +1,75 @@
+"""Filters of a measuring chain: against SciPy's frequency responses."""
+
+import numpy as np
+import pytest
+import scipy
+
+from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.identification.fit.fit import fit, free_of
+from hertzloop.identification.fit.observation import Chain
+from hertzloop.identification.records.records import RecordError, measured_of
+from hertzloop.setup import load
+
+STEP_S, CORNER_HZ = 1e-7, 50e3
+
+
+def response(chain: Chain, frequency_hz: np.ndarray) -> np.ndarray:
+    """Of a chain, by the spectrum of its output of a narrow pulse."""
+    pulse = np.zeros(16384)
+    pulse[8000:8003] = 0.5, 1.0, 0.5  # twice a triangle, which a line between samples makes
+    time_s = STEP_S * np.arange(len(pulse))
+    waves = np.exp(-2j * np.pi * np.outer(frequency_hz, time_s))
+    return np.asarray((waves @ chain.filtered(pulse, STEP_S)) / (waves @ pulse))
+
+
+@pytest.mark.parametrize("order", [1, 2, 5, 8])
+@pytest.mark.parametrize("kind", ["butterworth", "bessel"])
+def test_a_low_pass_has_its_response(kind: str, order: int) -> None:
+    at_hz = np.array([1e3, 20e3, 50e3, 80e3])
+    omega = 2.0 * np.pi * CORNER_HZ
+    if kind == "bessel":
+        poles = scipy.signal.bessel(order, omega, analog=True, output="zpk", norm="mag")[1]
+    else:
+        poles = scipy.signal.butter(order, omega, analog=True, output="zpk")[1]
+    exact = np.prod(-poles / (2j * np.pi * at_hz[:, np.newaxis] - poles), axis=1)
+    found = response(Chain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order), at_hz)
+    np.testing.assert_allclose(found, exact, atol=2e-3)
+
+
+def test_a_sigma_delta_converter_passes_all_below_its_corner_without_delay() -> None:
+    chain = Chain(low_pass_hz=CORNER_HZ, low_pass="sigma-delta")
+    found = response(chain, np.array([1e3, 30e3, 42e3, 58e3, 100e3]))
+    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 0.0, 0.0], atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"low_pass": "chebyshev", "low_pass_hz": 1e4}, "butterworth, bessel, sigma-delta"),
+        ({"low_pass_order": 9, "low_pass_hz": 1e4}, "from 1 to 8"),
+        ({"low_pass_order": 4}, "Give record.low_pass_hz"),
+        ({"low_pass": "sigma-delta", "low_pass_order": 2, "low_pass_hz": 1e4}, "Leave it out"),
+    ],
+)
+def test_a_wrong_filter_is_refused(table: dict[str, object], words: str) -> None:
+    with pytest.raises(RecordError, match=words):
+        measured_of(table, "drop.csv")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("kind", "order"), [("bessel", 4), ("sigma-delta", 1)])
+def test_a_filtered_record_gives_the_true_radius(kind: str, order: int) -> None:
+    setup = load("aluminium-3mm", ["controller.law=off"])
+    chain = Chain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order)
+    given = {"low_pass_hz": CORNER_HZ, "low_pass": kind}
+    table = measured_of(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
+    one = measured(
+        truth(setup, "contact_force", 2e-4, chain), Spoilt(), 3, quiet_s=4e-4, table=table
+    )
+    base = setup.vary({"sphere.radius_m": 0.0031})
+    found = fit(base, [one], [free_of(base, "sphere.radius_m")])
+    [estimate] = found.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+    assert str(found.model) == "fits"
