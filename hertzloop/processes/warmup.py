@@ -1,6 +1,8 @@
 """Compile all that a scene runs before it runs; later processes load it from the cache."""
 
+import ctypes
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]  # is told the finished share, and what is compiled
 
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
 _MOST_STEPS = 20_000  # of that moment, some tenths of a second
 _PLANT_KERNELS = 130  # compiled for the plant of the default scene, parts of others included
@@ -159,9 +162,10 @@ def _compile_plant(setup: "Setup") -> None:
 
 def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
     """A process that runs `_compile_beside`. What it fails to compile, `_run` compiles."""
+    program = f"from {__name__} import _compile_beside as c; c({os.getpid()})"
     process = subprocess.Popen(
         # -P: a folder of the user's that is called like one of ours must not be imported
-        [sys.executable, "-P", "-c", f"from {__name__} import _compile_beside as c; c()"],
+        [sys.executable, "-P", "-c", program],
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     assert process.stdin
@@ -170,8 +174,14 @@ def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
     return process
 
 
-def _compile_beside() -> None:
-    """Compile the kernels of figures and controller for the scene that is read."""
+def _compile_beside(parent: int) -> None:
+    """Compile the kernels of figures and controller for the scene that is read.
+
+    Ends with the process `parent`, which may exit at once on a signal.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it has ended while this process imported
+        return
     from hertzloop.analysis.figures import figures_of
     from hertzloop.loop.controller_node import ControllerNode
     from hertzloop.setup import parse

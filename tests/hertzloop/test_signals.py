@@ -7,12 +7,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from hertzloop.processes.signals import deferred, ending_signals, install_handlers, received
-from tests.hertzloop.processes import finish, next_line, start
+from tests.hertzloop.processes import finish, next_line, start, wait_for
 
 
 @pytest.fixture
@@ -98,14 +99,28 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_that_compiles_ends_in_one_sentence(tmp_path: Path, number: signal.Signals) -> None:
+    """Nothing goes on compiling for it."""
     cache = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     run = start("run", "--out", str(tmp_path / "a.mcap"), env=cache)
     assert next_line(run, run.stderr).startswith("Compiling the model")
-    time.sleep(1.0)
+    folder = cache["NUMBA_CACHE_DIR"]
+    working = min(len(os.sched_getaffinity(0)), 2)  # a second core compiles too
+    wait_for(lambda: len(processes_with(folder)) == working)
     run.send_signal(number)
     code, said, _ = finish(run)
     assert (code, said) == (130, "interrupted")
     assert not (tmp_path / "a.mcap").exists()
+    wait_for(lambda: not processes_with(folder), 5.0)
+
+
+def processes_with(value: str) -> list[str]:
+    """Ids of the processes that have this text in their environment."""
+    found = list[str]()
+    for file in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):  # it has ended, or is another user's
+            if value.encode() in file.read_bytes():
+                found.append(file.parent.name)
+    return found
 
 
 def test_another_program_that_imports_the_command_keeps_its_handlers() -> None:
