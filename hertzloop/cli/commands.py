@@ -118,7 +118,7 @@ LAW = (
     ),
     Leaf(
         "law test", "law:controller_test",
-        "Test your own controller program against the wire protocol.",
+        "Test your own controller program in short runs.",
         "law test --controller 'python my_controller.py {name} {listen} {connect}'",
     ),
 )  # fmt: skip
@@ -136,11 +136,11 @@ NODE = (
         "node recorder --out run.mcap --connect tcp/10.0.0.1:7450",
     ),
     Leaf(
-        "node watch", "node:watch", "Show a run in progress without delaying it.",
+        "node watch", "watch:watch", "Show a run in progress without delaying it.",
         "node watch --save live.rrd",
     ),
     Leaf(
-        "node keys", "node:keys", "Write certificates for a run on several hosts.",
+        "node keys", "host_keys:keys", "Write certificates for a run on several hosts.",
         "node keys secrets --hosts plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3",
     ),
 )  # fmt: skip

@@ -8,7 +8,7 @@ import pytest
 from hertzloop.bus import streams
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
 from hertzloop.bus.zenoh_config import access_control
-from hertzloop.cli.node import _place
+from hertzloop.cli.host_keys import _place
 from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop
 
