@@ -36,8 +36,9 @@ def export(
         to_ms: Stop at this simulated time, ms.
     """
     # Arrow takes 0.05 s, which the other command saves.
-    from hertzloop.recordings.export import FORMATS, Samples, outputs
-    from hertzloop.recordings.export import export as write
+    from hertzloop.recordings.export.export import FORMATS, outputs
+    from hertzloop.recordings.export.export import export as write
+    from hertzloop.recordings.export.samples import Samples
 
     if out_file.suffix not in FORMATS:
         fail(f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.")

@@ -14,8 +14,9 @@ from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import Result
 
-from hertzloop.recordings import export as samples_module
-from hertzloop.recordings.export import TOPICS, columns_file
+from hertzloop.recordings.export import samples as samples_module
+from hertzloop.recordings.export.joint_states import TOPICS
+from hertzloop.recordings.export.tables import columns_file
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from tests.commands import invoke
@@ -297,7 +298,7 @@ def test_a_full_disk_leaves_no_half_of_a_file(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hertzloop.recordings.export._table", full)
+    monkeypatch.setattr("hertzloop.recordings.export.tables._table", full)
     result = call("export", file, "-o", tmp_path / "x.csv")
     assert result.exit_code == 1
     assert "No space left on device" in result.output
