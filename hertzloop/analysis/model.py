@@ -1,4 +1,4 @@
-"""Which model of the plate a run took, what that saves against the full one, and what it cost."""
+"""The models that a run used for its plant, and what they cost against the full model."""
 
 import math
 import time
@@ -27,10 +27,16 @@ _ROUNDS, _STEPS = 5, 1_000  # of the timing, both models in turn
 
 @dataclass(frozen=True)
 class FullModel:
-    """What all modes up to `frequency_limit_hz`, pi/dt, would have cost: about how many `modes` and
-    how many `frequencies` they are (None if too many to count), the `frequency_ratio` to those
-    chosen (None for an infinite plate), and the `measured_ratio` of the time for a step under
-    force, measured now, None where that would take long."""
+    """The cost of all modes that the step supports.
+
+    Attributes:
+        frequency_limit_hz: limit of these modes, Hz.
+        modes: their approximate number.
+        frequencies: number of their frequencies; None if too many to count.
+        frequency_ratio: that number over the chosen one; None for an infinite plate.
+        measured_ratio: measured time of a step under force over that of the chosen model; None if
+            the measurement would take long.
+    """
 
     frequency_limit_hz: float
     modes: float
@@ -41,9 +47,15 @@ class FullModel:
 
 @dataclass(frozen=True)
 class PlateModel:
-    """`plate_model`: "modal" or "infinite", with `impedance_n_s_m` of the infinite plate and
-    `infinite_until_s`, the time of the run until which it does (None where it does not for a whole
-    contact)."""
+    """The model of a plate.
+
+    Attributes:
+        plate_model: "modal" or "infinite".
+        impedance_n_s_m: impedance of the infinite plate, N s/m; None for another structure.
+        infinite_until_s: time until which the infinite plate is accurate enough, s; None if it is
+            not for a whole contact.
+        full: the cost of all modes.
+    """
 
     plate_model: str
     impedance_n_s_m: float | None
@@ -53,8 +65,13 @@ class PlateModel:
 
 @dataclass(frozen=True)
 class Tail:
-    """What the modes left out took where they are a damped mode, and how many wavelengths at the
-    limit the contact point is from an edge."""
+    """The damped mode that replaces the truncated modes.
+
+    Attributes:
+        lost_j: energy that it dissipated, J.
+        wavelengths_to_edge: distance of the contact point from an edge, wavelengths at the limit.
+        needed: distance from which on the damped mode is accurate.
+    """
 
     lost_j: float
     wavelengths_to_edge: float
@@ -63,7 +80,15 @@ class Tail:
 
 @dataclass(frozen=True)
 class Theory:
-    """The theory of the plate, what was asked, and what Kirchhoff's may cost."""
+    """The theory of a plate.
+
+    Attributes:
+        asked: the requested theory.
+        chosen: the theory of the run.
+        kirchhoff_error: expected error of Kirchhoff's theory.
+        jumps: whether the force of the law may jump.
+        why_not_3d: why the plate is not an elastic solid; None without a reason.
+    """
 
     asked: str
     chosen: str
@@ -74,7 +99,7 @@ class Theory:
 
 @dataclass(frozen=True)
 class Yield:
-    """Dent and energy of a contact that yielded."""
+    """Permanent indentation, m, and dissipated energy, J, of a contact that yielded."""
 
     dent_m: float
     dissipated_j: float
@@ -82,7 +107,7 @@ class Yield:
 
 @dataclass(frozen=True)
 class Radiation:
-    """Faces of the plate that radiate, and what air took over the run."""
+    """Number of radiating faces of the plate, and the energy that they radiated, J."""
 
     faces: int
     dissipated_j: float
@@ -90,8 +115,15 @@ class Radiation:
 
 @dataclass(frozen=True)
 class PlantParts:
-    """What a run took for its plant. `tail`: None where the modes left out are a spring, or none
-    are; `radiation`: None where air takes nothing; `limiting_pressure` as in the function."""
+    """The models that a run used for its plant.
+
+    Attributes:
+        tail: the damped mode for the truncated modes; None if there is none.
+        theory: the plate theory; None for another structure.
+        limiting_pressure: as in the function `limiting_pressure`.
+        radiation: the radiated energy; None if the model has no radiation.
+        model: the model of the plate; None for the published scheme.
+    """
 
     tail: Tail | None
     theory: Theory | None
@@ -101,7 +133,7 @@ class PlantParts:
 
 
 def chosen_model(setup: Setup) -> PlateModel | None:
-    """The plate's model of a run, and what the full one would have cost. None for the published
+    """Return the plate model of a run and the cost of the full model; None for the published
     scheme, which always has the full model."""
     if not SCHEMES[setup.scheme].limits_modes:
         return None
@@ -150,7 +182,7 @@ def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
 
 
 def _theory(setup: Setup) -> Theory | None:
-    """None for what is not a plate made from its sizes."""
+    """Return the theory of a plate; None for a structure that is not made from its sizes."""
     local = setup.structure.local_plate
     if setup.structure.mode_table is not None or local is None:
         return None
@@ -161,15 +193,19 @@ def _theory(setup: Setup) -> Theory | None:
 
 
 def yield_of(books: Books | Balance | None) -> Yield | None:
-    """None of a contact that did not yield, and of a run that did not end."""
+    """Return the indentation; None if the contact did not yield or the run did not end."""
     if books is None or books.dent_m == 0.0:
         return None
     return Yield(books.dent_m, books.plastic_dissipated_j)
 
 
 def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
-    """`pressure_pa` of a contact that yields, whether the scene `given` it, and `by` what it is
-    otherwise: the `body`, with the fields of `Strength`. None of a contact that does not yield."""
+    """Return the pressure at which a contact yields; None for a contact that does not yield.
+
+    Returns:
+        `pressure_pa`; `given`, whether the scene states it; and `by`, otherwise the `body` that
+        yields with the fields of `Strength`.
+    """
     limit = setup.contact.limit
     if limit is None:
         return None
@@ -180,7 +216,7 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
 
 
 def parts_of(setup: Setup, books: Books) -> PlantParts:
-    """What a run that ended took for its plant."""
+    """Return the models that a completed run used for its plant."""
     away = None
     if setup.plant.damped_tail:
         away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
@@ -195,8 +231,8 @@ def parts_of(setup: Setup, books: Books) -> PlantParts:
 
 
 def structure_summary(setup: Setup) -> dict[str, Any]:
-    """The structure: `name`, `closed_form`, and what its modes are worth; see `Reached` and
-    `ModalStructure.mobility_ratio`."""
+    """Return `name` and `closed_form` of the structure, and the quality of its modes as in
+    `Reached` and `ModalStructure.mobility_ratio`."""
     what = setup.structure
     if what.quality is None:
         plain = what.simply_supported is not None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hertzloop.analysis.curves import ledgers
+from hertzloop.analysis.energy_history import energy_histories
 from hertzloop.plant.time_series import XI
 from hertzloop.setup import load
 from hertzloop.setup.build import free_series
@@ -16,7 +16,7 @@ def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:
     ])  # fmt: skip
     rows = np.concatenate([block for _, block in free_series(setup)], axis=1)
     blocks = [(i, rows[:, i : i + 100]) for i in range(0, rows.shape[1], 100)]
-    parts = [energies for _, _, energies in ledgers(setup, blocks)]
+    parts = [energies for _, _, energies in energy_histories(setup, blocks)]
     sphere, plate, contact = (np.concatenate([getattr(one, name) for one in parts])
                               for name in ("sphere", "plate", "contact"))  # fmt: skip
     touching = np.flatnonzero(rows[XI] < 0.0)
