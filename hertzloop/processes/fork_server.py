@@ -4,9 +4,9 @@ The server is itself a fork of the launcher, before that has a second thread and
 it is safe to fork. Every role becomes an ordinary process with its own session, working directory,
 environment and standard streams.
 
-The fork server of `multiprocessing` with the same modules preloaded delays a run of 0.8 s by
-0.45 s, since it imports Numba and zenoh once more: three roles are there after 1.04 s instead of
-0.57 s (median of 10).
+With the fork server of `multiprocessing` and the same modules preloaded, three roles are there
+after 1.04 s instead of 0.57 s (medians of 10 starts on a busy machine), since it imports Numba and
+zenoh once more.
 """
 
 import atexit
