@@ -51,16 +51,19 @@ def draw_latencies(table: dict[str, Any]) -> list[float]:
 
 _MOST_LATENCIES = 1_000_000
 _IN_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "μs": 1.0, "ns": 1e-3}
-_IN_BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*(\S*?)\s*[\])]")
+# A unit in brackets, or after a slash or an underscore.
+_HEADING = re.compile(r"(.+?)\s*(?:[\[(]\s*(\S*?)\s*[\])]|/\s*(\S+)|_(\S+?))?")
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}")
 
 
 def read_latencies(path: Path) -> list[float]:
     """Latencies of a text table or a recording, us.
 
-    A table has one column, or one called latency; its heading may name a unit of time, as in
-    `latency_ms` or `latency [ns]`, and us is meant without one. Numbers may have a decimal comma
-    if that is not the separator of columns. A recording (.mcap) of a paced run gives those that it
-    had.
+    A table has one column, or one called latency. Its heading may name a unit of time, as in
+    `latency_ms` or `latency [ns]`; us is meant without one. Columns are separated by a semicolon, a
+    tab or a comma, as in the heading. Numbers may have a decimal comma otherwise. A recording
+    (.mcap) of a paced run gives the latencies that it had.
 
     Raises:
         ValueError: there is no latency in each line, or the file can mean two things.
@@ -84,50 +87,70 @@ def read_latencies(path: Path) -> list[float]:
 
 def _column(text: str) -> list[float]:
     """The latencies in a text table, us."""
-    lines = [line.strip() for line in text.splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
-    separator = next((mark for mark in (";", "\t") if mark in text), None)
-    headed = bool(lines) and not _is_number(lines[0].split(separator or ",")[0])
-    if separator is None and lines and "," in (lines[0] if headed else "".join(lines)):
-        if not headed:
+    numbered = [(at, line.strip()) for at, line in enumerate(text.splitlines(), 1)]
+    lines = [(at, line) for at, line in numbered if line and not line.startswith("#")]
+    if not lines:
+        return []
+    first = lines[0][1]
+    headed = re.match(r"[\d+.,;-]", first) is None
+    separator = next((mark for mark in (";", "\t", ",") if mark in first), None)
+    if separator == "," and not headed:
+        separator = None  # and refused, as a comma there can mean two things
+    rows = [(at, [cell.strip(' "') for cell in line.split(separator)] if separator else [line])
+            for at, line in lines]  # fmt: skip
+    headings = rows.pop(0)[1] if headed else [""] * len(rows[0][1])
+    chosen = 0
+    if len(headings) > 1:
+        named = [i for i, heading in enumerate(headings) if _split(heading)[0] == "latency"]
+        if len(named) != 1:
+            raise ValueError("has several columns. Call one of them latency_us")
+        chosen = named[0]
+    for at, row in rows:
+        if len(row) != len(headings):
+            raise ValueError(f"line {at}: has {len(row)} columns, not {len(headings)}")
+        if not _NUMBER.fullmatch(row[chosen]):
             raise ValueError(
-                "a comma may separate columns or begin the decimals. Give a heading: latency_us "
-                "for one column, or one for each column"
+                f"line {at}: {shown(row[chosen])} is no number. Give a latency in every line"
             )
-        separator = ","
-    rows = [[cell.strip(' "') for cell in line.split(separator)] for line in lines]
-    headings = rows.pop(0) if headed else [""] * len(rows[0] if rows else [""])
-    names = [_name_and_unit(heading) for heading in headings]
-    chosen = [at for at, (name, _) in enumerate(names) if name.lower() == "latency"]
-    if len(names) > 1 and len(chosen) != 1:
-        raise ValueError("has several columns. Call one of them latency_us")
-    at = chosen[0] if len(names) > 1 else 0
-    cells = [row[at] if at < len(row) else "" for row in rows]
-    if any("," in cell for cell in cells) and any("." in cell for cell in cells):
+    cells = [row[chosen] for _, row in rows]
+    _check_commas(cells, headed)
+    in_us = _unit_us(headings[chosen])
+    return [round(in_us * float(cell.replace(",", ".")), 9) for cell in cells]
+
+
+def _check_commas(cells: list[str], headed: bool) -> None:
+    """Refuse commas in numbers that need not be decimal ones. Raises ValueError."""
+    commas = [cell for cell in cells if "," in cell]
+    if not commas:
+        return
+    if not headed:
+        raise ValueError(
+            f"{shown(commas[0])}: the comma may separate columns or begin the decimals. Give a "
+            "heading: latency_us for one column, or one for each column"
+        )
+    if any("." in cell for cell in cells):
         raise ValueError("has numbers with a decimal comma and with a decimal point. Use one")
-    for number, cell in enumerate(cells, 1):
-        if not _is_number(cell):
-            raise ValueError(
-                f"row {number}: {shown(cell)} is no number. Give a latency in every line"
-            )
-    return [round(names[at][1] * float(cell.replace(",", ".")), 9) for cell in cells]
+    if all(_THOUSANDS.fullmatch(cell) for cell in commas):
+        raise ValueError(
+            f"{shown(commas[0])}: the comma may begin the decimals or separate thousands. Use a "
+            "decimal point, and nothing between thousands"
+        )
 
 
-def _name_and_unit(heading: str) -> tuple[str, float]:
-    """The name in a heading, and its unit in us."""
-    if found := _IN_BRACKETS.fullmatch(heading):
-        name, unit = found.groups()
-    else:
-        name, _, unit = heading.rpartition("_")
-        if unit not in _IN_US and name.lower() != "latency":
-            name, unit = heading, ""
+def _split(heading: str) -> tuple[str, str]:
+    """The name in a heading, in small letters, and what stands in the place of its unit."""
+    found = _HEADING.fullmatch(heading)
+    if found is None:
+        return heading.lower(), ""
+    name, *units = found.groups()
+    unit = next((unit for unit in units if unit), "")
+    if found[4] and unit not in _IN_US and name.lower() != "latency":
+        return heading.lower(), ""  # an underscore within the name
+    return name.lower(), unit
+
+
+def _unit_us(heading: str) -> float:
+    unit = _split(heading)[1]
     if unit and unit not in _IN_US:
         raise ValueError(f"{shown(unit)} is no unit of time. Use latency_us")
-    return name, _IN_US[unit or "us"]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return math.isfinite(float(cell.replace(",", ".")))
-    except ValueError:
-        return False
+    return _IN_US[unit or "us"]

@@ -13,6 +13,7 @@ import pytest
 from numba import config
 from numba.core import caching, event
 
+from hertzloop.controller.loading.compiled import FUNCTIONS
 from hertzloop.controller.loading.registry import SHIPPED, find
 from hertzloop.jit import storage
 from hertzloop.law import About, Keys
@@ -47,19 +48,19 @@ def unseen(path: Path, text: str) -> Any:
     return find(str(path))
 
 
-def test_a_new_law_is_compiled_in_one_piece_a_function_that_is_asked_for(
+def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(
     tmp_path: Path, heard: Heard
 ) -> None:
-    """Not what its functions call (see `controller.law.kernel`), and nothing around the law."""
+    """With their helpers, which a process compiles once."""
     law = unseen(tmp_path / "new.py", (SHIPPED / "slope_threshold.py").read_text())
     keys, about = law.keys(), About(sphere_mass_kg=1e-4, impact_speed_m_s=1.0)
     bound = law.bind(keys, about, ahead=False)
-    assert [name for name in heard.names if name != "impl"] == ["command"]  # impl: of max()
+    assert [name for name in heard.names if name in FUNCTIONS] == ["command"]
     assert bound.model.command
     assert not bound.model.known_ahead
     heard.names.clear()
     bound = law.bind(keys, about)
-    assert [name for name in heard.names if name != "impl"] == [
+    assert [name for name in heard.names if name in FUNCTIONS] == [
         "known_ahead", "command_ahead", "quiet_level",
     ]  # fmt: skip
     assert all(bound.model[:4])

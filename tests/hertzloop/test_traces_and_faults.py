@@ -80,9 +80,14 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "more", "word"),
-    [("", (), "has 0 latencies"), ("1\nx\n", (), "'x' is no number. Give a latency in every"),
-     ("latency_ms\n1\nx\n3\n", (), "row 2: 'x'"), ("latency_kg\n1\n2\n", (), "'kg'"),
+    [("", (), "has 0 latencies"), ("1\nx\n", (), "line 2: 'x' is no number. Give a latency"),
+     ("latency_ms\n1\nx\n3\n", (), "line 3: 'x'"), ("latency_kg\n1\n2\n", (), "'kg'"),
+     ("latency / kg\n1\n", (), "'kg'"), ("1_000\n2\n", (), "line 1: '1_000'"),
+     ("latency_us\n1\n\n2;3\n", (), "line 4: '2;3' is no number"),
+     ("t_us;latency_us\n1;2;9\n", (), "line 2: has 3 columns, not 2"),
      ("4,0\n5,8\n", (), "may separate columns or begin the decimals"),
+     ("4\n5,8\n", (), "may separate columns or begin the decimals"),
+     ("latency_us\n1,234\n", (), "may begin the decimals or separate thousands"),
      ("latency_us\n4.0\n5,8\n", (), "a decimal comma and with a decimal point"),
      ("a,b\n1,2\n", (), "Call one of them latency_us"), ("-1\n", (), "latency_trace"),
      ("1\n", ("controller.latency_us=2",), "has no effect beside")],
@@ -94,7 +99,9 @@ def test_a_trace_that_makes_no_sense_is_refused(trace, text, more, word):
 
 @pytest.mark.parametrize(
     "text", ["latency_us\n4\n5.8\n2.6\n", "latency_ms\n0.004\n0.0058\n0.0026\n",
-             "latency_us\n4\n5,8\n2,6\n", "n;latency (ns)\n1;4000\n2;5800\n3;2600\n"],
+             "latency_us\n4\n5,8\n2,6\n", "n;latency (ns)\n1;4000\n2;5800\n3;2600\n",
+             "latency / ms\n0.004\n0.0058\n0.0026\n", "4\n5.8\n2.6\n", "my_delay\n4\n5.8\n2.6\n",
+             "force [N],latency\n9.1,4\n9.2,5.8\n9.3,2.6\n"],
 )  # fmt: skip
 def test_units_and_decimal_commas_of_a_trace_count(trace, text):
     setup = load("aluminium-3mm", [*SHORT, trace(text)])
