@@ -37,6 +37,7 @@ def shipped_text(name: str) -> str:
     return (resources.files("hertzloop") / "scenes" / f"{name}.toml").read_text("utf-8")
 
 
+_DESCRIBED = {"sphere", "hammer", "plate"}  # tables that the sentence `shows` speaks of
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 
@@ -161,6 +162,8 @@ def _apply_settings(data: dict[str, Any], texts: Iterable[str], folder: Path | N
     pairs = [parse_setting(text) for text in texts]
     settings = dict(pairs)
     drop_unused_keys(data, settings)
+    if {key.partition(".")[0] for key in settings} & _DESCRIBED:
+        data.pop("shows", None)  # it was written for other bodies
     law, table = settings.get("controller.law"), data.get("controller")
     if isinstance(law, str) and isinstance(table, dict):
         with suppress(LawError):  # the check of the table says so

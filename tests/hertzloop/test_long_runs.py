@@ -19,6 +19,7 @@ import sys
 from hertzloop.analysis import impacts as impact_windows
 from hertzloop.analysis.figures import figures_of
 from hertzloop.setup import load
+from hertzloop.setup.build import free_series
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
 figures_of(scene, free_series(scene))

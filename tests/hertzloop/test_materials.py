@@ -150,5 +150,7 @@ def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> Non
 
 
 def test_a_scene_keeps_its_name() -> None:
-    assert load("aluminium-3mm", ["plate.material=titanium"]).name == "aluminium-3mm"
+    other = load("aluminium-3mm", ["plate.material=titanium"])
+    assert (other.name, other.scene.shows) == ("aluminium-3mm", "")
+    assert load("aluminium-3mm", ["run.seed=2"]).scene.shows
     assert load("aluminium-3mm", ["plate.material=oak", "name=mine"]).name == "mine"
