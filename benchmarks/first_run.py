@@ -120,7 +120,9 @@ def measure(rounds: int, quick: bool, before: Path | None) -> list[First]:
             for command, words in commands.items():
                 for checkout, root in roots.items():
                     whole = [sys.executable, "-m", "hertzloop", *words]
-                    taken = take(root, whole, Path(name))
+                    own = Path(name, checkout)  # neither reads recordings of the other
+                    own.mkdir(exist_ok=True)
+                    taken = take(root, whole, own)
                     found.setdefault((command, checkout), []).append(taken)
     return [
         First(*key, *(median(column) for column in zip(*some, strict=True)))
