@@ -30,7 +30,7 @@ def check_buildable(setup: Setup) -> None:
 
 def build_controller(setup: Setup, ahead: bool = True, steps: int | None = None) -> Controller:
     """Law and line at the start of the run; `ahead` as of `bound_law`, `steps` as of
-    `start_sensor`. Raises SceneError."""
+    `build_sensor`. Raises SceneError."""
     bound, steps = bound_law(setup, ahead), steps or setup.steps
     return Controller(bound, setup.line, setup.step_s, steps, setup.every_steps, setup.seed)
 
@@ -92,7 +92,12 @@ def law_flight_m(setup: Setup) -> float:
 
 @lru_cache(maxsize=16)
 def _bound(
-    law: Law, table: ControllerTable, about: About, bodies: Mechanics, free: Hashable, ahead: bool
+    law: Law,
+    table: ControllerTable,
+    about: About,
+    mechanics: Mechanics,
+    free: Hashable,
+    ahead: bool,
 ) -> BoundLaw:
     """Bind the law to its constants.
 
@@ -105,17 +110,17 @@ def _bound(
         SceneError: the law cannot be prepared for the run.
     """
     try:
-        return law.bound_to(_constants(table, about, bodies), ahead)
+        return law.bound_to(_constants(table, about, mechanics), ahead)
     except LawError as error:
         raise SceneError(str(error)) from error
 
 
-def _constants(table: ControllerTable, about: About, bodies: Mechanics) -> Any:
+def _constants(table: ControllerTable, about: About, mechanics: Mechanics) -> Any:
     """Return what the functions of the law know. Raises SceneError if it refuses the run."""
     law = _loaded_law(table)
     try:
         if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, table.keys, about):
-            bodies.local_plate  # noqa: B018 - says what is missing
+            mechanics.local_plate  # noqa: B018 - says what is missing
         return law.constants(table.keys, about)
     except LawError as error:
         raise SceneError(str(error)) from error

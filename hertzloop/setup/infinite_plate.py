@@ -27,15 +27,15 @@ _LEAST_HORIZON = -12  # power of two, 0.24 ms: most first impacts are over then
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 
 
-def infinite_plate_possible(bodies: Mechanics, scheme: str, reach: Reach) -> bool:
+def infinite_plate_possible(mechanics: Mechanics, scheme: str, reach: Reach) -> bool:
     """Whether the infinite plate can stand for the modes at all: reflections are known of simply
     supported edges, and a force of more than the contact's own has no known limit."""
     bounded = reach.force_n < math.inf or reach.share <= 1.0
-    supported = bodies.structure.separable is not None
-    ideal = bodies.actuator.ideal and bodies.contact.limit is None
-    known = bool(SCHEMES[scheme].infinite_plate) and ideal and not bodies.radiating_faces
-    sensed = bodies.sensor_point_m is None and not bodies.sensor_mass_kg
-    return known and sensed and bodies.same_point and bounded and supported
+    supported = mechanics.structure.separable is not None
+    ideal = mechanics.actuator.ideal and mechanics.contact.limit is None
+    known = bool(SCHEMES[scheme].infinite_plate) and ideal and not mechanics.radiating_faces
+    sensed = mechanics.sensor_point_m is None and not mechanics.sensor_mass_kg
+    return known and sensed and mechanics.same_point and bounded and supported
 
 
 def _horizon_s(until_s: float) -> float:
@@ -47,26 +47,26 @@ def _horizon_s(until_s: float) -> float:
 
 @lru_cache(maxsize=16)
 def infinite_plate_error(
-    bodies: Mechanics, scheme: str, reach: Reach, line: Smoothness, step_s: float, until_s: float
+    mechanics: Mechanics, scheme: str, reach: Reach, line: Smoothness, step_s: float, until_s: float
 ) -> float:
     """Error that an infinite plate is expected to have at `until_s` after the first touch, relative
     to the penetration or the plate energy; inf where that is not known."""
-    if until_s <= 0.0 or not infinite_plate_possible(bodies, scheme, reach):
+    if until_s <= 0.0 or not infinite_plate_possible(mechanics, scheme, reach):
         return math.inf
-    plate = bodies.structure.separable
+    plate = mechanics.structure.separable
     assert plate is not None  # else it would not be possible
     horizon_s = _horizon_s(until_s)
-    impact = bodies.sphere, plate, bodies.contact, bodies.contact_point_m
+    impact = mechanics.sphere, plate, mechanics.contact, mechanics.contact_point_m
     if until_s > looks_until_s(*impact):
         return math.inf
     found = reflections(*impact, horizon_s)
     if not found.contact_s <= until_s:
         return math.inf
-    return found.error(until_s, step_s, _actuation(bodies, reach, line, found))
+    return found.error(until_s, step_s, _actuation(mechanics, reach, line, found))
 
 
 def infinite_plate_lasts_s(
-    bodies: Mechanics,
+    mechanics: Mechanics,
     scheme: str,
     reach: Reach,
     line: Smoothness,
@@ -76,17 +76,19 @@ def infinite_plate_lasts_s(
 ) -> float:
     """How long after the first touch an infinite plate meets the accuracy, s; zero where it does
     not do so for a whole contact. It is not looked for beyond `at_most_s`."""
-    plate = bodies.structure.separable
-    if plate is None or not infinite_plate_possible(bodies, scheme, reach):
+    plate = mechanics.structure.separable
+    if plate is None or not infinite_plate_possible(mechanics, scheme, reach):
         return 0.0
     found = reflections(
-        bodies.sphere, plate, bodies.contact, bodies.contact_point_m, _horizon_s(at_most_s)
+        mechanics.sphere, plate, mechanics.contact, mechanics.contact_point_m, _horizon_s(at_most_s)
     )
-    lasts = found.lasts_s(accuracy, step_s, _actuation(bodies, reach, line, found))
+    lasts = found.lasts_s(accuracy, step_s, _actuation(mechanics, reach, line, found))
     return min(lasts, at_most_s) if lasts >= found.contact_s else 0.0
 
 
-def _actuation(bodies: Mechanics, reach: Reach, line: Smoothness, found: Reflections) -> Actuation:
+def _actuation(
+    mechanics: Mechanics, reach: Reach, line: Smoothness, found: Reflections
+) -> Actuation:
     """What the actuator may do.
 
     A law that copies the contact force is as smooth as that, unless the line from sensor to
@@ -97,4 +99,4 @@ def _actuation(bodies: Mechanics, reach: Reach, line: Smoothness, found: Reflect
         return Actuation(jumps_n=2.0 * reach.force_n)
     if reach.copies and line.smooth:
         return Actuation(reach.share, _LONGER * found.contact_s + line.latency_s)
-    return Actuation(jumps_n=2.0 * reach.share * bodies.rigid.peak_n)
+    return Actuation(jumps_n=2.0 * reach.share * mechanics.rigid.peak_n)

@@ -41,33 +41,33 @@ def _law_reach(table: ControllerTable, law: Law) -> Reach:
 
 
 @lru_cache(maxsize=16)
-def about_impact(bodies: Mechanics, s: float) -> About:
+def about_impact(mechanics: Mechanics, s: float) -> About:
     """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^exponent."""
-    m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
-    local = bodies.structure.local_plate
-    rigid = bodies.rigid
-    if s != bodies.contact.stiffness:
-        rigid = rigid_impact(bodies.sphere, replace(bodies.contact, stiffness=s))
+    m, v = mechanics.sphere.mass_kg, mechanics.sphere.impact_speed_m_s
+    local = mechanics.structure.local_plate
+    rigid = mechanics.rigid
+    if s != mechanics.contact.stiffness:
+        rigid = rigid_impact(mechanics.sphere, replace(mechanics.contact, stiffness=s))
     return About(
         stiffness=s,
-        exponent=bodies.contact.exponent,
+        exponent=mechanics.contact.exponent,
         sphere_mass_kg=m,
         impact_speed_m_s=v,
         impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,
         rigid_contact_s=rigid.contact_s,
         rigid_peak_n=rigid.peak_n,
-        yield_depth_m=yield_depth_m(bodies.contact),
+        yield_depth_m=yield_depth_m(mechanics.contact),
     )
 
 
 @lru_cache(maxsize=16)
 def about_mechanics(
-    bodies: Mechanics, stiffness: float, line: LineSpec, step_ns: int, every_steps: int
+    mechanics: Mechanics, stiffness: float, line: LineSpec, step_ns: int, every_steps: int
 ) -> About:
     """What a law may know without a simulation and without the range of the converter."""
     limit_n = line.full_scale_n
     return replace(
-        about_impact(bodies, stiffness),
+        about_impact(mechanics, stiffness),
         step_ns=step_ns,
         every_steps=every_steps,
         # The force of a sample acts one step after it at the earliest.

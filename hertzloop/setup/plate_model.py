@@ -23,7 +23,7 @@ _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 @lru_cache(maxsize=16)
 def describe_plant(
-    bodies: Mechanics, tail: str, scheme: str, step_ns: int, lead_in_s: float, accuracy: float
+    mechanics: Mechanics, tail: str, scheme: str, step_ns: int, lead_in_s: float, accuracy: float
 ) -> PlantSpec:
     """Describe the plant with modes; whether these can be computed is not checked.
 
@@ -36,26 +36,26 @@ def describe_plant(
         SceneError: a contact would fit into a step, or the structure does not fit the contact.
     """
     step_s = step_ns * 1e-9
-    _check_step(bodies, step_ns)
-    limit, damped = _limit_hz(bodies, tail, scheme, step_s, accuracy)
-    if bodies.structure.mode_table is not None:
-        limit = min(bodies.structure.highest_hz, 0.5 / step_s)
+    _check_step(mechanics, step_ns)
+    limit, damped = _limit_hz(mechanics, tail, scheme, step_s, accuracy)
+    if mechanics.structure.mode_table is not None:
+        limit = min(mechanics.structure.highest_hz, 0.5 / step_s)
     return PlantSpec(
-        sphere=bodies.sphere,
-        plate=bodies.structure,
-        contact=bodies.contact,
-        contact_point_m=bodies.contact_point_m,
-        actuator_point_m=bodies.actuator_point_m,
+        sphere=mechanics.sphere,
+        plate=mechanics.structure,
+        contact=mechanics.contact,
+        contact_point_m=mechanics.contact_point_m,
+        actuator_point_m=mechanics.actuator_point_m,
         step_s=step_s,
         frequency_limit_hz=limit,
         lead_in_s=lead_in_s,
         residual_flexibility=SCHEMES[scheme].supports_tail,
         damped_tail=damped,
-        actuator=bodies.actuator,
-        radiating_faces=bodies.radiating_faces,
-        sensor_point_m=bodies.sensor_point_m,
-        sensor_mass_kg=bodies.sensor_mass_kg,
-        tail_asked=bodies.structure.mode_table is not None and tail != "auto",
+        actuator=mechanics.actuator,
+        radiating_faces=mechanics.radiating_faces,
+        sensor_point_m=mechanics.sensor_point_m,
+        sensor_mass_kg=mechanics.sensor_mass_kg,
+        tail_asked=mechanics.structure.mode_table is not None and tail != "auto",
     )
 
 
@@ -104,14 +104,14 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
 
 
 def _damped_tail(
-    bodies: Mechanics, asked: str, scheme: str, step_s: float, limit_hz: float
+    mechanics: Mechanics, asked: str, scheme: str, step_s: float, limit_hz: float
 ) -> bool:
     """Whether the modes above a limit are one damped mode, not a spring.
 
     "auto" takes it where it is known: on a thin plate away from edges, whose modes end where it
     begins, without a mass on the contact point. Raises SceneError.
     """
-    plate = bodies.structure
+    plate = mechanics.structure
     if asked == "spring" or not SCHEMES[scheme].supports_tail or plate.solid:
         return False
     if plate.local_plate is None:
@@ -137,9 +137,9 @@ def _damped_tail(
         )
     if asked == "damped":
         return True
-    if bodies.mass_at_contact or not _residual_fits_a_plate(plate, step_s):
+    if mechanics.mass_at_contact or not _residual_fits_a_plate(plate, step_s):
         return False
-    return wavelengths_to_edge(bodies, limit_hz) >= NEAREST
+    return wavelengths_to_edge(mechanics, limit_hz) >= NEAREST
 
 
 def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:
@@ -152,18 +152,18 @@ def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:
     return plate.residual_flexibility_m_n(last) <= most
 
 
-def wavelengths_to_edge(bodies: Mechanics, limit_hz: float) -> float:
+def wavelengths_to_edge(mechanics: Mechanics, limit_hz: float) -> float:
     """How far the contact point is from the nearest edge, in lengths of bending waves at a limit;
     inf where modes come from a file and no edge is known."""
-    plate = bodies.structure
+    plate = mechanics.structure
     if plate.mode_table is not None or plate.local_plate is None:
         return math.inf
-    return plate.local_plate.wavelengths_to_edge(bodies.contact_point_m, limit_hz)
+    return plate.local_plate.wavelengths_to_edge(mechanics.contact_point_m, limit_hz)
 
 
-def _check_step(bodies: Mechanics, step_ns: int) -> None:
+def _check_step(mechanics: Mechanics, step_ns: int) -> None:
     """Refuse a step that a contact may fit into: it would be seen as none, or as anything."""
-    lasts_s = bodies.rigid.contact_s
+    lasts_s = mechanics.rigid.contact_s
     if lasts_s < step_ns * 1e-9:
         raise SceneError(
             f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
@@ -172,10 +172,10 @@ def _check_step(bodies: Mechanics, step_ns: int) -> None:
 
 
 def _limit_hz(
-    bodies: Mechanics, tail: str, scheme: str, step_s: float, accuracy: float
+    mechanics: Mechanics, tail: str, scheme: str, step_s: float, accuracy: float
 ) -> tuple[float, bool]:
     """Up to where modes are taken along (Hz), and whether a damped mode stands for those beyond."""
-    sphere, plate, contact = bodies.sphere, bodies.structure, bodies.contact
+    sphere, plate, contact = mechanics.sphere, mechanics.structure, mechanics.contact
     if not SCHEMES[scheme].limits_modes:
         return 0.5 / step_s, False
     if plate.solid:
@@ -193,7 +193,7 @@ def _limit_hz(
         )
         for damped in (False, True)
     ]
-    damped = _damped_tail(bodies, tail, scheme, step_s, limits[True])
+    damped = _damped_tail(mechanics, tail, scheme, step_s, limits[True])
     return limits[damped], damped
 
 

@@ -16,16 +16,16 @@ _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 
 @lru_cache(maxsize=16)
 def resolve_sensor(
-    table: SensorsTable, bodies: Mechanics, step_s: float, latency_us: float
+    table: SensorsTable, mechanics: Mechanics, step_s: float, latency_us: float
 ) -> SensorSpec:
     """The channel; `latency_us` of the line counts for the flight that the range has to hold."""
     return SensorSpec(
-        of_state=_index_of(table.quantity, bodies),
+        of_state=_index_of(table.quantity, mechanics),
         every_steps=table.every_steps,
         low_pass_hz=table.low_pass_hz,
         low_pass=table.low_pass,
         low_pass_order=table.low_pass_order,
-        full_scale=_full_scale(table, bodies, step_s, latency_us),
+        full_scale=_full_scale(table, mechanics, step_s, latency_us),
         bits=None if table.bits == "ideal" else int(table.bits),
         noise_rms=table.noise_rms,
         ac_coupling_hz=table.ac_coupling_hz,
@@ -37,10 +37,10 @@ def resolve_sensor(
     )
 
 
-def _index_of(quantity: str, bodies: Mechanics) -> int:
+def _index_of(quantity: str, mechanics: Mechanics) -> int:
     """Index of a quantity in the state of the plant, where the sensor is."""
     elsewhere = SENSED[quantity].elsewhere
-    if elsewhere is None or bodies.sensor_point_m is None:
+    if elsewhere is None or mechanics.sensor_point_m is None:
         return SENSED[quantity].of_state
     return elsewhere
 
@@ -61,7 +61,7 @@ def _fault_of(table: SensorsTable, step_s: float) -> Fault | None:
 
 
 def _full_scale(
-    table: SensorsTable, bodies: Mechanics, step_s: float, latency_us: float
+    table: SensorsTable, mechanics: Mechanics, step_s: float, latency_us: float
 ) -> tuple[float, float] | None:
     """Range of the converter in units of its quantity; None without limits.
 
@@ -74,9 +74,9 @@ def _full_scale(
         return table.full_scale
     if table.full_scale == "none" or table.bits == "ideal":
         return None
-    contact = bodies.contact
-    m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
-    rigid, flight_s = bodies.rigid, 0.0
+    contact = mechanics.contact
+    m, v = mechanics.sphere.mass_kg, mechanics.sphere.impact_speed_m_s
+    rigid, flight_s = mechanics.rigid, 0.0
     if table.full_scale == "auto":
         horizon_s = step_s + 1e-6 * latency_us
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)
@@ -87,7 +87,7 @@ def _full_scale(
             deepest_m=max(rigid.deepest_m, deepest_rigid_m(contact, 0.5 * m * v * v)),
             flight_m=v * flight_s,
             force_n=force_n,
-            velocity_m_s=lambda: force_n / bodies.local_plate.infinite_plate_impedance_n_s_m,
+            velocity_m_s=lambda: force_n / mechanics.local_plate.infinite_plate_impedance_n_s_m,
             contact_s=rigid.contact_s,
         )
     )
