@@ -10,7 +10,6 @@ zenoh once more.
 """
 
 import atexit
-import ctypes
 import gc
 import importlib
 import json
@@ -33,10 +32,10 @@ from typing import NoReturn, TextIO
 from setproctitle import setproctitle
 
 from hertzloop.foreign import visible
+from hertzloop.processes.signals import end_with_parent
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.
 _PROGRAM = "hertzloop.__main__"
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _DESCRIPTORS = 5  # of a request: its file, standard input, output and error, and the exit code
 
 
@@ -261,7 +260,7 @@ def _become(file: int, *streams: int) -> NoReturn:
         os.chdir(request["cwd"])
         if request["program"]:
             # It does not watch its standard input: it ends with this server, so with the launcher.
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+            end_with_parent()
             os.execvp(request["arguments"][0], request["arguments"])
         # The caller may have replaced them, as pytest and notebooks do.
         sys.stdin, sys.stdout = open(0), open(1, "w")  # noqa: SIM115

@@ -1,5 +1,6 @@
 """Ctrl-C, SIGTERM and a closed terminal end a command as KeyboardInterrupt."""
 
+import ctypes
 import signal
 import socket
 import threading
@@ -8,6 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTED = 130  # exit code
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 received = threading.Event()  # set by the first signal that raises KeyboardInterrupt
 
@@ -30,6 +32,11 @@ def install_handlers() -> None:
     """Let SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does."""
     for number in _heeded():
         signal.signal(number, _interrupt)
+
+
+def end_with_parent() -> None:
+    """Let the kernel send SIGTERM to this process when the one that started it ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 """Compile all that a scene runs before it runs; later processes load it from the cache."""
 
-import ctypes
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -18,6 +16,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.jit.folder import cache_folder
 from hertzloop.jit.progress import report_functions
 from hertzloop.jit.storage import all_written, types_digest
+from hertzloop.processes.signals import end_with_parent
 from hertzloop.scenes.toml import to_toml
 from hertzloop.setup.build import build_plant, build_sensor, free_series
 from hertzloop.setup.controller import build_controller
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]  # is told the finished share, and what is compiled
 
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
 _MOST_STEPS = 20_000  # of that moment, some tenths of a second
 _PLANT_KERNELS = 130  # compiled for the plant of the default scene, parts of others included
@@ -179,7 +177,7 @@ def _compile_beside(parent: int) -> None:
 
     Ends with the process `parent`, which may exit at once on a signal.
     """
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     if os.getppid() != parent:  # it has ended while this process imported
         return
     from hertzloop.analysis.figures import figures_of
