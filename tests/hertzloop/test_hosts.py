@@ -132,11 +132,9 @@ def test_a_cut_link_ends_the_run_with_a_sentence(
 class Intruder:
     """A program that wants in, on a host of its own."""
 
-    def __init__(self, hosts: Network, host: str, config: Path) -> None:
-        self._process = hosts.start(
-            host, "-m", "tests.hertzloop.intruder", str(config), "hertzloop",
-            stdin=subprocess.PIPE,
-        )  # fmt: skip
+    def __init__(self, hosts: Network, host: str, config: Path, *options: str) -> None:
+        command = ["-m", "tests.hertzloop.intruder", str(config), "hertzloop", *options]
+        self._process = hosts.start(host, *command, stdin=subprocess.PIPE)
         self._lines: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
         self.began = self.says()
@@ -227,7 +225,7 @@ def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: P
 def test_the_true_certificate_is_let_in(hosts: Network, paper: Paper, tmp_path: Path) -> None:
     """The intruder above hears, and is heard, once it has a role's certificate with its key."""
     config = paper.of_intruder("replayed", *paper.pairs[CONTROLLER])
-    intruder = Intruder(hosts, "replayed", config)
+    intruder = Intruder(hosts, "replayed", config, "--listen-first")
     brief = ["--wait", "20"]  # the run cannot begin, or ends at once
     ends = end_all(begin(hosts, paper.folder, tmp_path / "run.mcap", *SHORT, patience=brief))
     got = intruder.result()
