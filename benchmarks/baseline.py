@@ -31,9 +31,9 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import record
-from hertzloop.setup import Setup, load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.run_json import run_as_json
 
 SLOW_S = 0.5  # that the slow one takes for a message

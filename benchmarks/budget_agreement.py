@@ -25,9 +25,9 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import Setup, load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
 from hertzloop.studies.budget.limits import (

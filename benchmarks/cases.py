@@ -32,10 +32,10 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import load
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.setup import load
 
 _ROOT = Path(__file__).resolve().parent.parent
 _MAP_CASES = 1600  # of the whole latency map

@@ -1,7 +1,7 @@
 """Both ends of an exchange in the fast lane, with nothing but the exchange."""
 
 from hertzloop.bus import lane_kernels as lane_k
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 
 @kernel

@@ -37,7 +37,7 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.plant.time_series import F_C
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,13 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import Setup, load, model_error
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene import model_error
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 
 _TAIL = "infinite plate"

@@ -27,7 +27,7 @@ from benchmarks.synthetic_records import Spoilt, truth
 from hertzloop.identification.fit.fit import FitResult, fit, free_of, value_of
 from hertzloop.identification.fit.observation import Chain
 from hertzloop.identification.records.records import Measured
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()

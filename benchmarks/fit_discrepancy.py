@@ -32,7 +32,7 @@ from hertzloop.identification.fit.observation import Chain, Observed, observe
 from hertzloop.identification.records.records import Measured
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
 STIFFNESS, HEIGHT = "contact.stiffness_factor", "sphere.drop_height_m"

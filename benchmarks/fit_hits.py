@@ -32,7 +32,7 @@ from hertzloop.identification.modes.hits import hits_of_records
 from hertzloop.identification.modes.modes import modes_of_hits
 from hertzloop.identification.records.records import Record, read_record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
 _CONVERTER = {"low_pass": "sigma-delta", "low_pass_hz": 11_520.0}  # 0.45 of the rate

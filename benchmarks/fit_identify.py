@@ -24,7 +24,7 @@ from benchmarks.program import (
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.fit import fit, free_of
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _FORCE, _V = "contact_force", "v_p"

@@ -29,8 +29,8 @@ from benchmarks.program import (
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup, load
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
 _MASSIVE = (

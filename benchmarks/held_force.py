@@ -31,12 +31,13 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.law_accuracy import simulated_law_accuracy
-from hertzloop.analysis.verification import against
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
-from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.plate_model import widest_limit_hz
+from hertzloop.results.law_accuracy import simulated_law_accuracy
+from hertzloop.results.verification import against
+from hertzloop.scene import model_error
+from hertzloop.scene.plate_model import widest_limit_hz
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 
 _LEAD_S = 1e-5

@@ -35,8 +35,9 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
-from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.build import build_plant
+from hertzloop.scene import model_error
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup, load
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds

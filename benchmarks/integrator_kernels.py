@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.integrate._ivp import dop853_coefficients as _hairer
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.state_kernels import XI
 

@@ -34,14 +34,14 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.cases import CASE_ROWS, Span, figures_of_case
 from hertzloop.cli.options import check_law, scene_from
 from hertzloop.cli.study_frame import resumable
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import CASE_ROWS, Span, figures_of_case
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures, words
 from hertzloop.studies.sweeps.design import KEY as PHASE
 from hertzloop.studies.sweeps.design import Design, phases, spread_of

@@ -21,8 +21,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.extras import need
-from hertzloop.setup import load
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import loop_of

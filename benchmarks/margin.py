@@ -27,14 +27,13 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.stability import StabilityAccumulator
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.setup import Setup
+from hertzloop.results.stability import StabilityAccumulator
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import Loop, growth_of, loop_of, loops_of, margin_of

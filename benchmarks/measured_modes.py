@@ -29,7 +29,6 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.identification.modes.hits import hits_of_records
 from hertzloop.identification.modes.identify import real_rows
 from hertzloop.identification.modes.modes import modes_of_hits, modes_of_responses
@@ -44,7 +43,8 @@ from hertzloop.identification.modes.universal import (
 from hertzloop.identification.records.records import Record, read_record
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import load
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
 
 _NOISE = 1e-3

@@ -38,9 +38,9 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import load
-from hertzloop.setup.plate_model import NEAREST
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.plate_model import NEAREST
+from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
 
 Found = TypeVar("Found")

@@ -2,7 +2,7 @@
 
 The first impact of whole scenes, half of them with a damper in the contact, half with a contact
 that yields, each without and with a law: changes of gap, rebound speed and plate energy as in
-`hertzloop.analysis.verification.verify`, loop closed, against a quarter of the step and all modes
+`hertzloop.results.verification.verify`, loop closed, against a quarter of the step and all modes
 up to twice the sampling frequency. (Twice the modes of the tightest request end near the sampling
 frequency, where the steps of a held force have a line; that would test the reference.)
 """
@@ -16,8 +16,6 @@ import numpy as np
 
 from benchmarks.model_order import drawn, material_name, random_spec
 from benchmarks.program import write_records
-from hertzloop.analysis.law_accuracy import simulated_law_accuracy
-from hertzloop.analysis.verification import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
@@ -25,8 +23,11 @@ from hertzloop.plant.contact.hertz import (
     rigid_penetration_m,
 )
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, model_error
+from hertzloop.results.law_accuracy import simulated_law_accuracy
+from hertzloop.results.verification import Verification, against, finer_spec
+from hertzloop.scene import model_error
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 
 REQUESTS = (1e-3, 1e-4)
 _PARTS = 4  # of a step, in the reference

@@ -33,13 +33,13 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read
-from hertzloop.setup import Setup
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 

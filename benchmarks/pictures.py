@@ -30,13 +30,13 @@ from benchmarks.program import (
     tracked,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.loading import DEFAULT, shipped
-from hertzloop.setup import load
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.loading import DEFAULT, shipped
+from hertzloop.scene.setup import load
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.words import write_rows
 from hertzloop.views import replaying

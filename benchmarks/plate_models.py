@@ -31,7 +31,7 @@ from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 

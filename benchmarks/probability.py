@@ -25,7 +25,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import all_met, parse_goal
 from hertzloop.studies.budget.probability import FIRST, probability, wilson
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate

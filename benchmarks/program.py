@@ -34,8 +34,9 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, explained, fail, out
 from hertzloop.cli.terminal import progress as terminal_progress
-from hertzloop.extras import need
-from hertzloop.setup import DEFAULT, load
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import load
 from hertzloop.studies.words import write_rows
 from hertzloop.views.format import Table
 

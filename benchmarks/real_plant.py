@@ -38,7 +38,7 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures, words
 from hertzloop.studies.budget.budget import NOISE, REAL
 from hertzloop.studies.sweeps.design import Spread, at_all, spread_of

@@ -32,7 +32,7 @@ from benchmarks.program import (
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, viewer
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.views import replaying
 
 _FRAMES = 40

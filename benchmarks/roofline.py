@@ -35,7 +35,7 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 _ROUNDS = 200
 _REPEATS = 300

@@ -1,6 +1,6 @@
 """Compiled loops for the roofline of the default scheme's step: the peaks, and its parts alone."""
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.registry import step
 

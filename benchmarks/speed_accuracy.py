@@ -37,7 +37,7 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
 
 SAMPLE_S = 4e-6

@@ -38,7 +38,7 @@ from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import V_P
 from hertzloop.plant.structures.structure import oscillators
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_rows
 

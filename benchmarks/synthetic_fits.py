@@ -26,7 +26,7 @@ from benchmarks.synthetic_records import Spoilt, measured
 from hertzloop.identification.fit.fit import FitResult
 from hertzloop.identification.fit.observation import Observed
 from hertzloop.identification.records.records import Measured, Record
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.words import write_rows
 
 ExactOption = Annotated[bool, typer.Option("--exact", help="Take the model as exact.")]

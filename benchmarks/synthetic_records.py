@@ -10,7 +10,7 @@ from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import Chain, Observed, observe
 from hertzloop.identification.records.records import Measured, Record
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 _PLANT_NS = 100  # under a law
 _OTHER_STEP_NS = {"short": 125, "long": 400}

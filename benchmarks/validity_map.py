@@ -44,9 +44,9 @@ from hertzloop.plant.estimates.plate_theory import (
 )
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import Setup, load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_rows
 

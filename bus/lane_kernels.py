@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 # Words of the segment.
 MAGIC, VERSION, RUN_ID, SLOTS, STEPS, EVERY_STEPS, JOINED, CLOSED = range(8)

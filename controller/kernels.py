@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hertzloop.common.jit import kernel
 from hertzloop.controller import law_kernels as laws
-from hertzloop.jit import kernel
 
 # Indices into the line's counts and values.
 EMITTED, LAST_ACTING, LAST_PUSHING = range(3)  # steps; the last: of a force not zero

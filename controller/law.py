@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from hertzloop.jit import kernel as compiled_function
+from hertzloop.common.jit import kernel as compiled_function
 
 IDLE, WATCHING, ACTING, SPENT = range(4)  # `s.mode` of a law; `bus/events.py` names them
 NO_PROMISE = math.inf  # a quiet level that no sample stays above

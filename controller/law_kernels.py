@@ -15,7 +15,7 @@ from numba import config, types
 from numba.core.base import BaseContext
 from numba.extending import intrinsic
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 # Indices into the state's words, and into the counts kept beside it. FAULT: sample, from 1 on,
 # whose command was no number.

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from hertzloop.foreign import visible
+from hertzloop.common.sanitize import visible
 from hertzloop.processes import signals
 
 

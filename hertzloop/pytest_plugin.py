@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 
-from hertzloop.text_files import text_of
+from hertzloop.common.text_files import text_of
 
 if TYPE_CHECKING:
-    from hertzloop.analysis.cases import CaseFigures
+    from hertzloop.results.cases import CaseFigures
     from hertzloop.studies.budget.requirements import Row
 
 _FILE = "requirements.toml"
@@ -43,7 +43,7 @@ class RequirementsFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """Return a test for each row in each of its scenes."""
-        from hertzloop.scenes.errors import SceneError
+        from hertzloop.scene.errors import SceneError
         from hertzloop.studies.budget.requirements import read_requirements
 
         try:
@@ -80,7 +80,7 @@ class RequirementItem(pytest.Item):
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Return the message of a failed row without a traceback."""
-        from hertzloop.scenes.errors import SceneError
+        from hertzloop.scene.errors import SceneError
 
         if isinstance(excinfo.value, RequirementFailed | SceneError):
             return str(excinfo.value)
@@ -94,7 +94,7 @@ class RequirementItem(pytest.Item):
 def _rows(
     scene: str, cases: Sequence[Mapping[str, Any]], law: str | None, span: Literal["impact", "run"]
 ) -> list[dict[str, Any]]:
-    from hertzloop.setup import load
+    from hertzloop.scene.setup import load
     from hertzloop.studies.sweeps.evaluate import evaluate
     from hertzloop.studies.sweeps.pool import local_pool
 
@@ -110,7 +110,7 @@ def hertzloop_run() -> "Callable[..., CaseFigures]":
     Returns:
         A function `run(scene="aluminium-3mm", law=None, changes=None, span="impact")`. `scene` is a
         shipped name or a TOML file, `law` a shipped name or a file, `changes` holds values by scene
-        key, and `span` is "impact" or "run". It returns `hertzloop.analysis.cases.CaseFigures`:
+        key, and `span` is "impact" or "run". It returns `hertzloop.results.cases.CaseFigures`:
         figures against no control. It raises SceneError for a case that cannot be run, and
         UnstableLoop for an unstable loop.
     """
@@ -121,8 +121,8 @@ def hertzloop_run() -> "Callable[..., CaseFigures]":
         changes: Mapping[str, Any] | None = None,
         span: Literal["impact", "run"] = "impact",
     ) -> "CaseFigures":
-        from hertzloop.analysis.cases import figures_of_case
-        from hertzloop.setup import load
+        from hertzloop.results.cases import figures_of_case
+        from hertzloop.scene.setup import load
 
         setup = load(scene, [] if law is None else [f"controller.law={law}"])
         return figures_of_case(setup.vary(changes) if changes else setup, span)

@@ -25,7 +25,6 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.plant.structures.radiation import (
@@ -34,8 +33,9 @@ from hertzloop.plant.structures.radiation import (
     critical_frequency_hz,
     maidanik_from_hz,
 )
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 
 _ALL = 1e12  # times the poles: all frequencies, to rounding
 

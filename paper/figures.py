@@ -20,7 +20,6 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import noise
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -28,7 +27,8 @@ from hertzloop.plant.schemes.thesis2008 import sampled
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
-from hertzloop.setup import Setup, load
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.pictures import look
 from paper import optima, weaknesses

@@ -26,9 +26,9 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.controller.laws.precomputed import mobility_force_n
 from hertzloop.loop.compiled import simulate
+from hertzloop.results.impacts import first_impact
 from paper.tables import (
     FIGURES,
     LEFT_OUT,

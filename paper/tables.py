@@ -31,13 +31,13 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.controller.laws.precomputed import SHAPES
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 
 # Figures in the order of the tables, and how they compare two impacts.
 Compare = Callable[[ImpactNoise, ImpactNoise], float]

@@ -25,7 +25,6 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -42,7 +41,8 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import F_C
-from hertzloop.setup import Setup, load
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.views.format import Table
 from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact

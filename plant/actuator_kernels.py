@@ -10,8 +10,8 @@ An actuator is one of these NamedTuples, or None: ideal, every command acts as i
 
 from typing import NamedTuple
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, yes
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type, no, yes
 from hertzloop.plant import state_kernels as pk
 
 # A command beyond this (N) acts as this: a loop that runs away stays finite for as long as it runs.

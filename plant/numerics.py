@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import fused
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import fused
 
 _SERIES_TERMS = 24  # 1/24! is below rounding for |x| <= 1
 _BLOCK = 256  # numbers that are followed together, in the processor's nearest memory

@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, nothing
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type, no, nothing
 
 # Indices into a state's body (m, m/s, N).
 # V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean

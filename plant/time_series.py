@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes import registry as scheme
 

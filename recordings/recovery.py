@@ -4,6 +4,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
+from hertzloop.common.atomic_files import whole_file
 from hertzloop.recordings.reader import open_recording
 from hertzloop.recordings.run_reader import RunReader
 from hertzloop.recordings.writer import (
@@ -12,7 +13,6 @@ from hertzloop.recordings.writer import (
     RecordingWriter,
     UnreadableRecording,
 )
-from hertzloop.whole_files import whole_file
 
 
 class Recovered(NamedTuple):

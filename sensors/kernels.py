@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 # Indices into the state. LAST: of a channel with a fault. From OF_SECTIONS on, three numbers for
 # each filter: output less input, rate over w, and its last input.

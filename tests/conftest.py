@@ -81,9 +81,9 @@ from tempfile import TemporaryDirectory
 
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.compiled import record_in_process, simulate
-from hertzloop.processes.warmup import ensure_compiled
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup import load
+from hertzloop.warmup import ensure_compiled
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import load
 
 collect_rarely()
 """
@@ -140,7 +140,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 @contextmanager
 def _alone(name: str) -> Iterator[None]:
     """One process of tests at a time."""
-    from hertzloop.jit.folder import cache_folder
+    from hertzloop.common.jit.folder import cache_folder
 
     with (cache_folder() / name).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -150,7 +150,7 @@ def _alone(name: str) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def warm_kernels() -> None:
     """Compiled kernels, for tests whose processes must not spend their time on compiling."""
-    from hertzloop.processes.warmup import ensure_compiled
+    from hertzloop.warmup import ensure_compiled
 
     with _alone(".tests"):
         ensure_compiled()

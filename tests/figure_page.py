@@ -1,7 +1,7 @@
 """The reference page of all figures, made of their rows."""
 
-from hertzloop.analysis.cases import CASE_ROWS
-from hertzloop.analysis.span_figures import SPAN_ROWS
+from hertzloop.results.cases import CASE_ROWS
+from hertzloop.results.span_figures import SPAN_ROWS
 
 _TABLES = {
     "Figures of a run": ("`run`, `inspect` and `compare` print them.", SPAN_ROWS),

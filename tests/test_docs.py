@@ -19,7 +19,7 @@ from benchmarks.program import app_of
 from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
 from hertzloop.cli.commands import leaves
-from hertzloop.scenes.keys import keys, page
+from hertzloop.scene.keys import keys, page
 from tests import figure_page
 
 ROOT = Path(__file__).resolve().parent.parent

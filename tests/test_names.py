@@ -11,7 +11,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import STRUCTURES
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("hertzloop", "plant", "sensors", "controller", "bus", "recordings")
+FOLDERS = ("hertzloop", "common", "plant", "sensors", "controller", "bus", "recordings")
 INTERFACE = {"Parameters", "State", "Constants"}  # what a law defines, see docs/how-to/laws.md
 
 

@@ -24,7 +24,7 @@ PAGES = [
     *(page for page in sorted(DOCS.rglob("*.md")) if page != PRINTED),
 ]
 LONGEST = 35  # words in a sentence
-FOLDERS = ("hertzloop", "plant", "sensors", "controller", "bus", "recordings")
+FOLDERS = ("hertzloop", "common", "plant", "sensors", "controller", "bus", "recordings")
 
 # A coined phrase, as a regular expression, and the standard term.
 REFUSED = {

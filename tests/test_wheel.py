@@ -45,7 +45,7 @@ def test_the_wheel_holds_one_package(wheels: tuple[Path, Path]) -> None:
     tops = {name.split("/")[0] for name in names[0]}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"hertzloop"}
     for needed in ("plant/plant.py", "controller/loading/start/hertzloop_law.h", "law.py",
-                   "bus/hertzloop_lane.h", "scenes/aluminium-3mm.toml"):  # fmt: skip
+                   "bus/hertzloop_lane.h", "scene/aluminium-3mm.toml"):  # fmt: skip
         assert f"hertzloop/{needed}" in names[0]
 
 
@@ -118,7 +118,7 @@ def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
 
     found = run("-c", "import hertzloop; print(hertzloop.__file__)")
     assert found.startswith(str(Path(installed).parents[1]))
-    for name in ("plant", "controller", "sensors", "bus", "recordings", "jit", "tests"):
+    for name in ("plant", "controller", "sensors", "bus", "recordings", "common", "tests"):
         run("-c", f"import importlib.util as u; assert u.find_spec({name!r}) is None, {name!r}")
     tool = ("-m", "hertzloop")
     run(*tool, "run", *RUN, "--out", "a.mcap")

@@ -30,10 +30,10 @@ from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
-from hertzloop.jit import kernel
-from hertzloop.jit.folder import cache_folder
-from hertzloop.jit.object_code import array_at
-from hertzloop.jit.storage import keep, kept_in, stored
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.folder import cache_folder
+from hertzloop.common.jit.object_code import array_at
+from hertzloop.common.jit.storage import keep, kept_in, stored
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.

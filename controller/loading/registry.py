@@ -21,12 +21,12 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from hertzloop.common.text_files import python_text
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
 from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
 from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 from hertzloop.controller.loading.library import library_law, unit_law
-from hertzloop.text_files import python_text
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")

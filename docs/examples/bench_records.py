@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.records.records import QUANTITIES
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 EXAMPLES = Path(__file__).parent
 TRUE = {

@@ -10,21 +10,21 @@ from hertzloop.api.measurements import fit, read_record, read_records
 from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
 from hertzloop.api.studies import linear, modes, sweep, tune
-from hertzloop.extras import need
+from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import Scene
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from hertzloop.analysis.comparison import Comparison, Difference
-    from hertzloop.analysis.span_figures import RunFigures, SpanFigures
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
     from hertzloop.identification.fit.fit import FitError, FitResult
     from hertzloop.identification.records.records import Record, RecordError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.results.comparison import Comparison, Difference
+    from hertzloop.results.span_figures import RunFigures, SpanFigures
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
 
@@ -38,8 +38,8 @@ __all__ = [
 
 # Names that are loaded at their first use, since a script that only simulates needs none of them.
 _NAMES_BY_MODULE = {
-    "analysis.comparison": ("Comparison", "Difference"),
-    "analysis.span_figures": ("RunFigures", "SpanFigures"),
+    "results.comparison": ("Comparison", "Difference"),
+    "results.span_figures": ("RunFigures", "SpanFigures"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),
     "interop.environment": ("ImpactEnv",),

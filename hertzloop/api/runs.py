@@ -11,27 +11,28 @@ import numpy as np
 
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.bus.sockets import own_folder
-from hertzloop.extras import need
+from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import parse as parse_scene
-from hertzloop.scenes.scene import Scene
-from hertzloop.setup import Setup, model_error, resolve
+from hertzloop.scene import model_error
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import parse as parse_scene
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.setup import Setup, resolve
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from hertzloop.analysis.comparison import Comparison
-    from hertzloop.analysis.figures import RunResult
-    from hertzloop.analysis.repeatability import NotRepeatable
-    from hertzloop.analysis.span_figures import RunFigures
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event, Recording
+    from hertzloop.results.comparison import Comparison
+    from hertzloop.results.figures import RunResult
+    from hertzloop.results.repeatability import NotRepeatable
+    from hertzloop.results.span_figures import RunFigures
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
@@ -113,7 +114,7 @@ class Run:
 
         `hertzloop run` and `hertzloop inspect` print these figures.
         """
-        from hertzloop.analysis.span_figures import RunFigures
+        from hertzloop.results.span_figures import RunFigures
 
         found = self._result.figures
         return RunFigures(found.first_impact, found.whole_run)
@@ -124,8 +125,8 @@ class Run:
 
         The property simulates the run without control.
         """
-        from hertzloop.analysis.figures import free_figures
-        from hertzloop.analysis.verdict import assess
+        from hertzloop.results.figures import free_figures
+        from hertzloop.results.verdict import assess
         from hertzloop.views.verdict import verdict_sentences
 
         setup = resolve(self.scene)
@@ -235,7 +236,7 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
     from hertzloop.loop.paced import check_pace
     from hertzloop.loop.run_options import Transport
-    from hertzloop.processes.warmup import ensure_compiled
+    from hertzloop.warmup import ensure_compiled
 
     assert options.pace is not None
     if options.transport is not Transport.ZENOH:
@@ -266,9 +267,9 @@ def read(recording: str | Path) -> Run:
         RecordingError: the file cannot be read, is damaged or not a recording, or its scene
             cannot be simulated by this version.
     """
-    from hertzloop.analysis.recorded import rows_of
     from hertzloop.recordings.reader import read as read_recording
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.results.recorded import rows_of
 
     found = read_recording(Path(recording))
     if found.problems or found.books is None:
@@ -293,11 +294,11 @@ def _run_from(
     recording: "Recording | None",
     books: "Balance | BooksMessage",
 ) -> Run:
-    from hertzloop.analysis.figures import RunResult, figures_of
-    from hertzloop.analysis.impacts import impacts_of_rows
-    from hertzloop.analysis.recorded import law_of, pacing_of, stacked
-    from hertzloop.analysis.repeatability import why_not_repeatable
-    from hertzloop.analysis.verdict import saturation_of
+    from hertzloop.results.figures import RunResult, figures_of
+    from hertzloop.results.impacts import impacts_of_rows
+    from hertzloop.results.recorded import law_of, pacing_of, stacked
+    from hertzloop.results.repeatability import why_not_repeatable
+    from hertzloop.results.verdict import saturation_of
     from hertzloop.views.run_json import pacing_as_json
 
     step_s = setup.step_s
@@ -344,7 +345,7 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
     Returns:
         One row per figure. `print` shows the table of `hertzloop compare --figures`.
     """
-    from hertzloop.analysis.comparison import compared
+    from hertzloop.results.comparison import compared
     from hertzloop.views.inspection import PrintedComparison
 
     found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hertzloop.scenes.loading import load as load_scene
-from hertzloop.scenes.loading import shipped
-from hertzloop.scenes.scene import Scene
-from hertzloop.scenes.varying import vary as vary_scene
-from hertzloop.scenes.varying import with_law_as_it_is
-from hertzloop.setup import Setup, resolve
+from hertzloop.scene.loading import load as load_scene
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.setup import Setup, resolve
+from hertzloop.scene.varying import vary as vary_scene
+from hertzloop.scene.varying import with_law_as_it_is
 
 AnyScene = Scene | str | Path  # a scene, the name of a shipped one, or a TOML file
 

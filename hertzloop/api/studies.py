@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hertzloop.api.runs import labelled_arrays
 from hertzloop.api.scenes import AnyScene, resolved
-from hertzloop.extras import need
-from hertzloop.setup import Setup
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.setup import Setup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +31,7 @@ def modes(scene: AnyScene) -> "xr.Dataset":
     Raises:
         SceneError: the scene has no modes or cannot be simulated.
     """
-    from hertzloop.analysis.deflection import modes_of_scene
+    from hertzloop.results.deflection import modes_of_scene
 
     return labelled_arrays().modes_of(modes_of_scene(resolved(scene)))
 

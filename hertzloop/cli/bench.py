@@ -5,7 +5,7 @@ from dataclasses import asdict
 from hertzloop.cli import options
 from hertzloop.cli.terminal import out, progress
 from hertzloop.processes import fork_server
-from hertzloop.scenes.loading import DEFAULT
+from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies import bench as bench_study
 from hertzloop.views.format import Table
 

@@ -12,10 +12,10 @@ import typer
 from hertzloop.cli import options
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
-from hertzloop.extras import need
+from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.scenes.loading import DEFAULT
+from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
 from hertzloop.studies.budget.limits import NAMES, Boundary, limit_words

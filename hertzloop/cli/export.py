@@ -12,8 +12,8 @@ import typer
 from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.extras import need
-from hertzloop.jit.object_code import outline
+from hertzloop.common.jit.object_code import outline
+from hertzloop.common.optional_dependencies import need
 from hertzloop.recordings.reader import read
 from hertzloop.views.labels import export_labels
 

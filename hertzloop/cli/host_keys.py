@@ -12,9 +12,9 @@ import typer
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out
-from hertzloop.extras import need
+from hertzloop.common.atomic_files import write_together
+from hertzloop.common.optional_dependencies import need
 from hertzloop.processes.program import BASE_PORT
-from hertzloop.whole_files import write_together
 
 
 def keys(

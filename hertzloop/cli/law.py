@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import StreamFault
@@ -30,8 +29,9 @@ from hertzloop.processes.launcher import RunFailed
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.loading import parse_setting
-from hertzloop.setup.controller import loaded_law
+from hertzloop.results.recorded import reported_law
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.loading import parse_setting
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:

@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.analysis.listening import write_sounds
 from hertzloop.cli import options
 from hertzloop.cli.recordings import FileArgument
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.plant.figures.sound import DIRECTIONS
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
+from hertzloop.results.listening import write_sounds
+from hertzloop.scene.errors import SceneError
 from hertzloop.views.format import Table
 from hertzloop.views.replaying import scene_of
 

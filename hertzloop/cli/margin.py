@@ -8,9 +8,9 @@ import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import out
-from hertzloop.extras import need
+from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.loading import DEFAULT
+from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.margin.binding import binding_mode, mode_line
 from hertzloop.studies.margin.contact import contact_margin, impact_facts
 from hertzloop.studies.margin.margin import margin_of

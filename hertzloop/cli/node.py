@@ -26,7 +26,7 @@ from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.loading import DEFAULT
+from hertzloop.scene.loading import DEFAULT
 
 # Of the kinds that zenoh comes with here.
 _ENDPOINT = re.compile(

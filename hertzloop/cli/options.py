@@ -16,17 +16,17 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 
 from hertzloop.cli.terminal import err, fail, out, progress
+from hertzloop.common.atomic_files import NotWritten, in_place, write_together, write_whole
+from hertzloop.common.optional_dependencies import need
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.extras import need
 from hertzloop.loop.run_options import LOCK_STEP, RunOptions, options_and_flags, options_of
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.signals import INTERRUPTED, ending_signals
-from hertzloop.processes.warmup import all_compiled, anything_compiled, ensure_compiled
-from hertzloop.scenes.loading import load as load_scene
-from hertzloop.setup import Setup, resolve
-from hertzloop.setup.controller import loaded_law
-from hertzloop.setup.plate_model import TOLD_S, build_time_s
-from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.loading import load as load_scene
+from hertzloop.scene.plate_model import TOLD_S, build_time_s
+from hertzloop.scene.setup import Setup, resolve
+from hertzloop.warmup import all_compiled, anything_compiled, ensure_compiled
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
 SetOption = Annotated[

@@ -8,20 +8,20 @@ import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.extras import need
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.recovery import recover as recover_file
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import parse
-from hertzloop.whole_files import write_whole
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import parse
+from hertzloop.scene.toml import to_toml
 
 if TYPE_CHECKING:
-    from hertzloop.setup import Setup
+    from hertzloop.scene.setup import Setup
 
 
 # What single commands need is imported in them: views take 0.06 s, Rerun 0.5 s, and what draws is
@@ -80,7 +80,7 @@ def inspect(
 
 def _draw_responses(recording: Recording, folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
-    from hertzloop.analysis.recorded import pacing_of, responses_of
+    from hertzloop.results.recorded import pacing_of, responses_of
     from hertzloop.studies import law_on as law_replay
     from hertzloop.views.pacing import pacing_sentences
 
@@ -153,8 +153,8 @@ def compare(
 
 
 def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
-    from hertzloop.analysis.comparison import compared
-    from hertzloop.analysis.span_figures import RunFigures
+    from hertzloop.results.comparison import compared
+    from hertzloop.results.span_figures import RunFigures
     from hertzloop.views import inspection
     from hertzloop.views.run_json import comparison_as_json
 
@@ -177,7 +177,7 @@ def _compare_figures(left: Recording, right: Recording, json_file: Path | None) 
 def _horizon(recording: Recording, tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
-    from hertzloop.analysis.predictability import horizon_step
+    from hertzloop.results.predictability import horizon_step
 
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)

@@ -10,19 +10,19 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.analysis.verification import check_verifiable
 from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
 from hertzloop.processes import fork_server
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.setup.controller import check_buildable, loaded_law
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.verification import check_verifiable
+from hertzloop.scene.controller import check_buildable, loaded_law
+from hertzloop.scene.loading import DEFAULT
 from hertzloop.views.format import unwrapped
 from hertzloop.views.run import print_run
 from hertzloop.views.run_json import run_as_json

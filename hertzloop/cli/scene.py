@@ -8,11 +8,11 @@ import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out
-from hertzloop.scenes import keys as all_keys
-from hertzloop.scenes.errors import shown
-from hertzloop.scenes.loading import DEFAULT, shipped, shipped_text
-from hertzloop.scenes.scene import possible_name
-from hertzloop.setup import load
+from hertzloop.scene import keys as all_keys
+from hertzloop.scene.errors import shown
+from hertzloop.scene.loading import DEFAULT, shipped, shipped_text
+from hertzloop.scene.scene import possible_name
+from hertzloop.scene.setup import load
 from hertzloop.views.format import Table, print_all, unwrapped
 
 
@@ -114,7 +114,7 @@ def check(
     options.compile_first(resolved)
 
     # 0.07 s, which the other commands save.
-    from hertzloop.analysis.effects import EffectState, neglected_of_scene
+    from hertzloop.results.effects import EffectState, neglected_of_scene
     from hertzloop.views.effects import neglected_lines, not_evaluated, table_of
     from hertzloop.views.run_json import effects_as_json
 

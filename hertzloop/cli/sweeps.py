@@ -9,13 +9,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from hertzloop.analysis.cases import OTHER, SHOWN
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
-from hertzloop.extras import need
+from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import NO_CASE_OF_THESIS
-from hertzloop.scenes.loading import DEFAULT
+from hertzloop.results.cases import OTHER, SHOWN
+from hertzloop.scene.errors import NO_CASE_OF_THESIS
+from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE

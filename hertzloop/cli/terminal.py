@@ -11,8 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.segment import Segment
 from rich.text import Text
 
-from hertzloop.extras import sentence_on
-from hertzloop.foreign import visible
+from hertzloop.common.optional_dependencies import sentence_on
+from hertzloop.common.sanitize import visible
 from hertzloop.processes.signals import INTERRUPTED
 
 _LINE_S = 10.0  # between two lines on progress

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hertzloop.analysis.cases import OBJECTIVES
 from hertzloop.cli import options
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.extras import need
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import words_of
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.scenes.loading import DEFAULT
-from hertzloop.scenes.toml import to_toml, toml_text
-from hertzloop.setup import Setup
+from hertzloop.results.cases import OBJECTIVES
+from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml, toml_text
 from hertzloop.studies.margin.shown import unstable_line
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Design, DesignError, check_keys, parse_axis
@@ -30,7 +31,6 @@ from hertzloop.studies.sweeps.evaluate import CaseTally
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import code_version
 from hertzloop.views.format import Table, unwrapped
-from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     from hertzloop.studies.margin.margin import Growth

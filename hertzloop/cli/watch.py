@@ -15,11 +15,11 @@ from hertzloop.bus.sockets import reserved_ports
 from hertzloop.cli import options
 from hertzloop.cli.node import check_endpoints
 from hertzloop.cli.terminal import err, fail, out
+from hertzloop.common.atomic_files import write_whole
 from hertzloop.loop.run_options import BusOptions, RunOptions
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
 from hertzloop.processes.signals import INTERRUPTED, deferred
-from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -18,8 +18,8 @@ from hertzloop.interop.fmu import ENERGIES, VALUES, write_library
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.plant.contact.hertz import rigid_penetration_m
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Resolvable, Setup, load, resolve
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Resolvable, Setup, load, resolve
 
 _AHEAD = 20  # samples before the first touch
 _AFTER = 20  # samples after the sphere has left

@@ -15,12 +15,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hertzloop import __version__
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.jit.object_code import outline
 from hertzloop.interop.image import Image
 from hertzloop.interop.objects import plant_object
-from hertzloop.jit.object_code import outline
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.quantities import SENSED
-from hertzloop.whole_files import write_whole
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED
 
 Version = Literal["2", "3"]
 _BASE_UNITS = {

@@ -12,19 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.jit.object_code import leaves
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
-from hertzloop.jit.object_code import leaves
 from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.time_series import F_A, F_C
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.quantities import SENSED
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import PHASE_STREAM, Setup
 from hertzloop.sensors.acquisition import NOISE_STREAM
-from hertzloop.setup import Setup
-from hertzloop.setup.build import build_plant, build_sensor
-from hertzloop.setup.setup import PHASE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
 _LINE, _WORD = 64, 8

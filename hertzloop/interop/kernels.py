@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type
 from hertzloop.loop import kernels as loop_k
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes.registry import offering

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as ll
 from numba import float64, intp, typeof
 
-from hertzloop.jit.folder import cache_folder
-from hertzloop.jit.storage import keep
+from hertzloop.common.jit.folder import cache_folder
+from hertzloop.common.jit.storage import keep
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit
@@ -81,8 +81,8 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
 
 def _compile(outline: "Unit") -> bytes:
     # For the process that compiles alone: the program that exports starts 0.1 s earlier.
+    from hertzloop.common.jit.object_code import assembler, object_code
     from hertzloop.interop import kernels as interop_k
-    from hertzloop.jit.object_code import assembler, object_code
 
     assembled = assembler(typeof(outline))
     released, advanced, balanced = interop_k.release, interop_k.advance, interop_k.balance

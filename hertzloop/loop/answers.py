@@ -22,7 +22,7 @@ from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_k
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import UnreadableRecording
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 _NOTICE_S = 1.0  # in which a controller that fails says so
 

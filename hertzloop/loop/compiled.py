@@ -28,11 +28,11 @@ from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.time_series import COLUMNS
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.quantities import SENSED
-from hertzloop.setup import Setup
-from hertzloop.setup.build import build_plant, build_sensor
-from hertzloop.setup.controller import build_controller
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import Setup
 
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
 _LEAST_STEPS = 2  # in which a rebound is seen

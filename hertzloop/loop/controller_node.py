@@ -18,9 +18,9 @@ from hertzloop.controller.loading.registry import check_digest
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_streams import set_up_by
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
-from hertzloop.setup.controller import build_controller, build_idle_controller, loaded_law
+from hertzloop.scene.controller import build_controller, build_idle_controller, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, parse
 
 # Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
 _BLOCK, _EVERY_S = 1000, 0.01

@@ -12,8 +12,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.controller.law import ACTING, IDLE
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import loaded_law
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup
 
 _SPAN = 1000  # steps
 MOST = 10_000  # events of one publisher that are listed

@@ -13,9 +13,9 @@ import numpy as np
 
 from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.bus.lane_kernels import now_ns
+from hertzloop.common.jit import kernel
 from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
-from hertzloop.jit import kernel
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.time_series import record_step

@@ -9,7 +9,7 @@ import numpy as np
 
 from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.bus.lane_kernels import now_ns, sleep_us, yield_core
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.loop import kernels as loop_k
 from hertzloop.plant import state_kernels as pk
 

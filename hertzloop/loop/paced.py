@@ -19,8 +19,8 @@ from hertzloop.loop import kernels as loop_k
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import refusal
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 
 _MOST_WAITING = 1 << 22  # samples that are not answered
 _REST_S = 50e-6

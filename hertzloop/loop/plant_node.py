@@ -14,7 +14,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
 from hertzloop.loop.plant_streams import PlantStreams
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 _AHEAD_SAMPLES = 64_000  # that may be on their way while the controller has promised zero
 

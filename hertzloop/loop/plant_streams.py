@@ -29,10 +29,11 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import COLUMNS, TRUTH
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, model_error
-from hertzloop.setup.build import build_plant, build_sensor
-from hertzloop.setup.controller import loaded_law
+from hertzloop.scene import model_error
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import loaded_law
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup
 
 PATIENCE_S = 20.0
 _LOOKS = 4  # in that time

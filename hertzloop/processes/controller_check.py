@@ -14,8 +14,8 @@ from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.launcher import record
 from hertzloop.recordings.reader import Recording, read
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import build_controller
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup, load
 
 SCENE = "aluminium-3mm"
 _SHORT = ("run.duration_s=0.0025", "run.accuracy=0.1")  # four contacts

@@ -31,7 +31,7 @@ from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
 
-from hertzloop.foreign import visible
+from hertzloop.common.sanitize import visible
 from hertzloop.processes.signals import end_with_parent
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.

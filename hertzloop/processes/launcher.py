@@ -23,9 +23,9 @@ from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.reader import holds_a_run
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import check_buildable, loaded_law
+from hertzloop.scene.controller import check_buildable, loaded_law
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _CONNECTS_S = 30.0  # for a program of the user's to connect

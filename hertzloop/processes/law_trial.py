@@ -22,10 +22,10 @@ from hertzloop.controller.loading.compiled import compiled_abreast
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import load_anew, shipped
 from hertzloop.plant.contact.hertz import rigid_penetration_m
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.quantities import SENSED, Trial
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import bound_law, build_idle_controller, law_context, loaded_law
+from hertzloop.scene.controller import bound_law, build_idle_controller, law_context, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED, Trial
+from hertzloop.scene.setup import Setup
 
 _SAMPLES = 2000
 _PATIENCE_S = 10.0

@@ -20,8 +20,8 @@ from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.foreign import visible
-from hertzloop.jit.progress import report_compiling
+from hertzloop.common.jit.progress import report_compiling
+from hertzloop.common.sanitize import visible
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
 from hertzloop.loop.compiled import recorder_of
@@ -30,7 +30,7 @@ from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode

@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes.launcher import record
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.sweeps.evaluate import not_run, run_cases
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.analysis.recorded import SHARES, Pacing, Responses
-from hertzloop.analysis.rounding import time_words
 from hertzloop.recordings.recording import Recording
-from hertzloop.setup import Setup, parse
-from hertzloop.setup.controller import build_controller
+from hertzloop.results.recorded import SHARES, Pacing, Responses
+from hertzloop.results.rounding import time_words
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies import pictures, words
 
 _AROUND_STEPS = 100  # shown before and after the first difference

@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from hertzloop.whole_files import whole_file
+from hertzloop.common.atomic_files import whole_file
 
 # Okabe and Ito's colours, each with a line style and a marker of its own.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from hertzloop.analysis.cases import Span
 from hertzloop.loop.run_options import option
+from hertzloop.results.cases import Span
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,13 @@ from pymoo.core.problem import Problem
 from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from hertzloop.analysis.cases import Span
+from hertzloop.common.atomic_files import write_whole
 from hertzloop.controller.law import About
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.results.cases import Span
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies import words
 from hertzloop.studies.margin.margin import Growth, growth_of
 from hertzloop.studies.requests import TuneRequest
@@ -39,7 +40,6 @@ from hertzloop.studies.sweeps.design import (
 )
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import work_of
-from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

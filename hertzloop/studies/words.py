@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from hertzloop.analysis.cases import CASE_ROWS
-from hertzloop.whole_files import whole_file
+from hertzloop.common.atomic_files import whole_file
+from hertzloop.results.cases import CASE_ROWS
 
 FIGURES = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
 AXES = {

@@ -3,15 +3,15 @@
 import math
 from typing import Any
 
-from hertzloop.analysis import model
-from hertzloop.analysis.run_report import RunReport
-from hertzloop.analysis.statistics import ActuatorDemand
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import STRUCTURES
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import mean_latency_us
+from hertzloop.results import model
+from hertzloop.results.run_report import RunReport
+from hertzloop.results.statistics import ActuatorDemand
+from hertzloop.scene.controller import mean_latency_us
+from hertzloop.scene.setup import Setup
 from hertzloop.views.format import Table
 from hertzloop.views.law_line import law_line
 

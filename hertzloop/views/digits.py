@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from hertzloop.analysis.figure_rows import FigureRow
+from hertzloop.results.figure_rows import FigureRow
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 

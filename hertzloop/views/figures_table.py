@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from hertzloop.analysis.figures import Figures, RunResult
-from hertzloop.analysis.predictability import ImpactErrors, Predictability, errors_of
-from hertzloop.analysis.span_figures import DECIBELS, SPAN_ROWS, change_db
 from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.results.figures import Figures, RunResult
+from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
+from hertzloop.results.span_figures import DECIBELS, SPAN_ROWS, change_db
 from hertzloop.views.digits import cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 

@@ -9,11 +9,13 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis.comparison import Comparison
-from hertzloop.analysis.figures import RunResult, figures_of
-from hertzloop.analysis.model import Yield, yield_of
-from hertzloop.analysis.predictability import Predictability, errors_of, predictability
-from hertzloop.analysis.recorded import (
+from hertzloop.recordings.joined_stream import JoinedStream
+from hertzloop.recordings.recording import Recording
+from hertzloop.results.comparison import Comparison
+from hertzloop.results.figures import RunResult, figures_of
+from hertzloop.results.model import Yield, yield_of
+from hertzloop.results.predictability import Predictability, errors_of, predictability
+from hertzloop.results.recorded import (
     NEEDED_FIELDS,
     Pacing,
     RecordedLaw,
@@ -21,14 +23,12 @@ from hertzloop.analysis.recorded import (
     law_of,
     pacing_of,
 )
-from hertzloop.analysis.repeatability import why_not_repeatable
-from hertzloop.analysis.span_figures import SPAN_ROWS
-from hertzloop.analysis.verdict import saturation_of
-from hertzloop.analysis.verdict import verdict as verdict_of
-from hertzloop.recordings.joined_stream import JoinedStream
-from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
+from hertzloop.results.repeatability import why_not_repeatable
+from hertzloop.results.span_figures import SPAN_ROWS
+from hertzloop.results.verdict import saturation_of
+from hertzloop.results.verdict import verdict as verdict_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, parse
 from hertzloop.views.details import demand_words, yield_words
 from hertzloop.views.effects import neglected_lines, warning_lines
 from hertzloop.views.figures_table import figures_table

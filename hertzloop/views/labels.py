@@ -1,7 +1,7 @@
 """Units and meanings of the streams of a run, for exports and labelled arrays."""
 
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scenes.quantities import SENSED
+from hertzloop.scene.quantities import SENSED
 
 FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
 HELD = {"held_steps": ("", "by how many steps the command was too old, in a paced run")}

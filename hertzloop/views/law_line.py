@@ -1,8 +1,8 @@
 """Which law a run used, and why a run cannot be simulated again, in words."""
 
-from hertzloop.analysis.recorded import RecordedLaw
-from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.controller.loading.registry import shipped
+from hertzloop.results.recorded import RecordedLaw
+from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 
 _LONGEST = 200  # characters that are shown of a controller's own words
 

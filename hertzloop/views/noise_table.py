@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from hertzloop.analysis.figure_rows import FigureRow
-from hertzloop.analysis.span_figures import SPAN_ROWS, change_db
 from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.results.figure_rows import FigureRow
+from hertzloop.results.span_figures import SPAN_ROWS, change_db
 from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 

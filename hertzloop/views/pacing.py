@@ -4,8 +4,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from hertzloop.analysis.recorded import IN_TIME, PacedClock, Pacing
-from hertzloop.analysis.rounding import time_words
+from hertzloop.results.recorded import IN_TIME, PacedClock, Pacing
+from hertzloop.results.rounding import time_words
 from hertzloop.views.format import unwrapped
 
 

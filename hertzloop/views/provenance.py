@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from hertzloop.analysis.recorded import law_of
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.keys import unit_of
-from hertzloop.setup import Setup, load, shipped
+from hertzloop.results.recorded import law_of
+from hertzloop.scene.keys import unit_of
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.law_line import law_line, law_words
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it

@@ -6,10 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.analysis.curves import Overlay, overlay
-from hertzloop.analysis.deflection import deflection
-from hertzloop.analysis.recorded import pacing_of, pieces_of
-from hertzloop.analysis.stability import StabilityAccumulator
 from hertzloop.bus.streams import LAST_NS
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.recording import Recording
@@ -22,9 +18,13 @@ from hertzloop.recordings.replay.replay_data import prepare as prepare_replay
 from hertzloop.recordings.replay.spectrum import spectrum
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
-from hertzloop.setup.build import free_series
+from hertzloop.results.curves import Overlay, overlay
+from hertzloop.results.deflection import deflection
+from hertzloop.results.recorded import pacing_of, pieces_of
+from hertzloop.results.stability import StabilityAccumulator
+from hertzloop.scene.build import free_series
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, parse
 from hertzloop.views import provenance
 from hertzloop.views.pacing import pacing_sentences
 

@@ -5,9 +5,9 @@ import shlex
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis.predictability import errors_of
-from hertzloop.analysis.run_report import RunReport
 from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.results.predictability import errors_of
+from hertzloop.results.run_report import RunReport
 from hertzloop.views.details import error_words, missed, run_table
 from hertzloop.views.effects import neglected_lines, warning_lines
 from hertzloop.views.figures_table import figures_table

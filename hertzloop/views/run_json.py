@@ -4,16 +4,16 @@ import math
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
-from hertzloop.analysis import model
-from hertzloop.analysis import verdict as verdicts
-from hertzloop.analysis.comparison import Comparison
-from hertzloop.analysis.effects import EffectState, Neglected
-from hertzloop.analysis.figures import Figures
-from hertzloop.analysis.law_accuracy import LawAccuracy
-from hertzloop.analysis.predictability import Predictability
-from hertzloop.analysis.recorded import Pacing
-from hertzloop.analysis.run_report import RunReport
-from hertzloop.analysis.verification import Verification
+from hertzloop.results import model
+from hertzloop.results import verdict as verdicts
+from hertzloop.results.comparison import Comparison
+from hertzloop.results.effects import EffectState, Neglected
+from hertzloop.results.figures import Figures
+from hertzloop.results.law_accuracy import LawAccuracy
+from hertzloop.results.predictability import Predictability
+from hertzloop.results.recorded import Pacing
+from hertzloop.results.run_report import RunReport
+from hertzloop.results.verification import Verification
 from hertzloop.views.law_line import why_not_words
 from hertzloop.views.verdict import verdict_sentences
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from rich.text import Text
 
-from hertzloop.analysis import verdict as verdicts
-from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
-from hertzloop.analysis.law_accuracy import LawAccuracy, SensitiveFigure
-from hertzloop.analysis.rounding import percent
-from hertzloop.analysis.span_figures import MUCH_DB
-from hertzloop.analysis.stability import Stability
+from hertzloop.results import verdict as verdicts
+from hertzloop.results.cases import IN_WORDS, OTHER, Span
+from hertzloop.results.law_accuracy import LawAccuracy, SensitiveFigure
+from hertzloop.results.rounding import percent
+from hertzloop.results.span_figures import MUCH_DB
+from hertzloop.results.stability import Stability
 from hertzloop.views.digits import known_digits
 
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
@@ -36,7 +36,7 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
     """Render the verdict on a run as short sentences, the outcome of control first.
 
     Args:
-        found: The typed verdict of `hertzloop.analysis.verdict`.
+        found: The typed verdict of `hertzloop.results.verdict`.
 
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, yes
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type, no, yes
 
 NODES = 4
 # Gauss-Legendre nodes and weights on (0, 1).

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, nothing, yes, zero
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type, no, nothing, yes, zero
 from hertzloop.plant import state_kernels as pk
 
 

@@ -17,8 +17,8 @@ The contact's law is a `Yielding`, or None: elastic.
 import math
 from typing import NamedTuple
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type, no, yes, zero
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type, no, yes, zero
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 

@@ -6,7 +6,7 @@ the sums are most of what a case of a sweep over plates waits for.
 
 import math
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 TERMS, FEWEST = 160.0, 6  # of a continued fraction: times u, and for a large u
 

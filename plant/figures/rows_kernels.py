@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 # Indices into the sums and counts of `exchanged`.
 INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N, m

@@ -23,8 +23,8 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import apart, by_type, nothing, zero
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import apart, by_type, nothing, zero
 from hertzloop.plant import actuator_kernels as act
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels as pk
 
 LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 rows

@@ -9,7 +9,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any
 
-from hertzloop.jit.by_type import by_type, no
+from hertzloop.common.jit.by_type import by_type, no
 from hertzloop.plant.schemes import infinite_kernels as infinite_k
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels as pk
 
 ALPHA = -1.0 / 3.0

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.text_files import text_of
+from hertzloop.common.text_files import text_of
 
 SUFFIXES = (".csv", ".parquet", ".npz")
 RESIDUAL = "residual_flexibility_m_n"

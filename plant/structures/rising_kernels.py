@@ -8,7 +8,7 @@ frequencies are in rad/s; `nexts`, the mode of every row that is next, and `star
 start, are room; all arrays are the caller's.
 """
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 
 @kernel

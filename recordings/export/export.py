@@ -4,12 +4,12 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from hertzloop.common.atomic_files import NotWritten, whole_file
 from hertzloop.recordings.export.arrays import write_hdf5, write_npz
 from hertzloop.recordings.export.joint_states import write_mcap
 from hertzloop.recordings.export.samples import Samples
 from hertzloop.recordings.export.tables import columns_file, write_columns, write_csv, write_parquet
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.whole_files import NotWritten, whole_file
 
 FORMATS: dict[str, Callable[[Samples, Path], None]] = {
     ".mcap": write_mcap, ".parquet": write_parquet, ".csv": write_csv, ".npz": write_npz,

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from hertzloop.common.atomic_files import write_whole
 from hertzloop.recordings.recording import Event, Recording
 from hertzloop.recordings.replay import blueprint, scene3d
 from hertzloop.recordings.replay import spectrum as spectra_drawn
@@ -13,7 +14,6 @@ from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.recordings.replay.plots import Plot, PlotCurve
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.replay.scene3d import times, with_unit
-from hertzloop.whole_files import write_whole
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
 _LINE_COLOURS = {

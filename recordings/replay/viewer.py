@@ -20,10 +20,10 @@ from rerun.experimental import ViewerClient
 from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.sockets import LOOPBACK, reserved_ports
+from hertzloop.common.atomic_files import write_whole
 from hertzloop.recordings.replay.blueprint import TIMELINE
 from hertzloop.recordings.replay.plots import TITLES
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.whole_files import write_whole
 
 _STOPPING_TAKES_S = 5.0
 _ASK_EVERY_S = 0.3

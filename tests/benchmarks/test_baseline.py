@@ -8,7 +8,7 @@ import pytest
 from benchmarks import baseline, costs, exchange, replay
 from benchmarks.baseline import run_beside
 from benchmarks.cases import mode_file_costs
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 
 @pytest.mark.full

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from benchmarks import latency as study
 from benchmarks.program import app_of
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
 

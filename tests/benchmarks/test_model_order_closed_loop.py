@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks import model_order_closed_loop as closed_loop
 from benchmarks.model_order import random_spec
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 
 def test_requests_are_met_by_whole_scenes(tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def test_a_folder_that_cannot_be_made_is_said_before_work_starts(
     def work(*_: object) -> None:
         raise AssertionError("work has started")
 
-    monkeypatch.setattr("hertzloop.processes.warmup.ensure_compiled", work)
+    monkeypatch.setattr("hertzloop.warmup.ensure_compiled", work)
     result = called(importlib.import_module(name).main, "-o", "/proc/no")
     assert result.exit_code == 2, result.output
     assert "/proc/no" in said(result)

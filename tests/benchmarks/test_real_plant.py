@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import real_plant as study
 from benchmarks.latency import Named, critical
-from hertzloop.analysis.cases import figures_of_case
+from hertzloop.results.cases import figures_of_case
 from hertzloop.studies.sweeps.design import phases
 from hertzloop.studies.sweeps.pool import local_pool
 

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import validity_map as study
 from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 
 def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:

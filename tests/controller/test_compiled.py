@@ -13,9 +13,9 @@ import pytest
 from numba import config
 from numba.core import caching, event
 
+from hertzloop.common.jit import storage
 from hertzloop.controller.loading.compiled import FUNCTIONS
 from hertzloop.controller.loading.registry import SHIPPED, find
-from hertzloop.jit import storage
 from hertzloop.law import About, Keys
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 
 class Ended(BaseException):

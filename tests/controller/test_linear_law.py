@@ -11,10 +11,10 @@ import scipy.signal as sg
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop import compiled
 from hertzloop.plant.time_series import F_A
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import bound_law, law_context, loaded_law
+from hertzloop.scene.controller import bound_law, law_context, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.toml import to_toml
 
 FS = 1e6
 

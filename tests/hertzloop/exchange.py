@@ -26,7 +26,7 @@ from hertzloop.bus.streams import (
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 Alter = Callable[[Envelope], Iterable[Envelope]]
 

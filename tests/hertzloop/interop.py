@@ -10,7 +10,7 @@ import pytest
 from hertzloop.interop.fmu import VALUES, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.

@@ -1,7 +1,7 @@
 """A program that wants in: hears all that it can, says all that it can, as every role.
 
-`python -m tests.hertzloop.intruder CONFIG NAME [--listen-first]` prints a line when it has begun and
-one when it is linked to somebody; when its input ends, what it heard from others, as JSON. With
+`python -m tests.hertzloop.intruder CONFIG NAME [--listen-first]` prints a line when it has begun
+and one when it is linked to somebody; when its input ends, what it heard from others, as JSON. With
 `--listen-first` it sends nothing before it has seen the liveliness token of a role: what it sends
 ends a run, and a role that ends at once may not have declared its token yet.
 """

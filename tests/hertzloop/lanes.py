@@ -14,8 +14,8 @@ from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import build_controller
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup
 from tests.hertzloop.exchange import Heard
 from tests.hertzloop.processes import EVENTUALLY_S
 

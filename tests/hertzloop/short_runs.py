@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 # A coarse model, 2.5 blocks long: the first contact is at the end of the first block.
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]

@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.deflection import deflection
-from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.verification import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
-from hertzloop.setup.build import build_plant
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import figures_of
+from hertzloop.results.recorded import rows_of
+from hertzloop.results.verification import verify
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

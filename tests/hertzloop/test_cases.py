@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis import cases
-from hertzloop.analysis.cases import digest_of, figures_of_case
-from hertzloop.analysis.statistics import ForceTimingAccumulator
 from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.plant.figures.impacts import impacts_in
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.results import cases
+from hertzloop.results.cases import digest_of, figures_of_case
+from hertzloop.results.statistics import ForceTimingAccumulator
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]

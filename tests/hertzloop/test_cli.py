@@ -348,7 +348,7 @@ def test_what_cannot_be_written_is_said_before_work_starts(
     def work(*_: object) -> None:
         raise AssertionError("work has started")
 
-    monkeypatch.setattr("hertzloop.processes.warmup.ensure_compiled", work)
+    monkeypatch.setattr("hertzloop.warmup.ensure_compiled", work)
     result = call(*words.replace("F", "/proc/no").split())
     assert result.exit_code == 2
     folder = words.endswith(" F")  # that would have to be made

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from hertzloop.controller.law import LawError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.controller import check_buildable
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.controller import check_buildable
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "combinations.md").read_text()

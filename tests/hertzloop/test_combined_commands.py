@@ -13,8 +13,8 @@ from hertzloop.interop.fmu import description, variables
 from hertzloop.interop.image import image
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget.limits import quantities_of
 from tests.commands import invoke
 from tests.hertzloop.interop import needs_cc

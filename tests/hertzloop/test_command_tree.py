@@ -14,7 +14,7 @@ import pytest
 from hertzloop.cli import app
 from hertzloop.cli.commands import Leaf, leaves
 
-HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.setup"}
+HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
 
 def called(words: list[str]) -> subprocess.CompletedProcess[str]:

@@ -15,7 +15,7 @@ import pytest
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.recordings.reader import read
-from hertzloop.setup import parse
+from hertzloop.scene.setup import parse
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from hertzloop.analysis.energy_history import energy_histories
 from hertzloop.plant.time_series import XI
-from hertzloop.setup import load
-from hertzloop.setup.build import free_series
+from hertzloop.results.energy_history import energy_histories
+from hertzloop.scene.build import free_series
+from hertzloop.scene.setup import load
 
 
 def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.deflection import deflection, forces_on_plate, frame_steps
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
@@ -15,7 +13,9 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.contacts import contact_spans
 from hertzloop.recordings.replay.deflection import Deflection
-from hertzloop.setup import Setup, load
+from hertzloop.results.deflection import deflection, forces_on_plate, frame_steps
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.setup import Setup, load
 
 SHORT = ["run.duration_s=0.002"]
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.laws.dent_threshold import contact_force, dent
 from hertzloop.controller.loading.registry import find
 from hertzloop.law import About
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import Limit
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import Setup, load
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

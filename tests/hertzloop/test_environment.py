@@ -8,7 +8,7 @@ import pytest
 
 import hertzloop
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.errors import SceneError
+from hertzloop.scene.errors import SceneError
 from tests.hertzloop.interop import SHORT, needs_cc, scene_of
 
 gymnasium = pytest.importorskip("gymnasium")

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.deflection import deflection
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load, parse
+from hertzloop.results.deflection import deflection
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.setup import load, parse
 from hertzloop.studies.sweeps.sweep import read_results
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

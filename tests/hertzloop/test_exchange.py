@@ -14,7 +14,7 @@ from hertzloop.bus.streams import Envelope
 from hertzloop.loop import plant_streams
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_streams import set_up_by
-from hertzloop.setup import parse
+from hertzloop.scene.setup import parse
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import SCENES, scene
 from tests.tiers import default

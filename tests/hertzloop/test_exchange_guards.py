@@ -13,8 +13,8 @@ from hertzloop.bus.codec import decoded
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import Envelope, StreamFault
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces
 from tests.hertzloop.short_runs import SHORT, scene

@@ -17,7 +17,7 @@ from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import series_under
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
 from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 

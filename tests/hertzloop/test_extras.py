@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.extras import EXTRAS
+from hertzloop.common.optional_dependencies import EXTRAS
 
 MAIN = "from hertzloop.__main__ import main; main()"
 

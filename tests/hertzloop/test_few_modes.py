@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from benchmarks.few_modes import Plate, few_modes
-from hertzloop.analysis.effects import EffectState, neglected_of_scene
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.build import build_plant
+from hertzloop.results.effects import EffectState, neglected_of_scene
+from hertzloop.scene import model_error
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)

@@ -18,8 +18,8 @@ from hertzloop.controller.law import WHOLE_STEPS, About
 from hertzloop.controller.laws._local_model import acceleration, look_ahead
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import law_context, loaded_law
+from hertzloop.scene.controller import law_context, loaded_law
+from hertzloop.scene.setup import Setup, load
 
 LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")

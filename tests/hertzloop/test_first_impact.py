@@ -12,17 +12,17 @@ import pytest
 import hertzloop
 from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
-from hertzloop.analysis.cases import CaseFigures, figures_of_case
-from hertzloop.analysis.impacts import impacts_of_rows
-from hertzloop.analysis.span_figures import SpanFigures, changes_db
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import CaseFigures, figures_of_case
+from hertzloop.results.impacts import impacts_of_rows
+from hertzloop.results.span_figures import SpanFigures, changes_db
+from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.report.results import page_of_results
 from hertzloop.studies.requests import TuneRequest

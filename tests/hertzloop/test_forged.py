@@ -13,7 +13,6 @@ import psutil
 import pytest
 import zenoh
 
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.bus import codec
 from hertzloop.bus.codec import decoded
 from hertzloop.bus.messages_pb2 import DaqBlock, Hello
@@ -25,8 +24,9 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start
 from tests.ports import free_ports
 

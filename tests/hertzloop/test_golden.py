@@ -7,7 +7,7 @@ import pytest
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.setup import parse
+from hertzloop.scene.setup import parse
 
 GOLDEN = Path(__file__).resolve().parents[2] / "recordings" / "golden"
 # Two processors may round differently in the exponentials of the model; over 4000 steps

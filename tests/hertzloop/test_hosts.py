@@ -17,7 +17,7 @@ from hertzloop.certificates import Authority, in_base64
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.hertzloop.networks import Network, network
 from tests.hertzloop.processes import EVENTUALLY_S, finish, grown_to, hertzloop, wait_for
 

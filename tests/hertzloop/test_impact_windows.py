@@ -6,16 +6,16 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hertzloop.analysis import impacts as impact_windows
-from hertzloop.analysis.impacts import (
+from hertzloop.loop.compiled import simulate
+from hertzloop.results import impacts as impact_windows
+from hertzloop.results.impacts import (
     Block,
     RowsOfImpact,
     first_impact,
     impacts_of_blocks,
     impacts_of_rows,
 )
-from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 SCENES = {
     "bouncing": ("aluminium-3mm", ["run.duration_s=0.12", "controller.law='off'"]),

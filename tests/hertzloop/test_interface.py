@@ -13,9 +13,9 @@ import hertzloop
 from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import resolve
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import resolve
+from hertzloop.scene.toml import to_toml
 from hertzloop.views.run_json import run_as_json
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "python.md"

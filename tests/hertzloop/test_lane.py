@@ -19,7 +19,7 @@ from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import Transport
 from hertzloop.recordings.compare import first_difference
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import wait_for
 from tests.hertzloop.test_transports import VARIANTS, record, scene_of

@@ -16,9 +16,9 @@ import pytest
 
 from hertzloop.bus import lane, lane_kernels
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import load
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports
 from tests.tiers import default

@@ -9,7 +9,7 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 

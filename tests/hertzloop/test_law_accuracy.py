@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.law_accuracy import LawAccuracy, simulated_law_accuracy, stated_error
-from hertzloop.analysis.verification import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import Setup, load
+from hertzloop.results.law_accuracy import LawAccuracy, simulated_law_accuracy, stated_error
+from hertzloop.results.verification import Verification, against, finer_spec
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.verdict import law_accuracy_sentences
 from tests.commands import invoke
 

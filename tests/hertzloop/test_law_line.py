@@ -6,17 +6,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hertzloop.analysis.figures import free_figures
-from hertzloop.analysis.model import parts_of
-from hertzloop.analysis.recorded import law_of
-from hertzloop.analysis.run_report import RunReport
-from hertzloop.analysis.verdict import assess_recording
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load
+from hertzloop.results.figures import free_figures
+from hertzloop.results.model import parts_of
+from hertzloop.results.recorded import law_of
+from hertzloop.results.run_report import RunReport
+from hertzloop.results.verdict import assess_recording
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from hertzloop.views import inspection
 from hertzloop.views.law_line import law_line
 from hertzloop.views.run import print_run

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
-from hertzloop.analysis import listening
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.setup import load
+from hertzloop.results import listening
+from hertzloop.scene.setup import load
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",

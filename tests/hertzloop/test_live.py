@@ -12,7 +12,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import viewer
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.commands import invoke
 from tests.hertzloop.processes import (
     LONG,

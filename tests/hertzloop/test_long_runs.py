@@ -6,20 +6,20 @@ import sys
 import numpy as np
 import pytest
 
-from hertzloop.analysis import impacts as impact_windows
-from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.impacts import impacts_of_rows, through_first_contact
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load
-from hertzloop.setup.build import free_series
+from hertzloop.results import impacts as impact_windows
+from hertzloop.results.figures import figures_of
+from hertzloop.results.impacts import impacts_of_rows, through_first_contact
+from hertzloop.scene.build import free_series
+from hertzloop.scene.setup import load
 from tests.hertzloop.test_impact_windows import in_blocks
 
 FIGURES = """
 import sys
-from hertzloop.analysis import impacts as impact_windows
-from hertzloop.analysis.figures import figures_of
-from hertzloop.setup import load
-from hertzloop.setup.build import free_series
+from hertzloop.results import impacts as impact_windows
+from hertzloop.results.figures import figures_of
+from hertzloop.scene.setup import load
+from hertzloop.scene.build import free_series
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
 figures_of(scene, free_series(scene))

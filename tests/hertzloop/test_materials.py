@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.plant.structures.materials import MATERIALS, Material
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse
-from hertzloop.setup.build import build_plant
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load, parse
+from hertzloop.scene.toml import to_toml
 
 MINE = """
 [mine]
@@ -29,7 +29,7 @@ poisson = 0.44
 
 def scene_file(folder: Path, materials: str = MINE) -> str:
     (folder / "my_materials.toml").write_text(materials)
-    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    text = Path(__file__).parents[2] / "hertzloop/scene/aluminium-3mm.toml"
     mine = 'materials = "my_materials.toml"\n' + text.read_text()
     (folder / "scene.toml").write_text(mine.replace('material = "aluminium"', 'material = "mine"'))
     return str(folder / "scene.toml")

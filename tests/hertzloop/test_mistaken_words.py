@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop.cli.commands import GROUPS, leaves
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from tests.hertzloop.own_laws import write_law
 from tests.hertzloop.test_cli import SHORT, call, here, said
 

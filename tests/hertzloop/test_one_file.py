@@ -10,11 +10,11 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import launcher
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from hertzloop.setup import Setup, load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, next_line, start, wait_for
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]

@@ -9,16 +9,16 @@ from threading import Event
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.plant import one_thread
 from hertzloop.plant.one_thread import on_one_thread
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import load
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""
 import numpy  # before hertzloop can ask for one thread
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import load
 from threadpoolctl import threadpool_info
 print(max(found["num_threads"] for found in threadpool_info()))
 print(figures_of_case(load("aluminium-3mm", {SETTINGS})).digest)

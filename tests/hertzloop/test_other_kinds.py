@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.scenes.loading import shipped_text
+from hertzloop.scene.loading import shipped_text
 from tests.hertzloop.own_laws import EXAMPLES, build
 from tests.hertzloop.test_cli import SHORT, call, here, said
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.common.atomic_files import NotWritten, whole_file, write_whole
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from hertzloop.setup import load
-from hertzloop.whole_files import NotWritten, whole_file, write_whole
+from hertzloop.scene.setup import load
 from tests.hertzloop.processes import HERTZLOOP, hertzloop
 from tests.hertzloop.test_cli import SHORT, call, here, said
 

@@ -9,21 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes import controller_table
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse, resolve
-from hertzloop.setup.controller import loaded_law
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.recorded import reported_law
+from hertzloop.scene import controller_table
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load, parse, resolve
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.sweeps.evaluate import run_case
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
@@ -30,8 +29,9 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.format import print_all
 from hertzloop.views.pacing import pacing_lines
 from tests.commands import invoke
@@ -51,7 +51,7 @@ FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.acc
 
 @pytest.fixture(scope="session", autouse=True)
 def warm_paced_kernels(warm_kernels: None) -> None:
-    from hertzloop.processes.warmup import ensure_compiled
+    from hertzloop.warmup import ensure_compiled
 
     ensure_compiled(paced=True)
 

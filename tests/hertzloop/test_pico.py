@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.bus.codec import encode
 from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, SceneText, StreamCount
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS
@@ -21,10 +20,11 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import hello
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import shipped
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.toml import to_toml
 from tests.recordings.damages import scene_records
 
 ROOT = Path(__file__).parents[2]

@@ -9,18 +9,19 @@ import pytest
 
 from benchmarks import plate_models
 from benchmarks import plate_models as thickness
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.deflection import deflection, modes_of_scene
-from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.verification import against, verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load, model_error
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.plate_model import widest_limit_hz
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection, modes_of_scene
+from hertzloop.results.recorded import rows_of
+from hertzloop.results.verification import against, verify
+from hertzloop.scene import model_error
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.plate_model import widest_limit_hz
+from hertzloop.scene.setup import load
 from hertzloop.views.details import error_words, what_limits
 from tests.commands import invoke
 

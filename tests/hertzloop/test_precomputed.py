@@ -5,10 +5,10 @@ import pytest
 
 from hertzloop.controller.laws.precomputed import SHAPES, mobility_force_n, shaped
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import bound_law, law_context, loaded_law
-from hertzloop.setup.uncontrolled import uncontrolled_force_n
+from hertzloop.scene.controller import bound_law, law_context, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.uncontrolled import uncontrolled_force_n
 
 PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.predictability import CHAOTIC, errors_of, horizon_step, known_impacts
 from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.results.figures import figures_of
+from hertzloop.results.predictability import CHAOTIC, errors_of, horizon_step, known_impacts
+from hertzloop.scene.setup import load
 from hertzloop.views.digits import known_digits
 from hertzloop.views.impacts_table import impact_headings, impact_rows
 from hertzloop.views.noise_table import noise_rows

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hertzloop.analysis.run_report import RunReport
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.setup import load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.run_report import RunReport
+from hertzloop.scene.setup import load
 from hertzloop.views.details import run_table
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table

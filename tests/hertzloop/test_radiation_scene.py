@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.figures import figures_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

@@ -10,8 +10,8 @@ import pytest
 
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import realtime
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.setup import load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import load
 from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.processes import hertzloop
 

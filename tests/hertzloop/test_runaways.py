@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
 from hertzloop.loop import events as loop_events
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.cases import CaseState, UnstableLoop, figures_of_case
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
 from tests.commands import invoke
 from tests.hertzloop.own_laws import write_law

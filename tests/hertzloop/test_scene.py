@@ -7,18 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.figures import figures_of
-from hertzloop.analysis.listening import radiator_of
-from hertzloop.analysis.verification import check_verifiable
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import DEFAULT, load, parse, shipped
-from hertzloop.scenes.scene import Scene
-from hertzloop.scenes.toml import to_toml, toml_value
-from hertzloop.scenes.varying import vary
-from hertzloop.setup import model_error, resolve
-from hertzloop.setup.build import build_plant
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.figures import figures_of
+from hertzloop.results.listening import radiator_of
+from hertzloop.results.verification import check_verifiable
+from hertzloop.scene import model_error
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import DEFAULT, load, parse, shipped
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.setup import resolve
+from hertzloop.scene.toml import to_toml, toml_value
+from hertzloop.scene.varying import vary
 
 
 def test_the_scenes_that_come_with_it() -> None:

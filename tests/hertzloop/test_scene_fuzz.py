@@ -8,16 +8,16 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.estimates import plate_theory
 from hertzloop.plant.plant import MOST_MODES
-from hertzloop.scenes.errors import SceneError, _limits
-from hertzloop.scenes.loading import load, parse, shipped
-from hertzloop.scenes.scene import Scene
-from hertzloop.scenes.toml import toml_value
-from hertzloop.setup import resolve
-from hertzloop.setup.build import build_plant
+from hertzloop.results.figures import figures_of
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError, _limits
+from hertzloop.scene.loading import load, parse, shipped
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.setup import resolve
+from hertzloop.scene.toml import toml_value
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
 KEYS = [

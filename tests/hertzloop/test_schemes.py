@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_cli import call, said
 from tests.tiers import default

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import Contact, Limit
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
-from hertzloop.setup import load
-from hertzloop.setup.controller import law_flight_m
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.controller import law_flight_m
+from hertzloop.scene.setup import load
 
 PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 

@@ -6,9 +6,6 @@ from typing import Any
 
 import pytest
 
-from hertzloop.analysis.cases import CaseState
-from hertzloop.analysis.figures import Saturation
-from hertzloop.analysis.verdict import saturation_of
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
@@ -18,8 +15,11 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.law_states import law_states
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.cases import CaseState
+from hertzloop.results.figures import Saturation
+from hertzloop.results.verdict import saturation_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import run_cases
 from hertzloop.studies.sweeps.sweep import SweepResults, header_of, read_results, write_results

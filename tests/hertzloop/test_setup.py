@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.scenes import keys
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import shipped
-from hertzloop.scenes.toml import to_toml, toml_text
-from hertzloop.setup import Setup, load, model_error, parse, resolve
-from hertzloop.setup.controller import check_buildable, law_context, loaded_law
-from hertzloop.setup.mechanics import Mechanics
+from hertzloop.scene import keys, model_error
+from hertzloop.scene.controller import check_buildable, law_context, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.mechanics import Mechanics
+from hertzloop.scene.setup import Setup, load, parse, resolve
+from hertzloop.scene.toml import to_toml, toml_text
 from tests.tiers import default
 
 SCENES = shipped()
@@ -125,7 +125,7 @@ def all_keys() -> list[keys.Key]:
 def forget() -> None:
     """Drop the results that all stages have kept."""
     for name, module in list(sys.modules.items()):
-        if name.startswith(("hertzloop.setup", "hertzloop.scenes")):
+        if name.startswith(("hertzloop.scene", "hertzloop.scene")):
             for one in vars(module).values():
                 if hasattr(one, "cache_clear"):
                     one.cache_clear()
@@ -190,7 +190,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
 
 
 def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
-    from hertzloop.analysis.deflection import modes_of_scene
+    from hertzloop.results.deflection import modes_of_scene
 
     short = ["run.duration_s=0.0012", "run.accuracy=0.1", "run.plate_model=modal"]
     path = tmp_path / "m.npz"

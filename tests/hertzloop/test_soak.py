@@ -18,8 +18,8 @@ import psutil
 import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.setup import Setup
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import Setup
 from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start, wait_for
 from tests.hertzloop.short_runs import scene

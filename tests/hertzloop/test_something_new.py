@@ -17,7 +17,7 @@ Path("half.py").write_text('''
 import sys
 from typing import Any, NamedTuple
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant.schemes import discrete_gradient_kernels as whole
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 
@@ -44,8 +44,8 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.analysis.verification import verify
-from hertzloop.setup import load
+from hertzloop.results.verification import verify
+from hertzloop.scene.setup import load
 from hertzloop.recordings.reader import read
 
 half, whole = (
@@ -71,7 +71,7 @@ Path("fourth.py").write_text('''
 import sys
 from typing import Any, NamedTuple
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 from hertzloop.plant.schemes import collocation_kernels as whole
 from hertzloop.plant.schemes.collocation import CollocationPlant
 
@@ -99,7 +99,7 @@ with_line(
 import numpy as np
 
 from hertzloop.loop.compiled import record_in_process, simulate
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.recordings.reader import read
 
@@ -154,7 +154,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.scenes.loading import load
+from hertzloop.scene.loading import load
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES, step
@@ -190,7 +190,7 @@ QUANTITY = """
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "hertzloop.scenes.quantities", '    "v_p": Sensed(',
+    "hertzloop.scene.quantities", '    "v_p": Sensed(',
     '    "xi_p": Sensed("m", "sampled place of the plate", pk.XI_P, '
     'lambda e: _either_way(e.rigid_m), lambda t: -0.1 * t.gap_m),\\n',
 )
@@ -202,8 +202,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes.law_trial import try_law
 from hertzloop.views.labels import export_labels
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.plots import plots
 
@@ -265,7 +265,7 @@ from hertzloop.bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 
@@ -301,7 +301,7 @@ from pathlib import Path
 
 Path("own_preload.py").write_text('''
 from typing import NamedTuple
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 class Preload(NamedTuple):
     preload_n: float
@@ -324,8 +324,8 @@ from own_preload import Preload
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import actuator
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.margin import margin_of
 
 # The key that selects one, as a scene key of its own would.

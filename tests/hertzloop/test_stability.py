@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import UnstableLoop, figures_of_case
-from hertzloop.analysis.stability import UNSTABLE, Stability, StabilityAccumulator
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
-from hertzloop.scenes.loading import shipped
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import loaded_law
+from hertzloop.results.cases import UnstableLoop, figures_of_case
+from hertzloop.results.stability import UNSTABLE, Stability, StabilityAccumulator
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_impact_windows import in_blocks
 
@@ -73,7 +73,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
 def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hertzloop.analysis.stability.UNSTABLE", 1e-6)
+    monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
     scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).rows
     place = rows[XI_P] if scene.plant.same_point else rows[XI_A]

@@ -11,7 +11,7 @@ import hertzloop
 from hertzloop.controller.loading import compiled, registry
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
-from hertzloop.scenes.errors import SceneError
+from hertzloop.scene.errors import SceneError
 from tests.hertzloop.processes import hertzloop as command
 from tests.hertzloop.test_cli import call, said
 from tests.tiers import default

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.deflection import deflection, modes_of_scene
-from hertzloop.analysis.impacts import first_impact
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.structure import oscillator_shapes
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import shipped
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, load, parse
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.controller import build_controller
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection, modes_of_scene
+from hertzloop.results.impacts import first_impact
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.setup import Setup, load, parse
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.views.run_json import run_as_json
+from hertzloop.warmup import ensure_compiled
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
@@ -221,7 +221,7 @@ def test_what_does_not_go_with_a_file_of_modes(
 
 def modes_alone(tmp_path: Path) -> str:
     """A shipped scene on the modes of m.csv, which need not be those of a plate."""
-    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    text = Path(__file__).parents[2] / "hertzloop/scene/aluminium-3mm.toml"
     lines = [
         line for line in text.read_text().splitlines()
         if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
@@ -264,7 +264,7 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])
 def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
-    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    text = Path(__file__).parents[2] / "hertzloop/scene/aluminium-3mm.toml"
     lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
     with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
         parse("\n".join(lines))

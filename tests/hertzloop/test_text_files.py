@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.common.text_files import python_text, text_of
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, load_anew
 from hertzloop.identification.records.records import read_records
 from hertzloop.plant.structures.mode_file import read_modes
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import load, parse, shipped_text
-from hertzloop.setup import load as setup_load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import load, parse, shipped_text
+from hertzloop.scene.setup import load as setup_load
 from hertzloop.studies.budget.requirements import read_requirements
-from hertzloop.text_files import python_text, text_of
 from hertzloop.views.run import next_lines
 from tests.commands import invoke
 from tests.recordings import rewriting

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 
 SHORT = ("run.duration_s=0.0013",)
 PHASES = [(i + 0.5) / 20 for i in range(20)]

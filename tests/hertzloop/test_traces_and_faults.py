@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.controller.controller import Controller, LineSpec, _traced
 from hertzloop.controller.law import About, Keys
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read as read_recording
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load, parse
+from hertzloop.scene.toml import to_toml
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
-from hertzloop.setup import load, parse
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
 

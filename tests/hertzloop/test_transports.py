@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.setup import Setup, load
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.lanes import Pair
 from tests.tiers import default

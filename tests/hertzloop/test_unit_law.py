@@ -12,13 +12,13 @@ import pytest
 
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import bound_law, loaded_law
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.controller import bound_law, loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
 pytest.importorskip("fmpy")

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.effect_rows import ROWS
-from hertzloop.analysis.effects import neglected_of_scene
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.effect_rows import ROWS
+from hertzloop.results.effects import neglected_of_scene
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.views.run_json import effects_as_json
 from tests.commands import invoke
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.effects import Neglected
-from hertzloop.analysis.figures import Figures, RunResult, Saturation
-from hertzloop.analysis.predictability import ImpactErrors, Predictability
-from hertzloop.analysis.repeatability import NotRepeatable, WhyNotRepeatable
-from hertzloop.analysis.stability import Stability
-from hertzloop.analysis.statistics import ForceTiming
-from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.recordings.recording import Event, EventData
+from hertzloop.results.effects import Neglected
+from hertzloop.results.figures import Figures, RunResult, Saturation
+from hertzloop.results.predictability import ImpactErrors, Predictability
+from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
+from hertzloop.results.stability import Stability
+from hertzloop.results.statistics import ForceTiming
+from hertzloop.results.verdict import saturation_of, verdict
 from hertzloop.views.verdict import verdict_sentences
 from tests.commands import invoke
 

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.analysis.verification import (
+from hertzloop.loop.compiled import finer_loop, simulate
+from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.time_series import F_A, F_C, XI, series_under
+from hertzloop.results.verification import (
     _START,
     Verification,
     finer_spec,
     past_first_impact,
     verify,
 )
-from hertzloop.loop.compiled import finer_loop, simulate
-from hertzloop.plant.figures.impacts import impacts_in
-from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.time_series import F_A, F_C, XI, series_under
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 

@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from numba.core import event
 
+from hertzloop import warmup
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.controller.controller import Controller
 from hertzloop.loop import controller_node
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.processes import warmup
 from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.recordings.reader import read
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import build_controller
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup, load
 from tests.bus.meshes import PATIENCE_S, url
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
@@ -67,13 +67,13 @@ def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from hertzloop.processes import warmup
-from hertzloop.processes.warmup import ensure_compiled
+from hertzloop import warmup
+from hertzloop.warmup import ensure_compiled
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
-from hertzloop.setup import load
-from hertzloop.setup.controller import build_controller
-from hertzloop.jit.progress import report_compiling
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.scene.setup import load
+from hertzloop.scene.controller import build_controller
+from hertzloop.common.jit.progress import report_compiling
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
@@ -145,9 +145,9 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 
 LEAN = """
 import sys
-from hertzloop.analysis.figures import free_figures
+from hertzloop.results.figures import free_figures
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 setup = load("aluminium-20mm", ["run.duration_s=0.003"])
 assert simulate(setup).rows.any()
 assert free_figures(setup).impacts

@@ -27,7 +27,7 @@ def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
 
 
 def test_markup_in_a_run(here: Path) -> None:
-    toml = (ROOT / "hertzloop" / "scenes" / "aluminium-3mm.toml").read_text()
+    toml = (ROOT / "hertzloop" / "scene" / "aluminium-3mm.toml").read_text()
     shows = 'shows = "[red]not red[/y]"'
     lines = [shows if line.startswith("shows") else line for line in toml.splitlines()]
     (here / "[").mkdir()

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from hertzloop.analysis.recorded import reported_law
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
 from hertzloop.controller.loading.law import LawError
@@ -17,9 +16,10 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load, parse
+from hertzloop.results.recorded import reported_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load, parse
+from hertzloop.scene.toml import to_toml
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import HERTZLOOP, finish, hertzloop
@@ -206,7 +206,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
         "    return fork()\n"
         "os.fork = checked\n"
         "from hertzloop.processes.law_trial import try_law\n"
-        "from hertzloop.setup import load\n"
+        "from hertzloop.scene.setup import load\n"
         "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)

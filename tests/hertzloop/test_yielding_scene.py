@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.model import limiting_pressure
-from hertzloop.analysis.recorded import rows_of
-from hertzloop.analysis.verification import verify
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.model import limiting_pressure
+from hertzloop.results.recorded import rows_of
+from hertzloop.results.verification import verify
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import pressure_words
 from tests.commands import run_and_inspected
 

@@ -17,7 +17,7 @@ import scipy
 from hertzloop.identification.fit.fit import FitResult, fit, free_of
 from hertzloop.identification.records.records import Record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.identification.drops import Drop
 
 BALLS = {

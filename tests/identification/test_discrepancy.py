@@ -13,7 +13,7 @@ from hertzloop.identification.fit.fit import fit, free_of
 from hertzloop.identification.fit.report import sentences
 from hertzloop.identification.fit.verdicts import Verdict
 from hertzloop.identification.records.records import Measured, RecordError, measured_of
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.identification.test_fit import HEIGHT, RADIUS, YIELDS, record, scene
 
 SIZE = np.full(160, 2.0)

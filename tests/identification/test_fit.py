@@ -33,8 +33,8 @@ from hertzloop.identification.records.records import (
     read_records,
 )
 from hertzloop.plant.structures import edged_plate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 from tests.identification.drops import Drop
 

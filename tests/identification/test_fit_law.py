@@ -13,7 +13,7 @@ from hertzloop.identification.fit.fit import FitError, FitResult, check, fit, fr
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.verdicts import Model, Verdict
 from hertzloop.identification.records.records import Measured, Record, RecordError
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
 LATENCY, KAPPA = "controller.latency_us", "controller.kappa"

@@ -12,7 +12,7 @@ from hertzloop.identification.fit.hits import found_in, shown, split, told
 from hertzloop.identification.fit.report import fit_table, sentences
 from hertzloop.identification.fit.verdicts import Verdict
 from hertzloop.identification.records.records import Measured, Record, RecordError, read_records
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"
 RATE_HZ = 51_200.0

@@ -8,7 +8,7 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.fit import fit, free_of
 from hertzloop.identification.fit.observation import Chain
 from hertzloop.identification.records.records import RecordError, measured_of
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 STEP_S, CORNER_HZ = 1e-7, 50e3
 

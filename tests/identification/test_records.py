@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.text_tables import draw, judged
-from hertzloop.extras import EXTRAS
+from hertzloop.common.optional_dependencies import EXTRAS
 from hertzloop.identification.fit.hits import shown
 from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.records import RecordError, read_record

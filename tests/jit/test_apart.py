@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import apart
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import apart
 
 
 @kernel

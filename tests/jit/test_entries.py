@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import pytest
 from numba.core.errors import TypingError
 
-from hertzloop.jit import kernel
-from hertzloop.jit.by_type import by_type
-from hertzloop.jit.progress import report_compiling
+from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type
+from hertzloop.common.jit.progress import report_compiling
 from hertzloop.plant.state_kernels import released
 
 

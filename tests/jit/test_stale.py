@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.jit.folder import kernel_sources
+from hertzloop.common.jit.folder import kernel_sources
 
 ROOT = Path(__file__).parents[2]
-LINKED = ("plant", "sensors", "controller", "bus", "recordings")  # from hertzloop/
+LINKED = ("common", "plant", "sensors", "controller", "bus", "recordings")  # from hertzloop/
 FOLDERS = ("hertzloop", "benchmarks", *LINKED)
 
 # A caller in one file, its callee in another; numba first, nothing of hertzloop.
@@ -37,7 +37,7 @@ print(plant.state.body.tolist())
 """
 # The same with a push on every step.
 PUSHED = """
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 @kernel
 def pushed(model, state, f_a):
     return infinite_k.step(model, state, f_a + 1.0)
@@ -136,14 +136,14 @@ def test_the_digest_sees_all_that_is_compiled_in() -> None:
     assert {
         "hertzloop/plant/schemes/discrete_gradient_kernels.py",
         "hertzloop/plant/schemes/registry.py",
-        "hertzloop/jit/decorator.py",
+        "hertzloop/common/jit/decorator.py",
     } <= set(sources)
     for file, text in sources.items():
         for node in ast.walk(ast.parse(text)):
-            if not isinstance(node, ast.ImportFrom) or file.startswith("hertzloop/jit/"):
+            if not isinstance(node, ast.ImportFrom) or file.startswith("hertzloop/common/jit/"):
                 continue
             top, *rest = str(node.module).split(".")
-            if top not in ("hertzloop", "benchmarks") or rest[:1] == ["jit"]:
+            if top not in ("hertzloop", "benchmarks") or rest[:1] == ["common"]:
                 continue
             for name in node.names:
                 inner = "/".join((top, *rest, name.name)) + ".py"
@@ -158,4 +158,7 @@ def test_kernels_are_spelled_in_one_way() -> None:
         if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc|CFunc)\b\s*\(|import njit", text)
     }
     # Laws are compiled to C functions, in a module written for each.
-    assert spelled == {"hertzloop/jit/decorator.py", "hertzloop/controller/loading/compiled.py"}
+    assert spelled == {
+        "hertzloop/common/jit/decorator.py",
+        "hertzloop/controller/loading/compiled.py",
+    }

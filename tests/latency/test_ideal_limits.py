@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.time_series import F_A, XI
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import Setup, load
 
 # The scheme without a spring for the modes left out, so that the equations are those below.
 KEYS = [

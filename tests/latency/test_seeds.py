@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import F_A
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import load
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
 CHANCE = {

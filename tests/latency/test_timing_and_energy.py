@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, XI_P
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import load
 
 SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 

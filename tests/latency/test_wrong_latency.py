@@ -10,8 +10,8 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.setup import Setup, load
-from hertzloop.setup.controller import build_controller
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup, load
 
 LATENCY_US = 3
 

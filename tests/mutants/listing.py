@@ -12,7 +12,7 @@ from cosmic_ray.mutating import MutationVisitor
 from cosmic_ray.operators.provider import OperatorProvider
 from parso.tree import NodeOrLeaf
 
-from hertzloop.jit.folder import kernel_sources
+from hertzloop.common.jit.folder import kernel_sources
 
 Place = tuple[int, int]  # line, from 1, and column, from 0
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from hertzloop.jit.folder import make_private
+from hertzloop.common.jit.folder import make_private
 from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from paper import equations, optima, tables
 from paper import figures as gallery
 from paper import table_a1 as appendix

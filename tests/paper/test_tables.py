@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load
+from hertzloop.results.figures import figures_of
+from hertzloop.scene.setup import load
 from paper import tables
 from tests.benchmarks.programs import called
 

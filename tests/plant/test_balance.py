@@ -9,7 +9,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.

@@ -19,7 +19,7 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.figures.impacts import impacts
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.plant.rigs import rigid, run, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])

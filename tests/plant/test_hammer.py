@@ -19,8 +19,8 @@ from hertzloop.plant.figures.impacts import impacts
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.sweeps.evaluate import run_case
 from tests.plant.rigs import IMMOVABLE, spec
 

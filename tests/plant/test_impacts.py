@@ -9,8 +9,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 
 MASS = 0.1
 H = 0.5  # s; round numbers keep the expected values readable

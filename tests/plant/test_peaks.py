@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures.impacts import impacts_in, peak_force_n, peak_speed_m_s
-from hertzloop.setup import load
+from hertzloop.results.figures import figures_of
+from hertzloop.scene.setup import load
 
 FREE = "controller.law=off"
 SHORT = "run.duration_s=0.0012"

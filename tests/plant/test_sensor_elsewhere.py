@@ -17,10 +17,10 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.controller import check_buildable
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.controller import check_buildable
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 
 AT, BESIDE, THIRD = "[0.21,0.13]", "[0.31,0.22]", "[0.12,0.31]"
 FLIGHT = ["run.lead_in_s=0.01", "controller.law=off", "sensors.quantity=v_p"]

@@ -10,7 +10,7 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures.impacts import Impact, impacts
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
 

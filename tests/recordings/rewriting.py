@@ -18,7 +18,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 
 # 2.5 ms: the last block is half a block. A coarse model, for speed.
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]

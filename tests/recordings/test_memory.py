@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.recordings.test_untrusted import measured
 
 MILLIONS = (0.5, 2.5)

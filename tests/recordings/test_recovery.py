@@ -13,7 +13,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from hertzloop.recordings.replay import as_rerun, scene3d, viewer
 from hertzloop.recordings.replay.replay_data import check_replayable, prepare
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.views import replaying
 from tests.commands import invoke
 from tests.recordings.plates import flat_plate

@@ -14,7 +14,7 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, scene3d
 from hertzloop.recordings.replay.deflection import Deflection
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.views import replaying
 
 

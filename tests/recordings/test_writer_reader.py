@@ -24,8 +24,8 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.record_scanner import RecordScanner
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from hertzloop.setup import parse
-from hertzloop.setup.controller import loaded_law
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import parse
 from tests.recordings.rewriting import messages, record, rewrite, scene
 
 STEPS, STEP_NS = 2500, 1000

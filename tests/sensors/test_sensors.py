@@ -9,11 +9,11 @@ import pytest
 from hertzloop.bus.lane import closed
 from hertzloop.loop import kernels as hk
 from hertzloop.plant.time_series import COLUMNS, series_under
-from hertzloop.scenes.quantities import SENSED
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import Setup, load
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Sensor, SensorSpec
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant, build_sensor
 
 STEP_S = 1e-6
 

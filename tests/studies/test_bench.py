@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop.loop.run_options import Transport
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies import bench
 from tests.hertzloop.processes import hertzloop
 

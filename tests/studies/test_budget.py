@@ -15,9 +15,9 @@ import pytest
 
 from benchmarks.budget_agreement import difference
 from benchmarks.probability import exact_coverage
-from hertzloop.analysis.cases import CaseState
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.results.cases import CaseState
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.budget import budget as study
 from hertzloop.studies.budget.goal import FIGURES, GoalError, all_met, parse_goal
 from hertzloop.studies.budget.limits import (
@@ -576,7 +576,7 @@ def test_a_repository_of_others_is_left_alone(tmp_path, text):
     (tmp_path / "test_theirs.py").write_text(
         "import sys\n"
         "def test_theirs():\n"
-        "    heavy = {'numpy', 'numba', 'zenoh', 'xarray', 'pydantic', 'hertzloop.setup'}\n"
+        "    heavy = {'numpy', 'numba', 'zenoh', 'xarray', 'pydantic', 'hertzloop.scene'}\n"
         "    assert 'hertzloop.pytest_plugin' in sys.modules\n"
         "    assert not heavy & set(sys.modules)\n"
     )

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop.controller import laws
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.budget.requirements import check, digits_of, read_requirements
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool

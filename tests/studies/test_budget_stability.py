@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.setup import Setup, load
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget import budget as study
 from hertzloop.studies.budget.goal import parse_goal
 from hertzloop.studies.budget.limits import (

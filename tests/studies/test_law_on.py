@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.law_on import law_on, scene_with
 
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.sweeps import pool as crew
 from hertzloop.studies.sweeps.evaluate import Numbered, chunked, scene_of
 from hertzloop.studies.sweeps.pool import SweepFailed, local_pool

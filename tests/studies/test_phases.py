@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.latency import Named, critical
-from hertzloop.analysis.cases import figures_of_case
-from hertzloop.setup import load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import load
 from hertzloop.studies import tuning as tune
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of

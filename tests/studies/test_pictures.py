@@ -88,7 +88,7 @@ def test_a_front_is_labelled_in_words_beside_its_points(saved: list[Figure]) -> 
 
 
 def test_every_objective_has_words() -> None:
-    from hertzloop.analysis.cases import OBJECTIVES
+    from hertzloop.results.cases import OBJECTIVES
 
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)

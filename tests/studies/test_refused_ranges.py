@@ -2,8 +2,8 @@
 
 import pytest
 
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.design import DesignError, make_design
 
 LONG = "9" * 4000

@@ -12,7 +12,7 @@ from typer.testing import Result
 
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from tests.commands import invoke
 from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from benchmarks import latency
-from hertzloop.analysis.cases import Span
-from hertzloop.setup import load
+from hertzloop.results.cases import Span
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
 from hertzloop.studies.sweeps.journal import Journal, Kept, kept
 from hertzloop.studies.sweeps.pool import local_pool

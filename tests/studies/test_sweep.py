@@ -10,12 +10,12 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from hertzloop.analysis.cases import CaseState, figures_of_case
-from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import load
+from hertzloop.results.cases import CaseState, figures_of_case
+from hertzloop.results.impacts import first_impact
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.sweeps import evaluate
 from hertzloop.studies.sweeps import sweep as study
 from hertzloop.studies.sweeps.design import (

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps import sweep as study
 from hertzloop.studies.sweeps.design import make_design
 from hertzloop.studies.sweeps.journal import Journal, JournalError

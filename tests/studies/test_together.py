@@ -4,9 +4,9 @@ from collections.abc import Generator
 
 import pytest
 
-from hertzloop.analysis import cases as parts
-from hertzloop.analysis.cases import together
-from hertzloop.setup import load
+from hertzloop.results import cases as parts
+from hertzloop.results.cases import together
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps import evaluate
 
 SCENE = load("aluminium-3mm", ["run.accuracy=0.1", "run.duration_s=0.004"])

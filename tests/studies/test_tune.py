@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.setup import Setup, load
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import tuning as study
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Axis

@@ -51,7 +51,7 @@ def test_mistakes_are_the_users(
 
 
 def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
-    scenes = Path(__file__).parents[2] / "hertzloop" / "scenes"
+    scenes = Path(__file__).parents[2] / "hertzloop" / "scene"
     path = str(scenes / "aluminium-3mm.toml")
     found = invoke(["tune", path, *QUICK, "--out-dir", str(tmp_path / "new")])
     assert found.exit_code == 0

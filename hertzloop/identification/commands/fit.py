@@ -8,14 +8,14 @@ import typer
 
 from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.text_files import text_of
 from hertzloop.identification.fit import fit as fit_study
 from hertzloop.identification.fit import report as fit_report
 from hertzloop.identification.fit.hits import shown
 from hertzloop.identification.fit.loop_model import acts_by_law
 from hertzloop.identification.fit.verdicts import Model
 from hertzloop.identification.records.records import Record, holds_records, read_records
-from hertzloop.text_files import text_of
-from hertzloop.whole_files import write_whole
 
 
 def fit(

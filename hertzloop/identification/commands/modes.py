@@ -13,11 +13,11 @@ import numpy as np
 import tomli_w
 import typer
 
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.cli import options
 from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.extras import need
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.optional_dependencies import need
 from hertzloop.identification.modes import universal as uff
 from hertzloop.identification.modes.hits import read_hits
 from hertzloop.identification.modes.modes import (
@@ -28,12 +28,13 @@ from hertzloop.identification.modes.modes import (
 )
 from hertzloop.identification.modes.responses import responses_of_sets
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.loading import DEFAULT, shipped, with_modes_file
-from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.build import check_modes_reach_impact
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene import model_error
+from hertzloop.scene.build import check_modes_reach_impact
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import DEFAULT, shipped, with_modes_file
+from hertzloop.scene.setup import Setup, load
 from hertzloop.views.format import Table
-from hertzloop.whole_files import write_whole
 
 # Settings with which any modes can be simulated: nothing stands for those beyond.
 _COMPLETE = ("plate.tail=spring", "plate.residual_flexibility_m_n=0")

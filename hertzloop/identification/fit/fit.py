@@ -74,9 +74,9 @@ from hertzloop.identification.records.records import (
     of_chain,
 )
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
-from hertzloop.setup.key_value import value_of_key
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.key_value import value_of_key
+from hertzloop.scene.setup import Setup
 
 _STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
 LONGEST_STEPS = 20  # of a key in whole steps, at least

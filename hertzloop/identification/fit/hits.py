@@ -15,7 +15,7 @@ from hertzloop.identification.records.records import (
     clipped,
     read_records,
 )
-from hertzloop.setup import Setup
+from hertzloop.scene.setup import Setup
 
 FEWEST_BEFORE = 16  # samples between two hits, for the noise
 LONGEST_S = 0.06  # after a hit, that a fit uses: a contact within it belongs to the hit

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.statistics import control_force_n
 from hertzloop.identification.fit.model import FrozenModel, Simulated
 from hertzloop.identification.records.records import Record, RecordError
 from hertzloop.loop.compiled import finer_loop
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.setup import Setup, resolve
+from hertzloop.results.statistics import control_force_n
+from hertzloop.scene.setup import Setup, resolve
 
 PLANT_NS = 250  # longest step of the plant
 _LEAD_SAMPLES = 8  # before the touch; more for the window and the horizon of the law

@@ -23,10 +23,10 @@ from hertzloop.plant.contact.yielding import above_dent_m, elastic_n
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.structures.structure import frequencies
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
-from hertzloop.setup.build import check_modes_reach_impact
-from hertzloop.setup.mechanics import Mechanics
+from hertzloop.scene.build import check_modes_reach_impact
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.mechanics import Mechanics
+from hertzloop.scene.setup import Setup
 
 LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
 PHASE = 0.5

@@ -9,8 +9,8 @@ import scipy
 
 from hertzloop.identification.fit.model import Simulated
 from hertzloop.identification.records.records import QUANTITIES, Record
+from hertzloop.scene.setup import Setup
 from hertzloop.sensors.acquisition import Filters
-from hertzloop.setup import Setup
 
 _REACH = 12.0  # periods of the corner that a brick wall reaches on both sides
 _FINER, _MOST_REFINED = 4, 30_000  # points of the filters' grid for a step; of at most so many

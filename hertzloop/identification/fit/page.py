@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.atomic_files import write_whole
 from hertzloop.identification.fit.fit import FitResult, Nuisance
 from hertzloop.identification.fit.report import fitted_scene, number, sentences
 from hertzloop.identification.fit.verdicts import Model
@@ -15,7 +16,6 @@ from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.studies import pictures
 from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
 from hertzloop.studies.sweeps.sweep import code_version
-from hertzloop.whole_files import write_whole
 
 _MOST_POINTS = 1500  # of a curve
 _DOTS = {"markersize": 3, "color": pictures.COLOURS[0]}

@@ -7,8 +7,8 @@ import numpy as np
 
 from hertzloop.identification.fit.fit import Estimate, FitResult
 from hertzloop.identification.fit.verdicts import WIDEST, Model, Verdict
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import FitTable
+from hertzloop.scene.tables import FitTable
+from hertzloop.scene.toml import to_toml
 from hertzloop.views.format import Table
 
 _OPEN = "open"

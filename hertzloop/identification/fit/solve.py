@@ -12,7 +12,7 @@ from hertzloop.identification.fit.loop_model import LoopModel, acts_by_law
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import Chain, Observed, observe
 from hertzloop.identification.records.records import Record, of_chain
-from hertzloop.scenes.errors import SceneError
+from hertzloop.scene.errors import SceneError
 
 _DIFFERENCE = 1e-4  # of a key, for central differences
 # Under a law; with converters, which round what it reads and commands; of a phase, in periods.

@@ -15,7 +15,7 @@ import numpy as np
 from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.solve import SHIFT_UNIT_S, Free, Point, Problem, minimised
 from hertzloop.identification.records.records import RecordError
-from hertzloop.scenes.errors import SceneError
+from hertzloop.scene.errors import SceneError
 
 CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _PHASES = 6  # of a period that a search looks at

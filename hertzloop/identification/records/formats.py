@@ -364,7 +364,7 @@ def _wav(path: Path) -> Contents:
 
 def _mcap(path: Path) -> Contents:
     from hertzloop.recordings.reader import read
-    from hertzloop.setup import parse
+    from hertzloop.scene.setup import parse
 
     found = read(path)
     setup = parse(found.scene_toml, recorded=True)

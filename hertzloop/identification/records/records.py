@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.text_files import text_of
 from hertzloop.identification.records.formats import (
     ENDINGS,
     NAMES,
@@ -31,7 +32,6 @@ from hertzloop.identification.records.units import StatedUnit, name_and_unit, pl
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
 from hertzloop.sensors.acquisition import LOW_PASSES as CAUSAL
 from hertzloop.sensors.acquisition import converter_step as adc_step
-from hertzloop.text_files import text_of
 
 __all__ = [
     "FILTERS", "QUANTITIES", "WITHOUT_CONTROL", "Measured", "Quantity", "Record", "RecordError",

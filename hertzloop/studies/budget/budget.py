@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from hertzloop.analysis.cases import OTHER, CaseState, Span
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
-from hertzloop.setup.controller import mean_latency_us
+from hertzloop.results.cases import OTHER, CaseState, Span
+from hertzloop.scene.controller import mean_latency_us
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import (
     BudgetLimit,

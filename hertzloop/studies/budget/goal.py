@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from hertzloop.analysis.cases import CaseFigures
-from hertzloop.scenes.errors import SceneError, shown
+from hertzloop.results.cases import CaseFigures
+from hertzloop.scene.errors import SceneError, shown
 
 DEFAULT_GOAL = "plate_energy_db <= -0.1"
 # Figures of a case that are numbers, in the order in which a case has them.

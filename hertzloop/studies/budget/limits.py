@@ -30,11 +30,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, TypeAlias
 
-from hertzloop.analysis.cases import uncontrolled
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.quantities import SENSED
-from hertzloop.setup import Setup
+from hertzloop.results.cases import uncontrolled
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 

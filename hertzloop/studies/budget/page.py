@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from hertzloop.analysis.cases import Span
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.results.cases import Span
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, nearest, search_of
 from hertzloop.studies.budget.goal import Goal, all_met
@@ -18,7 +19,6 @@ from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantit
 from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import code_version
-from hertzloop.whole_files import write_whole
 
 _HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
 _PLACES = 11  # values of a quantity in a map

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.cases import CaseState, Span
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.results.cases import CaseState, Span
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.uncertain import Part, Uncertain

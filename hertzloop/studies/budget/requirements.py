@@ -28,9 +28,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hertzloop.analysis.cases import CASE_ROWS, CaseState, Span
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, model_error
+from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.text_files import text_of
+from hertzloop.results.cases import CASE_ROWS, CaseState, Span
+from hertzloop.scene import model_error
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import (
@@ -49,8 +52,6 @@ from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.design import toml_text
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.uncertain import read_uncertain
-from hertzloop.text_files import text_of
-from hertzloop.whole_files import write_whole
 
 
 class Requirement(BaseModel):

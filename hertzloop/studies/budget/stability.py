@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.margin.margin import Loops, Margin, loops_of, margin_of, stable_in_flight
 from hertzloop.studies.margin.shown import growth_words

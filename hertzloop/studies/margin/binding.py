@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.structures.modes import NO_PARTICIPATION
-from hertzloop.setup.build import build_plant
-from hertzloop.setup.setup import Setup
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.linear import plant_in_flight
 
 _LEAST, _ALONE = 0.1, 0.7  # shares of the response from which a mode takes part, and prevails

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.analysis.statistics import control_force_n
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup.build import build_sensor, free_series
-from hertzloop.setup.setup import Setup
+from hertzloop.results.statistics import control_force_n
+from hertzloop.scene.build import build_sensor, free_series
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import (
     PoleForm,

@@ -17,8 +17,8 @@ from hertzloop.controller.law import Response
 from hertzloop.controller.laws import linear
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.watchdog import watching
-from hertzloop.setup.controller import bound_law, law_constants, loaded_law
-from hertzloop.setup.setup import Setup
+from hertzloop.scene.controller import bound_law, law_constants, loaded_law
+from hertzloop.scene.setup import Setup
 
 _SAMPLES = 1500
 _CHECKED = 12_000

@@ -11,10 +11,10 @@ import numpy as np
 
 from hertzloop.plant.actuator import LinearActuator, linear_form
 from hertzloop.plant.schemes import collocation_kernels as modal_k
-from hertzloop.scenes.errors import SceneError
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.sensors.kernels import SensorModel
-from hertzloop.setup.build import build_plant, build_sensor
-from hertzloop.setup.setup import Setup
 
 _CHUNK = 1 << 21  # complex numbers at a time
 _COINCIDE = 1e-12  # distance of two poles that are taken for one

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup.controller import loaded_law
-from hertzloop.setup.setup import Setup, resolve
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, resolve
 from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.poles import closed_loop_poles

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from hertzloop.setup.controller import loaded_law
-from hertzloop.setup.setup import Setup
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_name
 from hertzloop.studies.margin.margin import Loops, Margin, loops_of

@@ -5,7 +5,7 @@ Complex numbers are passed as pairs of real arrays, which the compiler turns int
 
 import math
 
-from hertzloop.jit import kernel
+from hertzloop.common.jit import kernel
 
 
 @kernel(fastmath={"contract", "reassoc"})

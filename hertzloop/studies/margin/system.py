@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 import scipy
 
-from hertzloop.extras import need
-from hertzloop.scenes.quantities import SENSED
-from hertzloop.setup.setup import Setup
+from hertzloop.common.atomic_files import whole_file
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.table import grid
 from hertzloop.studies.words import write_rows
-from hertzloop.whole_files import whole_file
 
 if TYPE_CHECKING:
     import control

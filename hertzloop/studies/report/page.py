@@ -14,12 +14,6 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.analysis.figures import free_figures
-from hertzloop.analysis.listening import write_sounds
-from hertzloop.analysis.predictability import errors_of
-from hertzloop.analysis.recorded import law_of
-from hertzloop.analysis.repeatability import why_not_repeatable
-from hertzloop.analysis.verdict import RunAssessment, assess_recording
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.decimation import extremes
@@ -28,8 +22,14 @@ from hertzloop.recordings.replay.plots import Plot, PlotCurve
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.replay.scene3d import with_unit
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.results.figures import free_figures
+from hertzloop.results.listening import write_sounds
+from hertzloop.results.predictability import errors_of
+from hertzloop.results.recorded import law_of
+from hertzloop.results.repeatability import why_not_repeatable
+from hertzloop.results.verdict import RunAssessment, assess_recording
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_line
 from hertzloop.studies.margin.margin import margin_of

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState
-from hertzloop.scenes.keys import unit_of
-from hertzloop.setup import Setup, parse
+from hertzloop.results.cases import CASE_ROWS, SHOWN, CaseState
+from hertzloop.scene.keys import unit_of
+from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies import pictures, words
 from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
 from hertzloop.studies.sweeps.design import keys_of, toml_text

@@ -11,9 +11,10 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
-from hertzloop.analysis.cases import Span
-from hertzloop.scenes.errors import SceneError, shortened, shown
-from hertzloop.setup import Setup, toml_value
+from hertzloop.results.cases import Span
+from hertzloop.scene.errors import SceneError, shortened, shown
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import toml_value
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 

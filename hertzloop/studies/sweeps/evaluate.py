@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from hertzloop.analysis.cases import (
+from hertzloop.results.cases import (
     CASE_ROWS,
     CaseState,
     Span,
@@ -13,9 +13,9 @@ from hertzloop.analysis.cases import (
     case_in_parts,
     together,
 )
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, parse
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, parse
+from hertzloop.scene.toml import to_toml
 
 _CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")

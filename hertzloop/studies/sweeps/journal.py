@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from hertzloop.analysis.cases import Span
+from hertzloop.results.cases import Span
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, chunked
 
 # Cases that are simulated once, whatever asks for them: noted in a journal as they finish.

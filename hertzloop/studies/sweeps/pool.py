@@ -25,11 +25,11 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
-from hertzloop.analysis.cases import Span
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.processes.signals import deferred
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup
+from hertzloop.results.cases import Span
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 
 _RARELY = 100_000, 50, 50  # Python's own thresholds take 8 % of the time of cases

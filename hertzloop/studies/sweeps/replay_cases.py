@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.cases import digest_of
-from hertzloop.analysis.recorded import rows_of
 from hertzloop.bus.port import BusError
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.assessed_run import run_and_assess
 from hertzloop.processes.launcher import RunFailed
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.cases import digest_of
+from hertzloop.results.recorded import rows_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies.sweeps.design import keys_of
 
 

@@ -21,14 +21,15 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState, Span
+from hertzloop.common.atomic_files import whole_file, write_whole
+from hertzloop.common.jit.folder import code_digest
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
-from hertzloop.jit.folder import code_digest
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.toml import to_toml
-from hertzloop.setup import Setup, toml_value
-from hertzloop.setup.controller import law_constants
+from hertzloop.results.cases import CASE_ROWS, SHOWN, CaseState, Span
+from hertzloop.scene.controller import law_constants
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml, toml_value
 from hertzloop.studies.margin.margin import growth_of
 from hertzloop.studies.sweeps.design import Design, keys_of, toml_text
 from hertzloop.studies.sweeps.evaluate import (
@@ -42,7 +43,6 @@ from hertzloop.studies.sweeps.evaluate import (
 )
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
-from hertzloop.whole_files import whole_file, write_whole
 
 _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same
 _PACKAGES = ("hertzloop", "numpy", "numba")

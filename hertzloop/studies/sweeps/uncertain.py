@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from hertzloop.scenes.errors import SceneError, shown
-from hertzloop.setup import FitTable, Setup
-from hertzloop.setup.key_value import value_of_key
+from hertzloop.common.text_files import text_of
+from hertzloop.scene.errors import SceneError, shown
+from hertzloop.scene.key_value import value_of_key
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.tables import FitTable
 from hertzloop.studies.sweeps.design import Design, on_grain
-from hertzloop.text_files import text_of
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
 _NUMBERS: dict[str, tuple[str, ...]] = {

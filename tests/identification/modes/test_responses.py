@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import scipy
 
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.identification.modes import delay
 from hertzloop.identification.modes import universal as uff
 from hertzloop.identification.modes.delay import corrected, with_late_force
@@ -21,7 +20,8 @@ from hertzloop.identification.modes.picture import draw
 from hertzloop.identification.modes.responses import responses_of_sets
 from hertzloop.identification.records.records import Measured, Record, read_record
 from hertzloop.plant.structures.mode_file import ModeTable, read_modes
-from hertzloop.setup import load
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.setup import load
 from tests.commands import invoke
 
 HAMMER = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"

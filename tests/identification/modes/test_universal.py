@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.identification.modes import universal as uff
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
-from hertzloop.setup import load
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.setup import load
 from tests.commands import invoke
 
 FILE = Path("test.unv")

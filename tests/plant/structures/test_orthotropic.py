@@ -11,8 +11,8 @@ from hertzloop.plant.structures.edged_plate import EdgedPlate
 from hertzloop.plant.structures.materials import MATERIALS, SHIPPED, Material, material_of
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import Structure
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from tests.tiers import default
 
 SPRUCE, SIZE, THICKNESS = MATERIALS["spruce"], (0.58, 0.21), 0.0048

@@ -8,8 +8,8 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
-from hertzloop.setup import load
-from hertzloop.setup.build import build_plant
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.contact import contact_margin, impact_facts, plant_in_contact
 from tests.commands import invoke
 

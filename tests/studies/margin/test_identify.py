@@ -7,8 +7,8 @@ import pytest
 import scipy.signal as sg
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.setup import load
-from hertzloop.setup.controller import law_context
+from hertzloop.scene.controller import law_context
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import margin_of

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies import tuning
 from hertzloop.studies.margin import margin
 from hertzloop.studies.margin.margin import growth_of, margin_of

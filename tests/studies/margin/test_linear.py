@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.margin import eigenvalues
-from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import write_modes
+from hertzloop.results.deflection import modes_of_scene
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.setup import Setup, load
 from hertzloop.sensors import kernels as sk
-from hertzloop.setup import Setup, load
-from hertzloop.setup.build import build_plant, build_sensor
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import loop_of, margin_of

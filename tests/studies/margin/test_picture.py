@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin import picture
 from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
 from hertzloop.studies.margin.identify import law_filter

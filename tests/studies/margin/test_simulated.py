@@ -5,7 +5,7 @@ import math
 import pytest
 
 from benchmarks.margin import simulated_growth_per_s
-from hertzloop.setup import load
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.margin import growth_of, margin_of
 
 SCENE = [

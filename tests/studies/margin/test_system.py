@@ -7,8 +7,8 @@ import pytest
 import scipy.io
 
 import hertzloop
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
 from hertzloop.studies.margin.system import LinearSystem
 
 ACTUATOR = ["actuator.bandwidth_hz=20000", "sensors.low_pass_hz=50000"]

@@ -1,0 +1,141 @@
+"""The folder of compiled kernels: named by their sources, and written by this user alone.
+
+Numba notices an edit of a kernel's own file, but not of a callee in another file (numba #1833). So
+the folder is named by a digest of all sources that hold kernels. Numba unpickles and runs what lies
+in it: nobody else may write there.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+from atexit import register
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import llvmlite
+import numba
+
+# A file that holds kernels imports one of these.
+_HOLDS_KERNELS = re.compile(
+    rb"^\s*(?:from\s+(?:numba\b|hertzloop\.common\.jit\s|hertzloop\.common\.jit\.by_type\s|"
+    rb"hertzloop\.common\s+import\s.*\bjit\b)|import\s+(?:numba|hertzloop\.common\.jit)\b)",
+    re.M,
+)
+# The folder that holds hertzloop. `common` is a link in a clone, so it is resolved last.
+_ROOT = Path(__file__).absolute().parents[3].resolve()
+_CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
+
+
+class UnsafeFolder(Exception):
+    """Somebody else could have written into a folder; the message says why and the remedy."""
+
+
+@cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels, of mode 700, in the first safe and writable place.
+
+    That is NUMBA_CACHE_DIR, if set, then ~/.cache/hertzloop, a folder of this user among the
+    temporary ones, and at last one that lives as long as this process.
+    """
+    # Numba tells checkouts apart by their path, and so does the name.
+    name = f"{code_digest()}-{hashlib.sha256(bytes(_ROOT)).hexdigest()[:8]}"
+    refused = []
+    for base in _places():
+        try:
+            make_private(base)
+            make_private(base / name)
+            break
+        except UnsafeFolder as error:
+            refused.append(str(error))
+        except OSError:  # it cannot be written
+            continue
+    else:
+        base = _temporary()
+        make_private(base / name)
+    if base != next(_places()):
+        os.environ[_CHOSEN] = str(base)
+    if refused:
+        said = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
+        print(said, file=sys.stderr)
+    return base / name
+
+
+def make_private(folder: Path) -> None:
+    """Make a folder that only this user can write to, of mode 700, unless it is there.
+
+    Raises:
+        UnsafeFolder: others can write to it, or it belongs to somebody else.
+        OSError: it cannot be made or written.
+    """
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        raise UnsafeFolder(f"{folder} is a symbolic link; remove it")
+    if found.st_uid != os.getuid():
+        raise UnsafeFolder(
+            f"{folder} belongs to user {found.st_uid}, not to {os.getuid()}; remove it"
+        )
+    if found.st_mode & 0o022:
+        raise UnsafeFolder(
+            f"{folder} is open to other users (mode {stat.S_IMODE(found.st_mode):o}); "
+            "remove it, or chmod 700 if you trust what is in it"
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(str(folder))
+
+
+@cache
+def code_digest() -> str:
+    """16 hex digits that change with any source of kernels, and with what compiles them."""
+    digest = hashlib.sha256()
+    for what in (sys.version, numba.__version__, llvmlite.__version__):
+        digest.update(what.encode() + b"\0")
+    for name, text in sorted(kernel_sources().items()):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
+    return digest.hexdigest()[:16]
+
+
+def kernel_sources() -> dict[str, bytes]:
+    """Source files that hold compiled functions, by their path in the folder that holds hertzloop.
+
+    In a clone, the folders of the package are links, and the benchmarks hold kernels too.
+    """
+    in_clone = (_ROOT / "hertzloop" / "plant").is_symlink()
+    found = {}
+    for package in ("hertzloop", "benchmarks") if in_clone else ("hertzloop",):
+        for folder, _, names in os.walk(_ROOT / package, followlinks=True):
+            for path in (os.path.join(folder, name) for name in names if name.endswith(".py")):
+                with open(path, "rb") as file:
+                    text = file.read()
+                # Most files name neither, and the pattern is slow.
+                if (b"numba" in text or b"jit" in text) and _HOLDS_KERNELS.search(text):
+                    found[os.path.relpath(path, _ROOT)] = text
+    return found
+
+
+def _places() -> Iterator[Path]:
+    """Folders to keep kernels in, the best first."""
+    for name in (_CHOSEN, "NUMBA_CACHE_DIR"):
+        if given := os.environ.get(name):
+            yield Path(given).absolute()
+    with suppress(RuntimeError):  # a user without a home
+        yield Path.home() / ".cache" / "hertzloop"
+    yield Path(tempfile.gettempdir()) / f"hertzloop-{os.getuid()}"
+
+
+def _temporary() -> Path:
+    """A folder that is gone with this process."""
+    folder, ours = tempfile.mkdtemp(prefix="hertzloop-"), os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == ours:  # not in a fork
+            shutil.rmtree(folder, ignore_errors=True)
+
+    register(remove)
+    return Path(folder)

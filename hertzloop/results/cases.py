@@ -1,0 +1,319 @@
+"""One case of a sweep: a scene simulated in one compiled call, and its figures."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import lru_cache
+from operator import attrgetter
+from types import SimpleNamespace
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from hertzloop.controller.law import ACTING
+from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.results.effects import EffectState, names_by_state
+from hertzloop.results.figure_rows import described, figure, rows_of
+from hertzloop.results.impacts import first_impact, impacts_of_rows
+from hertzloop.results.run_context import RunContext
+from hertzloop.results.span_figures import SpanFigures, changes_db, of_impact
+from hertzloop.results.stability import Stability, StabilityAccumulator
+from hertzloop.results.statistics import ExtremesAccumulator
+from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
+from hertzloop.scene import model_error
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.setup import Setup
+
+Span = Literal["impact", "run"]
+# The other span, and both in words.
+OTHER: dict[Span, Span] = {"impact": "run", "run": "impact"}
+IN_WORDS: dict[Span, str] = {"impact": "in the first impact", "run": "over all contacts"}
+Result = TypeVar("Result")
+# After the lead-in, unless an impact is expected to last longer; four times as many until it is
+# over. A run that is over ends before.
+_FIRST_STEPS = 512
+_SLOWER = 4.0  # than on a rigid plate: as long as most contacts last
+_SOON = 2.0  # times the silence that ends an impact: until then most are over
+_FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
+
+
+class CaseState(StrEnum):
+    """What became of a case."""
+
+    FIGURES = "figures"
+    UNSTABLE = "unstable"  # it was run, but its figures would say nothing
+    NOT_RUN = "not run"
+
+
+class UnstableLoop(SceneError):
+    """The loop is unstable: the actuator adds energy without bound, so there are no figures."""
+
+
+@dataclass(frozen=True)
+class _Case:
+    """What the figures of a case are taken from: `change` in dB by name, effects by state."""
+
+    setup: Setup
+    run: SimulatedRun
+    figures: SpanFigures
+    free: SpanFigures
+    change: SimpleNamespace
+    stability: Stability
+    effects: dict[EffectState, str]
+
+
+def _rebound_percent(case: _Case) -> float:
+    """Of a rebound within the model's error nothing is a share that could be known."""
+    plant, found, free = case.setup.plant, case.figures, case.free
+    if not free.rebound_speed_m_s > case.setup.accuracy * plant.sphere.impact_speed_m_s:
+        return math.nan
+    if plant.sphere.gravity_m_s2 > 0.0:
+        return 100.0 * found.rebound_height_m / free.rebound_height_m
+    return 100.0 * (found.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+
+
+@described
+@dataclass(frozen=True)
+class CaseFigures:
+    """Figures of a case of a sweep.
+
+    Figures in dB compare with the same span without control, on the same plate model: 10 lg of an
+    energy ratio, 20 lg of a ratio of speeds or pressures.
+    """
+
+    # fmt: off
+    plate_energy_db: float = figure("change of the plate energy, dB", "plate energy", "dB",
+                                    of="change.plate_energy_j", shown=True)
+    rebound_percent: float = figure(
+        "rebound height over that without control, %; kinetic energy of a hammer",
+        "rebound height", "%", of=_rebound_percent, shown=True, without=100.0)
+    radiated_db: float = figure("change of the study's figure of radiated energy, dB",
+                                "radiated energy", "dB", of="change.radiated_j", shown=True)
+    plate_speed_db: float = figure("change of the largest plate speed, dB", "largest plate speed",
+                                   "dB", of="change.plate_speed_max_m_s", db=20.0, shown=True)
+    pressure_db: float = figure("change of the pressure bound, dB", "pressure bound", "dB",
+                                of="change.peak_pressure_pa", db=20.0, shown=True)
+    longhorn_db: float = figure("change of `longhorn_j` (Longhorn 1952), dB", "Longhorn's energy",
+                                "dB", of="change.longhorn_j")
+    holmes_db: float = figure("change of `holmes_j` (Holmes 1974), dB", "Holmes's energy", "dB",
+                              of="change.holmes_j")
+    plate_energy_j: float = figure("work of contact force and actuator force on the plate, J")
+    injected_j: float = figure("work of the actuator force on the plate, J",
+                               of="run.books.injected_j")
+    pumps: bool = figure("whether the actuator had at some time added more than the energy of the "
+                         "impact", of="stability.pumps")
+    impact_energy_j: float = figure("energy of the striker before the impact, J",
+                                    of="run.books.energy_start_j")
+    rebound_m_s: float = figure("speed of the striker after the last contact, m/s",
+                                of="figures.rebound_speed_m_s")
+    contact_us: float = figure("duration of the first contact, us",
+                               of=lambda case: 1e6 * case.figures.contact_time_s)
+    contacts: int = figure("number of contacts")
+    peak_force_n: float = figure("largest contact force, N", "largest contact force", "N")
+    delay_us: float = figure("delay that the law latched, us; nan without one",
+                             of=lambda case: latched_us(case.setup, case.run))
+    energy_residual: float = figure("missing part of the energy balance, relative",
+                                    of="run.books.energy_residual")
+    plate_model: str = figure('"modal" or "infinite"; with this value of run.plate_model, '
+                              "`hertzloop run` gives the same figures",
+                              of="setup.scene.run.plate_model")
+    leaves_out: str = figure("names of indicators above their threshold "
+                             "(`hertzloop.results.effects`)",
+                             of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
+    out_of_range: str = figure("names of indicators beyond the range of the model",
+                               of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
+    steps: int = figure("number of simulated steps", of=lambda case: case.run.rows.shape[1])
+    digest: str = figure("digest of all samples and states of these steps",
+                         of=lambda case: digest_of(case.run.rows, case.run.samples))
+    # fmt: on
+
+
+CASE_ROWS = rows_of(CaseFigures)
+_TAKEN = [
+    attrgetter(row.of or f"figures.{name}") if isinstance(row.of, str) else row.of
+    for name, row in CASE_ROWS.items()
+]
+SHOWN = tuple(name for name, row in CASE_ROWS.items() if row.shown)
+OBJECTIVES = tuple(name for name, row in CASE_ROWS.items() if row.words)
+
+
+def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
+    """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes): 32 hex
+    digits, the same for the same bits."""
+    first, second = fingerprint(rows.view(np.uint64), samples.view(np.uint64))
+    return f"{first:016x}{second:016x}"
+
+
+def _follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
+    """Simulate as much of a scene as the span asks for; the scene with the model of the plate
+    that it came to.
+
+    "auto" means the infinite plate where it meets the accuracy until the span is over.
+    """
+    if span == "run":
+        setup = setup.with_plate_model(setup.plate_model)
+        return setup, simulate(setup)
+    if setup.scene.run.plate_model == "auto":
+        found = _on_infinite_plate(setup)
+        if found:
+            return found
+        setup = setup.with_plate_model("modal")
+    return setup, _until_over(setup)
+
+
+def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
+    """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
+    the accuracy until the impact is over."""
+    touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
+    # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
+    for most_s in (_SOON * quiet * setup.step_s, math.inf):
+        lasts_s = model_error.infinite_plate_lasts_s(setup, most_s)
+        steps = int((touch_s + lasts_s) / setup.step_s)
+        # An impact that lasts a step at least is not over earlier.
+        may_be_over = steps - int(touch_s / setup.step_s) >= quiet
+        if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
+            infinite = setup.with_plate_model("infinite")
+            found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
+            if found.over or steps >= setup.steps:
+                return infinite, found
+        if lasts_s < most_s:
+            break
+    return None
+
+
+def _until_over(setup: Setup) -> SimulatedRun:
+    """Simulate until the first impact is over, the run's end at the latest."""
+    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_mechanics.rigid_contact_s
+    while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
+        first *= 4
+    steps = round(setup.lead_in_s / setup.step_s) + first
+    while steps < setup.steps:
+        found = simulate(setup, impact_only=True, steps=steps)
+        if found.over:
+            return found
+        steps *= 4
+    return simulate(setup, impact_only=True)
+
+
+def latched_us(setup: Setup, run: SimulatedRun) -> float:
+    """The first delay that the law of a run latched, us; nan of one that latches none."""
+    first = first_of(run.modes, ACTING) if loaded_law(setup).latches else -1
+    if first < 0:
+        return math.nan
+    return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
+
+
+def figures_of_case(setup: Setup, span: Span = "impact") -> CaseFigures:
+    """Simulate a scene and compare it with the same without control.
+
+    `span`: "impact" for the first impact (see `plant.figures.rows_kernels`), "run" for all.
+    Raises SceneError for the published scheme, for a run without contact, and for a law that
+    fails; UnstableLoop, also where the law fails since the loop has run away.
+    """
+    return together([case_in_parts(setup, span)])[0]
+
+
+def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
+    """Results of cases in parts, the same part of all in turn: what one runs is still in the
+    processor's caches when the next one does."""
+    found: dict[int, Result] = {}
+    while len(found) < len(cases):
+        for number, case in enumerate(cases):
+            if number not in found:
+                try:
+                    next(case)
+                except StopIteration as end:
+                    found[number] = end.value
+    return [found[number] for number in range(len(cases))]
+
+
+def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures]:
+    """`figures_of_case`, which pauses between its parts unless its rows are many."""
+    if not SCHEMES[setup.scheme].conserves:
+        raise SceneError(NO_CASE_OF_THESIS)
+    try:
+        setup, run = _follow(setup, span)
+    except LawStopped as error:
+        # A loop that has run away for long enough commands what is no number any more.
+        _bounded(setup, error.rows)
+        raise
+    few = run.rows.nbytes <= _FEW_BYTES
+    if few:
+        yield
+    found = _bounded(setup, run.rows)
+    if not (all_finite(run.rows) and math.isfinite(run.books.energy_residual)):
+        raise SceneError("the run has numbers that are not finite; its figures would say nothing")
+    figures, impacts, end = _figures(setup, span, run.rows)
+    if few:
+        yield
+    left_out = _left_out(setup, run.rows[:, :end], impacts)
+    free = uncontrolled(setup, span)
+    if few:
+        yield
+    change = SimpleNamespace(**changes_db(figures, free))
+    case = _Case(setup, run, figures, free, change, found, left_out)
+    return CaseFigures(*(take(case) for take in _TAKEN))
+
+
+def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
+    """What rows of truth say of the closed loop. Raises UnstableLoop."""
+    accumulator = StabilityAccumulator(setup)
+    accumulator.feed(0, rows)
+    found = accumulator.result()
+    if found.unstable:
+        times = found.most_injected
+        raise UnstableLoop(
+            "the closed loop is unstable: the actuator exchanges "
+            + (f"{times:.3g} times the" if math.isfinite(times) else "no finite multiple of the")
+            + " energy of the impact"
+        )
+    return found
+
+
+def uncontrolled(setup: Setup, span: Span) -> SpanFigures:
+    """Return the figures of a span of a scene without control. Raises SceneError."""
+    return _uncontrolled(setup.plant_only(), span)
+
+
+@lru_cache(maxsize=64)
+def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
+    setup, run = _follow(setup, span)
+    return _figures(setup, span, run.rows)[0]
+
+
+def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
+    spec = setup.plant
+    accumulator = ExtremesAccumulator(spec)
+    accumulator.feed(0, rows)
+    return names_by_state(
+        RunContext(setup, accumulator.result(impacts), rows.shape[1] * setup.step_s)
+    )
+
+
+def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
+    """Figures of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
+    what is audible counts alone: no figure of a case asks for more."""
+    spec, modes = setup.plant, audible_modes(setup.plant)
+    if span == "impact":
+        first = first_impact(setup, rows, modes)
+        found = [first] if first else []
+    else:
+        found = impacts_of_rows(setup, rows, modes)
+    if not found:
+        raise SceneError(
+            f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "
+            f"or reduce run.lead_in_s = {setup.lead_in_s:g}"
+        )
+    impacts = [one.impact for one in found]
+    if span == "impact":
+        return of_impact(found[0]), impacts, found[0].over
+    accumulator = WholeRunAccumulator(spec)
+    accumulator.feed(0, rows)
+    whole = accumulator.result(impacts)
+    assert whole is not None
+    return whole, impacts, rows.shape[1]

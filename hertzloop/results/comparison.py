@@ -1,0 +1,61 @@
+"""The figures of two runs, side by side."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+from hertzloop.results.span_figures import DECIBELS, SPAN_ROWS, RunFigures, decibels
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One figure of two runs.
+
+    Attributes:
+        span: "first impact" or "whole run".
+        figure: name of the figure in `SpanFigures`.
+        a: value of the first run, SI units.
+        b: value of the second run, SI units.
+        b_to_a: change from a to b in `unit`; nan where no ratio is defined.
+        unit: "dB" for energies and amplitudes, "%" for other quantities, "" for a count.
+    """
+
+    span: str
+    figure: str
+    a: float
+    b: float
+    b_to_a: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All figures of two runs.
+
+    Attributes:
+        rows: the figures of the first impact, then those of the whole run.
+    """
+
+    rows: tuple[Difference, ...]
+
+
+def compared(a: RunFigures, b: RunFigures) -> Comparison:
+    """Compare the spans that both runs have."""
+    return Comparison(tuple(_rows(a, b)))
+
+
+def _rows(a: RunFigures, b: RunFigures) -> Iterator[Difference]:
+    for span in (f.name for f in fields(RunFigures)):
+        one, other = getattr(a, span), getattr(b, span)
+        if one is None or other is None:
+            continue
+        for name in SPAN_ROWS:
+            yield _difference(span, name, getattr(one, name), getattr(other, name))
+
+
+def _difference(span: str, name: str, a: float, b: float) -> Difference:
+    if name in DECIBELS:
+        return Difference(span, name, a, b, decibels(b, a, DECIBELS[name]), "dB")
+    if name == "contacts":
+        return Difference(span, name, a, b, b - a, "")
+    change = 100.0 * (b / a - 1.0) if a else float("nan")
+    return Difference(span, name, a, b, change, "%")

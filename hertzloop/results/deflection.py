@@ -1,0 +1,415 @@
+"""Deflection of the whole plate, worked out again from the recorded forces.
+
+Every mode is propagated exactly with the forces held over a step, as in the plant, but
+modes of equal frequency are kept apart: their shapes differ away from the contact.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hertzloop.plant.numerics import RIGID_RAD_S, phi
+from hertzloop.plant.plant import PlantSpec, air_eta
+from hertzloop.plant.schemes.collocation import residual_m_n
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.plant.structures.structure import Structure, oscillator_shapes, oscillators
+from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
+from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.replay.contacts import ContactSpan, Span, contacts_of
+from hertzloop.recordings.replay.deflection import Deflection
+from hertzloop.results.impacts import Block
+from hertzloop.results.recorded import pieces_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
+
+NODES = 2401  # of the grid, about
+MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
+_MOST_MODES = 4000  # of a plate with other edges than simply supported ones
+_PIECE = 64  # steps under force that are advanced at once
+_MOST_PUSHED = 400_000  # steps under force for all modes; of a sphere at rest, the lowest do
+_FEW = 24  # along an axis
+_FLAT_RADII = 12.0  # of the sphere, from the contact to the edge of what has no shapes
+_FLAT_M = 0.1  # the same distance, where a soft tip has no radius
+_FIRST_FRAMES = 360  # around the first contact
+_LATER_FRAMES = 150  # around all later contacts
+_COARSE_FRAMES = 150  # over the whole run
+_AFTER = 10.0  # of the first contact's length, for waves to run to the edge and back
+
+
+@dataclass(frozen=True)
+class PlateModes:
+    """Modes of what is struck; arrays have the shape (modes along x, modes along y) where they are
+    products of sines, (modes,) elsewhere.
+
+    `shapes`: along x (places, modes along x) and along y (modes along y, places), or one array
+    (modes, x, y).
+
+    z is one complex number a mode: its deflection is Im z, a step turns it by `turn`, and a
+    unit modal force held over the step adds `grown`, one that rises from -1 to 1 over it
+    `grown_1`. `powers_down` holds turn^_PIECE .. turn^0.
+    """
+
+    shapes: tuple[np.ndarray, ...]
+    s_step: np.ndarray  # exponent of one step
+    grown: np.ndarray
+    grown_1: np.ndarray
+    at_contact: np.ndarray
+    at_actuator: np.ndarray
+    powers_down: np.ndarray
+
+
+def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
+    """Mode numbers along one axis whose shape is not zero at all points (0..1 along it)."""
+    largest = np.max([abs(np.sin(numbers * np.pi * share)) for share in shares], axis=0)
+    return numbers[largest > 1e-9]
+
+
+def _modes(
+    spec: PlantSpec, omega: np.ndarray, eta: float | np.ndarray, scale: float,
+    at_contact: np.ndarray, at_actuator: np.ndarray, shapes: tuple[np.ndarray, ...],
+) -> PlateModes:  # fmt: skip
+    """Modes that move as the plant's do; those above its limit stay at rest."""
+    h = spec.step_s
+    root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
+    theta = np.maximum(omega, RIGID_RAD_S) * root
+    s = theta * (1j - eta / (2.0 * root))
+    x = s * h
+    grown = scale / theta * h * phi(1, x)
+    grown_1 = scale / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
+    for by in (grown, grown_1):
+        by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
+    powers = np.exp(np.arange(_PIECE, -1, -1).reshape(-1, *(1,) * omega.ndim) * x)
+    return PlateModes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
+
+
+def separable_modes(
+    spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray, per_axis: int = MODES_PER_AXIS
+) -> PlateModes:
+    """Modes of a simply supported plate with both numbers up to `per_axis`."""
+    plate = spec.simply_supported
+    numbers = np.arange(1, per_axis + 1)
+    points = (spec.contact_point_m, spec.actuator_point_m)
+    m, n = (
+        _taking_part(numbers, *(p[axis] / plate.size_m[axis] for p in points)) for axis in (0, 1)
+    )
+    mm, nn = np.meshgrid(m, n, indexing="ij")
+    wave_number = (mm * np.pi / plate.size_m[0]) ** 2 + (nn * np.pi / plate.size_m[1]) ** 2
+    omega = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2) * wave_number
+    shapes = (
+        np.sin(np.outer(x_m, m) * np.pi / plate.size_m[0]),
+        np.sin(np.outer(n, y_m) * np.pi / plate.size_m[1]),
+    )
+    return _modes(
+        spec, omega, plate.eta + air_eta(spec, omega), plate.modal_scale_per_kg,
+        plate.mode_shape(mm, nn, points[0]), plate.mode_shape(mm, nn, points[1]), shapes,
+    )  # fmt: skip
+
+
+def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
+    """The lower modes of what has shapes of its own."""
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    if len(modes.omega) > _MOST_MODES:
+        limit = float(modes.omega[_MOST_MODES - 1])
+        modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
+    return _modes(
+        spec, modes.omega[moved], modes.eta, modes.scale_per_kg, modes.at_contact[moved],
+        modes.at_actuator[moved], (plate.on_grid(limit, x_m, y_m)[moved],),
+    )  # fmt: skip
+
+
+def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
+    """A small grid around the contact, (3,) and (3,), for what has no shapes."""
+    radius_m = spec.sphere.radius_m
+    size_m = _FLAT_M if math.isnan(radius_m) else _FLAT_RADII * radius_m
+    flat = size_m * np.array([-1.0, 0.0, 1.0])
+    return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+
+
+def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, PlateModes]:
+    """Grid and modes of a structure that has no shapes: it stays flat."""
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    flat = np.zeros((len(modes.omega), 3, 3))
+    return *_flat_grid(spec), _modes(
+        spec, modes.omega, modes.eta, modes.scale_per_kg, modes.at_contact, modes.at_actuator,
+        (flat,),
+    )  # fmt: skip
+
+
+def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, PlateModes]:
+    """Grid and modes of a file; without a grid in it a small one that stays flat."""
+    if table.grid is None:
+        grid = _flat_grid(spec)
+        shapes = np.zeros((len(table.omega_rad_s), 3, 3))
+    else:
+        grid, shapes = table.grid[:2], table.grid[2]
+    mass = np.sqrt(table.per_modal_mass_1_kg)
+    modes = _modes(
+        spec, table.omega_rad_s, table.loss_factor, 1.0, mass * table.shape_contact,
+        mass * table.shape_actuator, (mass[:, None, None] * shapes,),
+    )  # fmt: skip
+    return *grid, modes
+
+
+def _under_force(modes: PlateModes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
+    count = forces.shape[1]
+    # As pairs of real numbers: forces have no imaginary part.
+    turned = modes.powers_down[_PIECE + 1 - count :].reshape(count, -1).view(float)
+    sums = (forces @ turned).view(complex).reshape(len(forces), *z.shape)
+    contact, contact_1, actuator, actuator_1 = sums
+    drive = modes.at_actuator * actuator + modes.at_contact * contact
+    tilt = modes.at_actuator * actuator_1 + modes.at_contact * contact_1
+    turn = modes.powers_down[_PIECE - count]
+    return np.asarray(z * turn + modes.grown * drive + modes.grown_1 * tilt)
+
+
+def _turned(modes: PlateModes, z: np.ndarray, steps: int) -> np.ndarray:
+    """z after some steps without a force."""
+    if steps <= _PIECE:
+        return np.asarray(z * modes.powers_down[_PIECE - steps])
+    return np.asarray(z * np.exp(steps * modes.s_step))
+
+
+def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+    """Forces up on the plate by rows of truth, shape (4, steps): at the contact, at the actuator,
+    each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
+    forces = np.stack([-rows[F_C], -rows[F_C1], rows[F_A], rows[F_A1]])
+    mass_kg = spec.masses[0]  # one at a third point is left out, which the page says
+    if mass_kg > 0.0 and rows.shape[1] > 1:
+        same = spec.same_point
+        speed = rows[V_P] if same else np.gradient(rows[XI_A], spec.step_s)
+        forces[2, :-1] -= mass_kg * np.diff(speed) / spec.step_s
+    return forces
+
+
+def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
+    """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
+    plate is accelerated by the difference to the rows around: two rows wait for those that
+    follow, one before them is kept."""
+    if not spec.masses[0] > 0.0:
+        for first, rows in blocks:
+            yield first, forces_on_plate(spec, rows)
+        return
+    held, at, told = None, 0, 0  # rows, the step of their first one, steps already told
+    for first, rows in blocks:
+        held, at = (rows, first) if held is None else (np.concatenate([held, rows], axis=1), at)
+        end = at + held.shape[1] - 2
+        if end > told:
+            yield told, forces_on_plate(spec, held)[:, told - at : end - at]
+            kept = max(at, end - 1)
+            held, at, told = held[:, kept - at :], kept, end
+    if held is not None:
+        yield told, forces_on_plate(spec, held)[:, told - at :]
+
+
+def _states(modes: PlateModes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
+    """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n), from
+    blocks of forces, each with its first step; of those frames that the blocks reach."""
+    z = np.zeros_like(modes.grown)
+    found = np.zeros((len(frames), *z.shape))
+    step = i = pushed = 0
+    for first, forces in blocks:
+        end = first + forces.shape[1]
+        forced = first + np.flatnonzero(np.any(forces != 0.0, axis=0))
+        pushed += len(forced)
+        if pushed > _MOST_PUSHED and max(z.shape) > _FEW:
+            modes, z = _lowest(modes), z[(slice(_FEW),) * z.ndim]
+        while i < len(frames) and frames[i] < end:
+            z = _advanced(modes, z, forces, (first, step, int(frames[i])), forced)
+            step = int(frames[i])
+            found[i][tuple(slice(count) for count in z.shape)] = z.imag
+            i += 1
+        if i == len(frames):
+            break
+        z = _advanced(modes, z, forces, (first, step, end), forced)
+        step = end
+    return found[:i]
+
+
+def _lowest(modes: PlateModes) -> PlateModes:
+    """The first _FEW modes along each axis."""
+    few = (slice(_FEW),) * modes.grown.ndim
+    cut = {
+        name: getattr(modes, name)[few]
+        for name in ("s_step", "grown", "grown_1", "at_contact", "at_actuator")
+    }
+    return replace(modes, powers_down=np.ascontiguousarray(modes.powers_down[:, *few]), **cut)
+
+
+def _advanced(
+    modes: PlateModes,
+    z: np.ndarray,
+    forces: np.ndarray,
+    steps: tuple[int, int, int],
+    forced: np.ndarray,
+) -> np.ndarray:
+    """z from one step to another; `steps`: that of the first of the forces, from, to; `forced`: the
+    steps where there is a force."""
+    first, step, target = steps
+    while step < target:
+        following = np.searchsorted(forced, step)
+        force_at = int(forced[following]) if following < len(forced) else target
+        if force_at > step:
+            end = min(force_at, target)
+            z = _turned(modes, z, end - step)
+        else:
+            end = min(step + _PIECE, target)
+            z = _under_force(modes, z, forces[:, step - first : end - first])
+        step = end
+    return z
+
+
+def frame_steps(steps: int, contacts: Sequence[Span]) -> np.ndarray:
+    """Steps of a run of so many at which a frame is worth its memory, ascending: at most about 600.
+
+    Dense from shortly before the first contact to ten times its length after it, less so
+    around later ones, coarse elsewhere.
+    """
+    frames = [np.linspace(0, steps - 1, min(steps, _COARSE_FRAMES)).astype(np.int64)]
+    if contacts:
+        start, end = contacts[0]
+        first = max(0, start - (end - start))
+        last = min(steps, end + int(_AFTER * (end - start)))
+        frames.append(np.arange(first, last, -(-(last - first) // _FIRST_FRAMES)))
+    if contacts[1:]:
+        frames.append(_spread(steps, np.array(contacts[1:], np.int64)))
+    return np.unique(np.concatenate(frames))
+
+
+def _spread(steps: int, contacts: np.ndarray) -> np.ndarray:
+    """At most _LATER_FRAMES steps evenly over contacts (contacts, 2) and as much around each."""
+    length = contacts[:, 1] - contacts[:, 0]
+    begins = np.maximum(contacts[:, 0] - length, 0)
+    ends = np.minimum(contacts[:, 1] + length, steps)
+    begins[1:] = np.maximum(begins[1:], np.maximum.accumulate(ends)[:-1])  # each step once
+    before = np.cumsum(np.maximum(ends - begins, 0))
+    picked = np.arange(0, before[-1], -(-before[-1] // _LATER_FRAMES))
+    of = np.searchsorted(before, picked, "right")
+    return np.asarray(ends[of] - (before[of] - picked))
+
+
+def _axis(length_m: float, node_m: float, count: int) -> np.ndarray:
+    """About `count` coordinates from 0 to the length, one of them exactly at `node_m`."""
+    before = min(max(round(count * node_m / length_m), 1), count - 2)
+    left = np.linspace(0.0, node_m, before + 1)
+    return np.concatenate([left, np.linspace(node_m, length_m, count - before)[1:]])
+
+
+def axes(
+    size_m: tuple[float, float], point_m: tuple[float, float], nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of a grid of about `nodes` nodes, one of them at a point."""
+    side = math.sqrt(nodes / (size_m[0] * size_m[1]))
+    x, y = (
+        _axis(length, at, max(5, round(side * length)))
+        for length, at in zip(size_m, point_m, strict=True)
+    )
+    return x, y
+
+
+def deflection(
+    setup: Setup,
+    recording: Recording,
+    frames: np.ndarray | None = None,
+    per_axis: int = MODES_PER_AXIS,
+    contacts: Sequence[ContactSpan] | None = None,
+) -> Deflection:
+    """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording;
+    `contacts` if they are known.
+
+    Modes beyond `per_axis` along an axis (or _MOST_MODES) are left out: they matter next to the
+    contact, and only while it lasts; after _MOST_PUSHED steps under force, those beyond the first
+    _FEW. Raises SceneError if the recorded scene cannot be simulated.
+    """
+    spec = setup.plant
+    if frames is None:
+        found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
+        frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
+    contact, structure, known = spec.contact_point_m, spec.plate, True
+    if structure.mode_table is not None:
+        known = structure.mode_table.grid is not None
+        x, y, modes = _modes_of_file(spec, structure.mode_table)
+    elif structure.size_m is None:
+        known = False
+        x, y, modes = _without_shapes(spec)
+    else:
+        x, y = axes(setup.size_m or (1.0, 1.0), contact, NODES)
+        if structure.separable is None:
+            modes = _edged_modes(spec, structure, x, y)
+        else:
+            modes = separable_modes(spec, x, y, per_axis)
+    begin = int(recording.truth.step_at(0))
+    blocks = ((first - begin, rows) for first, rows in pieces_of(recording))
+    states = _states(modes, force_blocks(spec, blocks), frames)
+    if len(modes.shapes) == 2:
+        w = modes.shapes[0] @ states @ modes.shapes[1]
+    else:
+        w = np.tensordot(states, modes.shapes[0], 1)
+    times_ns = recording.truth.step_at(frames[: len(states)]) * recording.truth.step_ns
+    return Deflection(times_ns, x, y, w, contact, known)
+
+
+_NODES = 441  # of the grid, about
+_GRID_MODES = 1200  # at most that many modes go onto a grid
+
+
+def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
+    """Return the modes that a scene's plant computes with, up to its limit: those of equal
+    frequency merged, without those that no force moves. With `grid`: their shapes on a grid, too.
+
+    The same run with them gives the same bytes. Raises SceneError.
+    """
+    spec = setup.plant
+    if spec.infinite_plate:
+        raise SceneError(
+            "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"
+        )
+    refuse_third_mass(spec, "its modes cannot be written")
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    points = spec.contact_point_m, spec.actuator_point_m
+    try:
+        modes = oscillators(spec.plate, *points, limit, spec.sensor_point_m)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+    count = len(modes.omega)
+    return ModeTable(
+        modes.omega,
+        modes.eta + air_eta(spec, modes.omega),
+        np.full(count, modes.scale_per_kg),
+        modes.contact,
+        modes.actuator,
+        residual_m_n(spec),
+        _on_grid(spec, limit, count) if grid else None,
+        modes.sensor,
+    )
+
+
+def refuse_third_mass(spec: PlantSpec, what: str) -> None:
+    """Raise SceneError for a sensor's mass beside contact and actuator."""
+    if spec.masses[1] > 0.0:
+        raise SceneError(
+            f"sensors.mass_kg = {spec.sensor_mass_kg:g}: at a point that is not the actuator's, "
+            f"{what}. Remove the key."
+        )
+
+
+def _on_grid(
+    spec: PlantSpec, limit: float, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
+    if what.size_m is None:
+        if what.mode_table is not None:
+            raise SceneError("the modes come from a file. Use its own grid.")
+        raise SceneError(f"{what} has no shapes on a grid; leave out --grid")
+    if count > _GRID_MODES:
+        raise SceneError(
+            f"{count} modes are too many for shapes on a grid; the limit is {_GRID_MODES}. Use a "
+            "larger run.accuracy"
+        )
+    x, y = axes(what.size_m, points[0], _NODES)
+    return x, y, oscillator_shapes(what, *points, limit, what.on_grid(limit, x, y))

@@ -1,0 +1,128 @@
+"""Figures of a run, from its time series."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from threading import Event
+
+import numpy as np
+
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.results.effects import Neglected, neglected
+from hertzloop.results.impacts import Block, impacts_of_blocks
+from hertzloop.results.span_figures import SpanFigures, of_impact
+from hertzloop.results.stability import Stability, StabilityAccumulator
+from hertzloop.results.statistics import (
+    ActuatorDemand,
+    ActuatorDemandAccumulator,
+    ExtremesAccumulator,
+    ForceTiming,
+    ForceTimingAccumulator,
+)
+from hertzloop.results.whole_run import WholeRunAccumulator
+from hertzloop.scene.build import free_series
+from hertzloop.scene.setup import Setup
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of a run.
+
+    Attributes:
+        impacts: the impacts, in order.
+        noise: noise figures of each impact.
+        first_impact: figures of the first impact; None without a contact.
+        whole_run: figures of all contacts; None without one, and for the published scheme.
+        last_contact_ended: whether the last contact ended within the run.
+        stability: stability of the loop.
+        demand: demand on the actuator; None if it never acts.
+        push: when the actuator acts; None if it never acts.
+        neglected: the effects that the run neglects.
+    """
+
+    impacts: list[Impact]
+    noise: list[ImpactNoise]
+    first_impact: SpanFigures | None
+    whole_run: SpanFigures | None
+    last_contact_ended: bool
+    stability: Stability
+    demand: ActuatorDemand | None
+    push: ForceTiming | None
+    neglected: Neglected
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """How often samples exceeded the range of the sensor, and since when, s."""
+
+    times: int
+    since_s: float
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The result of a run, to be assessed.
+
+    Attributes:
+        figures: the figures of the run.
+        scene_law: the law that the scene names; None if it is not known.
+        expected_error: expected model error, relative; None if it is not known.
+        injected_j: work of the actuator on the plate, J.
+        dent_m: permanent indentation, m.
+        late: whether forces came too late, so that the law alone did not decide.
+        saturation: saturation of the sensor, if any.
+        law_models_yield: whether the law declares that it allows for a permanent indentation.
+    """
+
+    figures: Figures
+    scene_law: str | None
+    expected_error: float | None
+    injected_j: float = 0.0
+    dent_m: float = 0.0
+    late: bool = False
+    saturation: Saturation | None = None
+    law_models_yield: bool = False
+
+
+def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
+    """Compute the figures of a run from its time series, shape (10, steps), or from its blocks."""
+    blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
+    spec = setup.plant
+    stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
+    extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(setup)
+    whole = WholeRunAccumulator(spec) if SCHEMES[setup.scheme].conserves else None
+    for accumulator in (stable, asked, extremes, push, whole):
+        blocks = accumulator.through(blocks) if accumulator else blocks
+    impacts: list[Impact] = []
+    noise: list[ImpactNoise] = []
+    first, ended = None, True
+    with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
+        for found in impacts_of_blocks(setup, blocks):
+            first = first or of_impact(found)
+            impacts.append(found.impact)
+            noise.append(found.noise)
+            ended = found.ended
+        total = whole.result(impacts) if whole else None
+    stability = stable.result()
+    effects = Neglected(None, stable=False)
+    demand, pushed = asked.result(), push.result()
+    if not stability.unstable:
+        effects = neglected(setup, extremes.result(impacts))
+    return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
+
+
+# Cleared while the processes of a run need the cores: a simulation in the background then waits.
+no_loop = Event()
+no_loop.set()
+
+
+@lru_cache(maxsize=4)
+def free_figures(setup: Setup) -> Figures | None:
+    """Simulate the same run without control, on the same plate model; None without a law."""
+    if not setup.has_law:
+        return None
+    without = setup.without_control(same_plate=True)
+    # `wait` returns True, when it does.
+    return figures_of(without, (block for block in free_series(without) if no_loop.wait()))

@@ -1,0 +1,228 @@
+"""What a recording holds: time series, the law of the controller, and the pacing."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.bus.streams import CONTROLLER
+from hertzloop.controller.loading.identity import same_law
+from hertzloop.plant.time_series import TRUTH
+from hertzloop.recordings.joined_stream import Arrays
+from hertzloop.recordings.recording import Recording
+from hertzloop.results.impacts import Block
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import parse
+
+NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
+
+
+def rows_of(recording: Recording) -> np.ndarray:
+    """Rows of truth of a recording, shape (10, steps); the actuator's place is the struck point
+    and forces are constant over a step where the recording does not say otherwise.
+
+    All of them at once: for a long recording, see `blocks_of`.
+    """
+    rows = np.zeros((len(TRUTH), recording.truth.samples))
+    at = 0
+    for _, block in blocks_of(recording):
+        rows[:, at : at + block.shape[1]] = block
+        at += block.shape[1]
+    return rows[:, :at]
+
+
+def blocks_of(recording: Recording) -> Iterator[Block]:
+    """The same in blocks, each with its first step, up to the first value that is not finite."""
+    yield from _rows(recording, recording.truth.placed())
+
+
+def pieces_of(recording: Recording) -> Iterator[Block]:
+    """The same in larger blocks, for what costs by the block."""
+    yield from _rows(recording, recording.truth.pieces())
+
+
+def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
+    truth = recording.truth
+    if not truth.arrays.keys() >= NEEDED_FIELDS:
+        return
+    for at, arrays in pieces:
+        first, rows = int(truth.step_at(at)), stacked(arrays)
+        finite = np.isfinite(rows).all(axis=0)
+        if not finite.all():
+            yield first, rows[:, : int(np.argmin(finite))]
+            return
+        yield first, rows
+
+
+def stacked(columns: Arrays) -> np.ndarray:
+    """Rows of truth, shape (10, steps), from columns by their names."""
+    constant = np.zeros(len(columns["xi_m"]))
+    missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
+    known = missing | {"xi_a_m": columns["xi_p_m"]} | columns
+    return np.stack([known[name] for name in TRUTH])
+
+
+@dataclass(frozen=True)
+class RecordedLaw:
+    """The law of a recorded run.
+
+    Attributes:
+        law: the law that the controller reported; None if it reported none.
+        law_digest: digest of that law's files.
+        scene_law: the law that the plant announced; None if it is not known.
+        scene_law_digest: digest of the announced law's files.
+    """
+
+    law: str | None
+    law_digest: str | None
+    scene_law: str | None
+    scene_law_digest: str | None
+
+    @property
+    def as_announced(self) -> bool:
+        """Whether the controller reported the announced law, with the same files."""
+        digests = self.law_digest or "", self.scene_law_digest or ""
+        return bool(self.law) and self.law == self.scene_law and same_law(*digests)
+
+
+def reported_law(recording: Recording) -> tuple[str, str]:
+    """Return name and digest of the law that the controller reported; empty if it reported none."""
+    end = recording.ends.get(CONTROLLER)
+    return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
+
+
+def law_of(recording: Recording) -> RecordedLaw:
+    """Return the law that the forces of a recording come from."""
+    ran, digest = reported_law(recording)
+    announced = recording.metadata.get("law") or _law_of_scene(recording)
+    return RecordedLaw(
+        ran or None, digest or None, announced, recording.metadata.get("law_digest") or None
+    )
+
+
+def _law_of_scene(recording: Recording) -> str | None:
+    """Of recordings that do not say more."""
+    try:
+        return parse(recording.scene_toml, recorded=True).law_reference
+    except (SceneError, RecursionError):
+        return None
+
+
+SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p99.9": 0.999}
+_MOST_OCTAVES = 64
+IN_TIME = 0.999  # of the answers, at a pace that a machine is said to hold
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Answers by response time: upper ends of the classes, us, and how many are in each; the
+    longest, us."""
+
+    ends_us: np.ndarray
+    answers: np.ndarray
+    longest_us: float
+
+    def within_us(self, share: float) -> float:
+        """Time within which this share of the answers came, to the width of a class."""
+        reached = np.cumsum(self.answers) >= share * np.sum(self.answers)
+        return float(min(self.ends_us[int(np.argmax(reached))], self.longest_us))
+
+    def in_time(self, slack_us: float) -> float:
+        """Share of the answers that came within this time."""
+        return float(np.sum(self.answers[self.ends_us <= slack_us]) / np.sum(self.answers))
+
+
+def class_ends_ns(count: int, an_octave: int) -> np.ndarray:
+    """Upper ends of the first classes: as wide as 1 ns up to 2 * an_octave ns, then twice as wide
+    from octave to octave."""
+    octave, within = np.divmod(np.arange(1, count + 1), an_octave)
+    shift = np.maximum(octave - 1, 0)
+    return np.where(octave < 1, within, (an_octave + within) * 2.0**shift)
+
+
+def responses_of(recording: Recording) -> Responses | None:
+    """Response times of a paced run; None of another, or where they cannot be read."""
+    if recording.pacing is None:
+        return None
+    header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
+    if not 0 < len(answers) <= _MOST_OCTAVES * header.classes_an_octave:
+        return None
+    if not (np.isfinite(answers).all() and (answers >= 0).all() and answers.sum() > 0):
+        return None
+    if not (0 < header.pace < math.inf and header.step_ns and header.lead_steps):
+        return None
+    ends = class_ends_ns(len(answers), header.classes_an_octave)
+    return Responses(1e-3 * ends, answers, 1e-3 * header.response_max_ns)
+
+
+@dataclass(frozen=True)
+class PacedClock:
+    """What the clock said of a paced run; times in us of wall time, paces as simulated over wall
+    time. `*_pace`: what the machine, as it was, could hold."""
+
+    pace: float
+    slack_us: float
+    answers: int
+    response_us: dict[str, float]
+    answers_in_time: float
+    late_max_us: float
+    behind_max_us: float
+    controller_pace: float
+    plant_pace: float | None
+    latency_wanted_us: float
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """Missed deadlines of a run, paced or repeated; `clock`: None of a repeated run, and where the
+    response times are not known."""
+
+    late_forces: int
+    steps: int
+    share_late: float
+    longest_row: int
+    oldest_steps: int
+    is_repeat: bool
+    clock: PacedClock | None
+
+
+def pacing_of(recording: Recording) -> Pacing | None:
+    """Missed deadlines of a recorded run; None of a run in lock-step."""
+    if "held_steps" not in recording.truth.arrays:
+        return None
+    late = oldest = longest = row = 0
+    for arrays in recording.truth.blocks():
+        held = np.asarray(arrays["held_steps"])
+        late, oldest = late + int(np.count_nonzero(held)), max(oldest, int(held.max(initial=0)))
+        # Rows of the block end where a force was in time; the last may go on in the next.
+        in_time = np.flatnonzero(np.concatenate([held == 0, [True]]))
+        rows = np.diff(np.concatenate([[-1 - row], in_time])) - 1
+        longest = max(longest, int(rows.max()))
+        row = int(rows[-1])
+    steps, repeats = recording.truth.samples, "repeats" in recording.metadata
+    share = late / steps if steps else 0.0
+    return Pacing(late, steps, share, longest, oldest, repeats, _clock(recording))
+
+
+def _clock(recording: Recording) -> PacedClock | None:
+    responses = responses_of(recording)
+    if recording.pacing is None or responses is None:
+        return None
+    header = recording.pacing.header
+    lead_us = 1e-3 * header.lead_steps * header.step_ns
+    held_us = responses.within_us(IN_TIME)
+    simulated_ns = recording.truth.samples * header.step_ns
+    return PacedClock(
+        pace=header.pace,
+        slack_us=lead_us / header.pace,
+        answers=int(responses.answers.sum()),
+        response_us={name: responses.within_us(share) for name, share in SHARES.items()}
+        | {"max": responses.longest_us},
+        answers_in_time=responses.in_time(lead_us / header.pace),
+        late_max_us=1e-3 * header.late_max_ns,
+        behind_max_us=1e-3 * header.behind_max_ns,
+        controller_pace=lead_us / held_us,
+        plant_pace=simulated_ns / header.working_ns if header.working_ns else None,
+        latency_wanted_us=max(0.0, held_us * header.pace - lead_us),
+    )

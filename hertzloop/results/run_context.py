@@ -1,0 +1,114 @@
+"""What the validity of a model is judged from: a setup and the largest values of its run."""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+from hertzloop.plant.contact.yielding import Strength
+from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates.plate_theory import KirchhoffError
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.collocation import flexibility_m_n
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.results.statistics import Extremes
+from hertzloop.scene.controller import law_flight_m
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.mechanics import Mechanics
+from hertzloop.scene.setup import Setup
+
+_SQUARE = 1e-3  # difference of the sides up to which a plate is square
+
+_DIGITS = 3  # of length and force, for what takes an integral that is kept
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+class StaticContext(NamedTuple):
+    """Quantities of a setup that no run changes; nan or None if unknown."""
+
+    local: Plate | None  # the plate at the contact point; None for another structure
+    weaker: tuple[str, Strength] | None  # the body that yields first, and its strength
+    zener: float  # Zener's lambda
+    revival_s: float  # when a square plate's modes are in phase again; zero if never
+    air_share: float  # loss factor by air over that of the plate
+    squeezed_film: float  # share of the sphere's energy that the air film dissipates
+    drag: float  # share of the fall energy that drag dissipates
+    flexibility_m_n: float  # of the spring that replaces the truncated modes
+
+
+@lru_cache(maxsize=16)
+def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
+    """Compute the quantities that depend on the plant alone."""
+    structure, local, sphere = spec.plate, spec.plate.local_plate, spec.sphere
+    revival_s, air_share, square = 0.0, math.nan, structure.separable
+    if square is not None and not spec.infinite_plate:
+        x, y = square.size_m
+        revival_s = criteria.revival_s(square, x) if abs(x - y) <= _SQUARE * x else 0.0
+    if local is not None and not structure.solid and structure.mode_table is None:
+        air_share = criteria.air_loss_factor(local) / local.eta if local.eta else math.inf
+    return StaticContext(
+        local, bodies.weaker,
+        math.nan if local is None else criteria.zener_inelasticity(sphere, local, spec.contact),
+        revival_s, air_share, criteria.squeezed_film(sphere), criteria.drag_on_the_drop(sphere),
+        flexibility_m_n(spec) if spec.contact.hunt_crossley_s_m else math.nan,
+    )  # fmt: skip
+
+
+class RunContext:
+    """What an effect is evaluated from: a setup and the largest values of its run.
+
+    Quantities that are not known are nan or None. `end_s`: end of the evaluated time, s; by default
+    the end of the run.
+    """
+
+    def __init__(self, setup: Setup, run: Extremes, end_s: float | None = None) -> None:
+        self.setup, self.run, self.spec = setup, run, setup.plant
+        lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
+        # From a sample to the force that it causes.
+        line_s = setup.step_s + 1e-6 * setup.latency_us
+        self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
+        self.static = static_context(self.spec, setup.mechanics)
+        self.local = self.static.local
+        self.end_s = setup.duration_s if end_s is None else end_s
+        self.after_touch_s = self.end_s - run.touched_s
+        self.touched = run.force_n > 0.0 and run.contact_s > 0.0
+        if not self.touched:  # without a contact, no effect applies
+            return
+        contact, sphere, radius_m = self.spec.contact, self.spec.sphere, self.spec.sphere.radius_m
+        # Radius, m, and mean pressure, Pa, at the largest force by Hertz.
+        self.radius_m = criteria.contact_radius_m(run.force_n, radius_m, contact.stiffness)
+        self.pressure_pa = criteria.mean_pressure_pa(run.force_n, self.radius_m)
+        self.sphere_periods = criteria.sphere_periods(sphere, run.contact_s)  # nan if it is no ball
+        self.first_return_s = math.nan  # of bending waves from an edge, s
+        if self.local is None:
+            return
+        self.thickness_periods = criteria.thickness_periods(self.local, run.contact_s)
+        if setup.size_m is not None and self.spec.plate.mode_table is None:
+            self.first_return_s = criteria.first_return_s(
+                self.local, setup.size_m, self.spec.contact_point_m, run.contact_s
+            )
+        self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
+            self.local, contact.stiffness, lasts_s, peak_n, contact.exponent
+        )
+        self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)
+
+    @property
+    def beyond_m_n(self) -> float:
+        """Flexibility that stands for the modes beyond the limit, m/N."""
+        return self.spec.plate.residual_flexibility_m_n(
+            2.0 * math.pi * self.spec.frequency_limit_hz
+        )
+
+    @property
+    def plasticity(self) -> str:
+        """How the contact yields, "none" if it does not."""
+        return str(self.setup.scene.contact.plasticity)
+
+    def flight_m(self) -> float:
+        """How far above the plate the law looks, m; zero of one that waits for the contact."""
+        try:
+            return law_flight_m(self.setup)
+        except SceneError:  # a recording may outlive its law
+            return 0.0

@@ -1,0 +1,59 @@
+"""A recorded run with everything that is reported of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hertzloop.bus.messages_pb2 import Books
+from hertzloop.recordings.recording import Recording
+from hertzloop.results import model
+from hertzloop.results import verdict as verdicts
+from hertzloop.results.verification import Verification
+from hertzloop.scene.setup import Setup
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """A recorded run with its assessment.
+
+    Attributes:
+        setup: the setup of the run.
+        recording: the recording, as read after the run.
+        assessed: figures of the run, and their assessment.
+        books: energy and momentum balance at the end of the run.
+        parts: models that the run used for its plant.
+        transport: name of the transport.
+        wall_s: wall time of the loop, s.
+        exchanges: number of exchanges between plant and controller.
+        lane: why the exchanges used the fast lane or the bus; empty without processes.
+        realtime: real-time profile of the processes; empty without one.
+        repeats: the recording that this run repeats, if any.
+        differs: first difference from that recording; empty if the bytes are equal.
+        verifies: whether a verification was requested.
+        verification: its result; None if no impact ends within the run.
+    """
+
+    setup: Setup
+    recording: Recording
+    assessed: verdicts.RunAssessment
+    books: Books
+    parts: model.PlantParts
+    transport: str
+    wall_s: float
+    exchanges: int
+    lane: str = ""
+    realtime: str = ""
+    repeats: Path | None = None
+    differs: str | None = None
+    verifies: bool = False
+    verification: Verification | None = None
+
+    @property
+    def expects(self) -> tuple[float | None, float]:
+        """The expected error and the requested one, relative."""
+        return self.assessed.assessment.stated_error, self.assessed.requested_accuracy
+
+    @property
+    def structure(self) -> dict[str, Any]:
+        """The structure and the quality of its modes, as in `structure_summary`."""
+        return model.structure_summary(self.setup)

@@ -1,0 +1,331 @@
+"""Assess a run: whether control helped, in what, why not, and what spoils the figures."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.recordings.recording import Event, Recording
+from hertzloop.results.figures import Figures, RunResult, Saturation, figures_of
+from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
+from hertzloop.results.model import Yield, yield_of
+from hertzloop.results.predictability import Predictability, errors_of, predictability
+from hertzloop.results.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
+from hertzloop.results.repeatability import NotRepeatable
+from hertzloop.results.span_figures import DECIBELS, change_db
+from hertzloop.scene.setup import Setup
+
+HARDLY_DB = 0.1
+_MUCH = 0.1  # share of the push, or of the contact, that is worth a word
+_HARDLY_SHARE = 0.02  # of a rebound's height
+_FROM_NOTHING = 1e3  # times as high: what is divided by lies within the model's error
+_OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
+
+
+class ControlEffect(Enum):
+    """What control does to the plate energy."""
+
+    IDLE = auto()  # the law never commanded a force
+    UNPREDICTABLE = auto()
+    HELPS = auto()
+    HARMS = auto()
+    HARDLY = auto()
+
+
+class LaterContacts(Enum):
+    """What is known of the contacts after the first impact."""
+
+    NONE = auto()
+    PREDICTABLE = auto()
+    UNPREDICTABLE = auto()
+    UNKNOWN = auto()  # whether they are predictable
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change of another figure of the first impact by control.
+
+    Attributes:
+        figure: name of the figure.
+        value: change in dB; for the rebound height, per cent of that without control.
+        error: error of the change, in the same unit.
+        better: whether control improves the figure.
+        from_nothing: whether the figure without control is nearly zero.
+    """
+
+    figure: str
+    value: float
+    error: float
+    better: bool
+    from_nothing: bool = False
+
+
+@dataclass(frozen=True)
+class Reasons:
+    """Why control does not help; None for what is not a reason.
+
+    Attributes:
+        after_touch_s: time from the first contact to the first force, s.
+        late_share: that time over the contact time without control.
+        apart: share of the absolute impulse that acts without contact.
+        injected_j: work of the actuator on the plate, J.
+        dent_m: permanent indentation that the law mistakes for penetration, m.
+    """
+
+    after_touch_s: float | None = None
+    late_share: float | None = None
+    apart: float | None = None
+    injected_j: float | None = None
+    dent_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Control:
+    """What control changes.
+
+    Attributes:
+        outcome: the effect on the plate energy.
+        energy_db: change of the plate energy in the first impact, dB.
+        error_db: error of that change, dB.
+        later: what is known of later contacts.
+        whole_db: change of the plate energy over all contacts, dB; None if not predictable.
+        contacts: numbers of contacts with and without control.
+        changes: changes of other figures.
+        reasons: why control does not help; None if it helps.
+    """
+
+    outcome: ControlEffect
+    energy_db: float = 0.0
+    error_db: float = 0.0
+    later: LaterContacts = LaterContacts.NONE
+    whole_db: float | None = None
+    contacts: tuple[int, int] = (1, 1)
+    changes: tuple[Change, ...] = ()
+    reasons: Reasons | None = None
+
+
+@dataclass(frozen=True)
+class RunVerdict:
+    """The verdict on a run.
+
+    Attributes:
+        result: the run.
+        control: what control changes; None if there is no run to compare with.
+        law_accuracy: set if the law prevents the run from keeping its accuracy.
+    """
+
+    result: RunResult
+    control: Control | None
+    law_accuracy: LawAccuracy | None = None
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The assessment of a run's figures.
+
+    Attributes:
+        stated_error: model error of the run, relative; None if it is not known.
+        predictability: how well the impacts can be known.
+        law_accuracy: accuracy under the law; None if it was not evaluated.
+        verdict: the verdict on the run.
+    """
+
+    stated_error: float | None
+    predictability: Predictability
+    law_accuracy: LawAccuracy | None
+    verdict: RunVerdict
+
+
+@dataclass(frozen=True)
+class RunAssessment:
+    """A recorded run with its figures and their assessment.
+
+    Attributes:
+        law: the law that the controller used.
+        result: the figures of the run.
+        yielded: the permanent indentation; None if the contact did not yield.
+        requested_accuracy: requested model error, relative.
+        pacing: missed deadlines; None for a run in lock-step.
+        free: figures of the same run without control; None if the run has no control.
+        assessment: what the figures show.
+    """
+
+    law: RecordedLaw
+    result: RunResult
+    yielded: Yield | None
+    requested_accuracy: float
+    pacing: Pacing | None
+    free: Figures | None
+    assessment: Assessment
+
+
+def assess_recording(
+    setup: Setup,
+    recording: Recording,
+    free: Figures | None,
+    not_repeatable: NotRepeatable | None = None,
+) -> RunAssessment:
+    """Compute all figures of a recorded run, and assess them.
+
+    Args:
+        setup: The setup of the run, whose closed loop is simulated again.
+        recording: The run.
+        free: Figures of the same run without control, None if it is that itself.
+        not_again: Why the closed loop cannot be simulated again, where that is so.
+    """
+    books, law = recording.books, law_of(recording)
+    figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)
+    result = RunResult(
+        figures,
+        law.scene_law,
+        books.expected_error if books else None,
+        injected_j=books.injected_j if books else 0.0,
+        dent_m=books.dent_m if books else 0.0,
+        late=pacing is not None,
+        saturation=saturation_of(recording.events),
+        law_models_yield=setup.law_models_yield,
+    )
+    found = assess(setup, result, free, not_repeatable)
+    return RunAssessment(law, result, yield_of(books), setup.accuracy, pacing, free, found)
+
+
+def assess(
+    setup: Setup,
+    result: RunResult,
+    free: Figures | None,
+    not_repeatable: NotRepeatable | None = None,
+) -> Assessment:
+    """Assess the figures of a run; arguments as for `assess_recording`."""
+    accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.figures)
+    result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
+    known = predictability(setup, result, free, not_repeatable)
+    found = verdict(result, free, known, accuracy)
+    return Assessment(result.expected_error, known, accuracy, found)
+
+
+def verdict(
+    result: RunResult,
+    free: Figures | None = None,
+    known: Predictability | None = None,
+    accuracy: LawAccuracy | None = None,
+) -> RunVerdict:
+    """Return the verdict on a run; without `free`, the figures of the run without control, it says
+    only what spoils the figures."""
+    control, figures = None, result.figures
+    comparable = bool(figures.impacts) and not figures.stability.unstable
+    if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
+        control = _control(result, free, known)
+    return RunVerdict(result, control, accuracy if accuracy and not accuracy.kept else None)
+
+
+def _control(result: RunResult, free: Figures, known: Predictability | None) -> Control:
+    """Evaluate whether control helped, in what, and why not."""
+    figures = result.figures
+    if figures.push is None:
+        return Control(ControlEffect.IDLE)
+    contacts = len(figures.impacts), len(free.impacts)
+    energy, error, later, whole_db = _plate_energy(figures, free, known)
+    if error > HARDLY_DB and not _predictable(energy, error):
+        return Control(ControlEffect.UNPREDICTABLE)
+    outcome = ControlEffect.HARDLY
+    if energy < -HARDLY_DB:
+        outcome = ControlEffect.HELPS
+    elif energy > HARDLY_DB:
+        outcome = ControlEffect.HARMS
+    reasons = None
+    if outcome is not ControlEffect.HELPS:
+        reasons = _reasons(result, free.impacts[0].duration_s)
+    changes = tuple(_changes(figures, free, known))
+    return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
+
+
+def _predictable(value: float, error: float) -> bool:
+    """Return whether any digit of a number is predictable, given its largest absolute error."""
+    return error == 0.0 or error < abs(value)
+
+
+def _plate_energy(
+    figures: Figures, free: Figures, known: Predictability | None
+) -> tuple[float, float, LaterContacts, float | None]:
+    """Change of the plate energy in the first impact (dB), its error, what is known of later
+    contacts, and the change over all of them where that is predictable to the printed digit."""
+    sums, errors, whole = [], [], []
+    digits = (known.controlled, known.uncontrolled) if known else (None, None)
+    for found, of in zip((figures, free), digits, strict=True):
+        sums.append([impact.plate_energy_j for impact in found.impacts])
+        run = found.whole_run  # None of the published scheme
+        whole.append(run.plate_energy_j if run else sum(sums[-1]))
+        errors.append([errors_of(of, i).get("plate_energy_j", 0.0) for i in range(len(sums[-1]))])
+    energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
+    if len(sums[0]) == len(sums[1]) == 1:
+        return energy, error, LaterContacts.NONE, None
+    if known and known.not_repeatable:
+        later, over_all = LaterContacts.UNKNOWN, None
+    elif error <= HARDLY_DB:
+        later, over_all = LaterContacts.PREDICTABLE, energy
+    else:
+        later, over_all = LaterContacts.UNPREDICTABLE, None
+    first = change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0])
+    return *first, later, over_all
+
+
+def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:
+    """Yield other figures of the first impact that are better or worse."""
+    if not figures.noise or not free.noise:
+        return
+    with_, without = vars(figures.noise[0]), vars(free.noise[0])
+    wrong, other = (
+        errors_of(of, 0, "noise_errors")
+        for of in ((known.controlled, known.uncontrolled) if known else (None, None))
+    )
+    for key in _OTHERS:
+        change, error = change_db(
+            with_[key], without[key], DECIBELS[key], wrong.get(key, 0.0), other.get(key, 0.0)
+        )
+        if abs(change) > HARDLY_DB and _predictable(change, error):
+            yield Change(key, change, error, change < 0.0)
+    key = "rebound_height_m"
+    height, before = with_[key], without[key]
+    if before > 0.0 and abs(height / before - 1.0) > _HARDLY_SHARE:
+        error = (wrong.get(key, 0.0) + other.get(key, 0.0) * height / before) / before
+        share, error = 100.0 * height / before, 100.0 * error
+        if _predictable(share, error):
+            from_nothing = height > _FROM_NOTHING * before
+            yield Change(key, share, error, height < before, from_nothing)
+
+
+def _reasons(result: RunResult, contact_s: float) -> Reasons:
+    """Return the reasons that the figures show."""
+    push = result.figures.push
+    assert push is not None
+    late = push.after_touch_s / contact_s
+    mistaken = result.dent_m != 0.0 and not result.law_models_yield
+    return Reasons(
+        after_touch_s=push.after_touch_s if late > _MUCH else None,
+        late_share=late if late > _MUCH else None,
+        apart=push.apart if push.apart > _MUCH else None,
+        injected_j=result.injected_j if result.injected_j > 0.0 else None,
+        dent_m=result.dent_m if mistaken else None,
+    )
+
+
+def saturation_of(events: Iterable[Event]) -> Saturation | None:
+    """How often, and since when, samples were out of the converter's range where it matters, by a
+    recording's events: a gap during a contact, anything else at any time. None if never."""
+    since_ns: list[int] = []
+    touching = out = counted = of_gap = False
+    for event in events:
+        if event.name != "plant":
+            continue
+        kind = event.data.kind
+        if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
+            touching = kind == EventKind.CONTACT_BEGAN
+        elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
+            out, counted = kind == EventKind.RANGE_LEFT, False
+            of_gap = event.data.quantity == "xi"
+        matters = touching or not of_gap
+        if out and matters and not counted:
+            since_ns.append(event.time_ns)
+            counted = True
+    return Saturation(len(since_ns), since_ns[0] * 1e-9) if since_ns else None

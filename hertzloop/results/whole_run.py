@@ -1,0 +1,102 @@
+"""Figures of a whole run, from its time series in blocks."""
+
+from contextlib import suppress
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from hertzloop.plant.figures.impacts import Impact, work_j
+from hertzloop.plant.figures.noise import (
+    RADIATED_UP_TO_HZ,
+    audible,
+    audible_alone,
+    impact_noise,
+    modal_drive,
+)
+from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P
+from hertzloop.results.impacts import PIECE
+from hertzloop.results.span_figures import SpanFigures, span_figures
+from hertzloop.results.statistics import Accumulator
+
+# Of 20 kHz: no oscillator stands for modes further apart than that.
+_BEYOND_AUDIBLE = 1.01
+
+_APART = 1 << 10  # steps without force between two parts of a force's spectrum
+
+
+@lru_cache(maxsize=8)
+def audible_modes(spec: PlantSpec) -> Oscillators:
+    """Oscillators up to 20 kHz. An infinite plate has no use for others, which are not looked for
+    where two are that low."""
+    beyond_hz = _BEYOND_AUDIBLE * RADIATED_UP_TO_HZ
+    if spec.infinite_plate and spec.frequency_limit_hz > beyond_hz:
+        with suppress(ValueError):  # none is so low
+            low = modes_of(replace(spec, frequency_limit_hz=beyond_hz))
+            if audible(low) > 1:
+                return audible_alone(low)
+    return audible_alone(modes_of(spec))
+
+
+class WholeRunAccumulator(Accumulator):
+    """Accumulates the figures of a run from its first contact on, for a scheme that conserves
+    energy. The sums run over pieces that are counted from the first contact."""
+
+    def __init__(self, spec: PlantSpec) -> None:
+        self._spec, self._modes = spec, audible_modes(spec)
+        self._parts: list[np.ndarray] = []
+        self._before = np.zeros((10, 0))
+        self._held = self._done = 0
+        self._touched = False
+        self._work_j = self._speed_max = 0.0
+        self._drive: np.ndarray | float = 0.0
+
+    def feed(self, first: int, rows: np.ndarray) -> None:
+        """Add the next steps of the time series, shape (10, steps), from step `first` on."""
+        if not self._touched:
+            touching = np.flatnonzero(rows[F_C])
+            self._touched = bool(len(touching))
+            start = int(touching[0]) if self._touched else rows.shape[1]
+            if start:
+                self._before = rows[:, start - 1 : start].copy()
+            rows = rows[:, start:]
+        if not rows.shape[1]:
+            return
+        self._parts.append(rows)
+        self._held += rows.shape[1]
+        while self._held > PIECE:
+            rows = np.concatenate(self._parts, axis=1)
+            self._take(rows[:, :PIECE], rows[:, PIECE : PIECE + 1])
+            self._parts, self._held = [rows[:, PIECE:]], rows.shape[1] - PIECE
+
+    def result(self, impacts: list[Impact]) -> SpanFigures | None:
+        """Return the figures of the run, whose impacts are known; None without an impact."""
+        if self._parts:
+            self._take(np.concatenate(self._parts, axis=1), np.zeros((10, 0)))
+            self._parts = []
+        if not impacts:
+            return None
+        noise = impact_noise(
+            self._spec, self._modes, np.asarray(self._drive), self._work_j, self._speed_max,
+            impacts[0].duration_s, impacts[0].impact_speed_m_s, impacts[-1].rebound_speed_m_s,
+        )  # fmt: skip
+        return span_figures(len(impacts), max(i.peak_force_n for i in impacts), noise)
+
+    def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
+        spec, lead = self._spec, self._before.shape[1]
+        rows = np.concatenate([self._before, piece, following], axis=1)
+        self._work_j += work_j(spec, rows, lead)
+        self._speed_max = max(self._speed_max, float(np.abs(piece[V_P]).max(initial=0.0)))
+        pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
+        for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
+            if not len(some):
+                continue
+            own = piece[:, some[0] : some[-1] + 1]
+            self._drive = self._drive + modal_drive(
+                self._modes, -own[F_C], own[F_A], spec.step_s, -own[F_C1],
+                self._done + int(some[0]), own[F_A1],
+            )  # fmt: skip
+        self._before = piece[:, -1:].copy()
+        self._done += piece.shape[1]

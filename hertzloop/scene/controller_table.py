@@ -1,0 +1,178 @@
+"""The table `[controller]`: the law with its keys, and the path of its force."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic.fields import FieldInfo
+
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import NO_CONTROL, find, shipped_keys
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.scene.errors import refused, shown, unknown_key
+from hertzloop.scene.tables import SceneTable
+
+# Laws of checked tables by reference and digest: a case asks for its law a dozen times.
+_CHECKED: dict[tuple[str, str], Law] = {}
+_MOST_CHECKED = 64
+
+
+class ControllerTable(SceneTable):
+    """The law, the line to the actuator, and the law's own keys.
+
+    `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,
+    "mine.so" or "mine.fmu". A key that the law does not have is refused, unless it has the default
+    of the shipped laws that have it.
+    `law_digest`: of a law that is not shipped; one with another digest is refused.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    law: str = "slope_threshold"
+    """control law: a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry
+    point, a library (mine.so), or a co-simulation unit (mine.fmu)"""
+    law_digest: str | None = None
+    """required digest of a law that is not shipped"""
+    latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """latency in addition to one step"""
+    latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
+    """latencies by sample, us, for latency_us: a CSV file, a paced recording, a list, or a table
+    with median_us, sigma, autocorrelation; repeated, in whole steps; commands keep their order"""
+    latency_trace_use: Literal["replay", "resample"] | None = None
+    """replay the trace as it is (default), or resample blocks of it by the seed"""
+    jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """largest random addition to the latency; commands keep their order, so that 20 us of jitter
+    make the force 15.6 us older on average"""
+    drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """probability that a command drops out; the last command is then held"""
+    bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"
+    """DAC resolution, bits"""
+    full_scale_n: Annotated[float, Field(ge=1e-9, le=1e9)] | None = None
+    """largest force of the DAC in either direction"""
+    slew_n_s: Annotated[float, Field(ge=1e-9, le=1e15)] | None = None
+    """slew rate limit of the force"""
+
+    @property
+    def loaded_law(self) -> Law:
+        """The law. Its file is read, and its digest compared, when a table is checked. Raises
+        LawError."""
+        known = _CHECKED.get((self.law, self.law_digest or ""))
+        return known or find(self.law, self.law_digest)
+
+    @property
+    def keys(self) -> Any:
+        """The law's own keys."""
+        given = self.__pydantic_extra__ or {}
+        own = self.loaded_law.key_names
+        return SimpleNamespace(**{name: given[name] for name in own if name in given})
+
+    @property
+    def whole_step_keys(self) -> tuple[str, ...]:
+        """Keys that must be a whole number of steps. Raises LawError."""
+        return ("latency_us", "jitter_us", *self.loaded_law.whole_steps)
+
+    @model_validator(mode="after")
+    def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":
+        """Check the law's keys, fill in its defaults, drop keys of other laws at their default."""
+        given = self.__pydantic_extra__
+        assert given is not None
+        try:
+            law = find(self.law, self.law_digest)
+        except LawError as error:
+            if is_recorded(info):
+                return self
+            raise ValueError(str(error)) from error
+        own = law.keys.model_fields
+        if taken := [name for name in own if name in ControllerTable.model_fields]:
+            raise ValueError(
+                f"controller.law = '{self.law}': its key {taken[0]} is a key of the control loop. "
+                "Rename it in the law."
+            )
+        for name, value in given.items():
+            if name in own:
+                continue
+            others = shipped_keys()
+            if name not in others:
+                known = [*ControllerTable.model_fields, *own]
+                raise ValueError(unknown_key(("controller", name), known))
+            if value != others[name].default and not is_recorded(info):
+                raise ValueError(_of_another_law(name, value, law))
+        try:
+            mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})
+        except ValidationError as error:
+            raise ValueError(_sentence_of(error, own)) from error
+        given.clear()
+        given.update(vars(mine))
+        if law.name not in shipped_laws():
+            self.__dict__["law_digest"] = law.digest
+            if len(_CHECKED) >= _MOST_CHECKED:
+                _CHECKED.clear()
+            _CHECKED[self.law, law.digest] = law
+        return self
+
+
+@lru_cache(maxsize=64)
+def without_law(table: ControllerTable) -> ControllerTable:
+    line: dict[str, Any] = {name: getattr(table, name) for name in ControllerTable.model_fields}
+    line |= {"law": NO_CONTROL, "law_digest": None}
+    return ControllerTable.model_construct(**line)
+
+
+def is_recorded(info: ValidationInfo) -> bool:
+    """Whether a scene is read from a recording, which may outlive its law."""
+    return bool(info.context and info.context.get("recorded"))
+
+
+def law_key(table: ControllerTable, name: str) -> FieldInfo | None:
+    """What is known of a key: the line's, the law's, or a shipped law's."""
+    for fields in (
+        ControllerTable.model_fields,
+        table.loaded_law.keys.model_fields,
+        shipped_keys(),
+    ):
+        if name in fields:
+            return fields[name]
+    return None
+
+
+def _of_another_law(name: str, value: Any, law: Law) -> str:
+    """Sentence on a key of a shipped law that the chosen law does not have."""
+    keys = ", ".join(law.keys.model_fields) or "none"
+    having = ", ".join(n for n in shipped_laws() if name in find(n).keys.model_fields)
+    return (
+        f"controller.{name} = {shown(value)}: has no effect on controller.law = '{law.name}', "
+        f"whose keys are: {keys}. Leave the key out, or choose a law that has it: {having}"
+    )
+
+
+def _sentence_of(error: ValidationError, fields: Mapping[str, FieldInfo]) -> str:
+    """On the first problem with one of several keys."""
+    problem = error.errors()[0]
+    if problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
+    key = str(problem["loc"][0])
+    same = [p for p in error.errors() if p["loc"][:1] == problem["loc"][:1]]
+    return refused(("controller", key), problem["input"], same, fields[key])
+
+
+def switch_law(data: dict[str, Any], name: str, written: bool = False) -> None:
+    """Put another law into a table, and drop what belongs to the old one alone: its digest, and
+    keys that the new law does not have. Keys that the old law has by default are dropped as well,
+    unless they are `written` in a file. Raises LawError."""
+    fields = find(name).keys.model_fields
+    digest = data.pop("law_digest", None)
+    old = {}
+    try:
+        old = find(
+            str(data.get("law", ControllerTable.model_fields["law"].default)), digest
+        ).keys.model_fields
+        of_old = set(old)
+    except LawError:  # a recording may outlive its law
+        of_old = set(data)
+    for key in of_old & data.keys() - ControllerTable.model_fields.keys():
+        is_default = key in old and data[key] == old[key].default
+        if key not in fields or (is_default and not written):
+            del data[key]
+    data["law"] = name

@@ -1,0 +1,27 @@
+"""The value of a scene key in a resolved setup, where the scene itself may leave it out."""
+
+from typing import Any
+
+from hertzloop.scene.setup import Setup
+
+_MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
+
+
+def value_of_key(setup: Setup, key: str) -> Any:
+    """Return the value of "table.key" in the unit of the key; None if there is none.
+
+    A limiting pressure, a loss factor and properties of a material may follow from other keys.
+    """
+    table, _, last = key.partition(".")
+    if key == "contact.limiting_pressure_pa" and setup.contact.limit is not None:
+        return setup.contact.limit.pressure_pa
+    if key == "plate.loss_factor":
+        plate = setup.structure.local_plate
+        return None if plate is None else plate.eta
+    if key == "contact.stiffness_factor":
+        return setup.scene.contact.stiffness_factor or 1.0
+    if table in ("plate", "sphere") and last.startswith("material."):
+        body: Any = "plate" if table == "plate" else "sphere"
+        name = last.partition(".")[2]
+        return getattr(setup.scene.material(body), _MATERIAL_KEYS.get(name, name), None)
+    return getattr(getattr(setup.scene, table, None), last, None)

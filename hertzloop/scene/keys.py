@@ -1,0 +1,143 @@
+"""All keys of a scene with kind, bounds, default and meaning, as the code has them."""
+
+import ast
+import inspect
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from hertzloop.controller.loading.registry import find, shipped
+from hertzloop.scene.errors import bounds_of, table_of
+from hertzloop.scene.scene import Scene
+
+# Endings of names, longer ones first.
+_UNITS = {
+    "_m_s": "m/s", "_m_n": "m/N", "_n_s_m": "N s/m", "_n_s": "N/s", "_kg_m3": "kg/m3",
+    "_pa": "Pa", "_kg": "kg", "_hz": "Hz", "_us": "us", "_ns": "ns", "_m": "m", "_s": "s",
+    "_n": "N",
+}  # fmt: skip
+_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """A key's or figure's name without the ending that says its unit, and the unit, "" if none."""
+    ending = next((end for end in _UNITS if name.endswith(end)), "")
+    return name.removesuffix(ending), _UNITS.get(ending, "")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a scene. `bounds` and `default` are text, empty if there are none."""
+
+    name: str
+    kind: str
+    unit: str
+    bounds: str
+    default: str
+    meaning: str
+
+
+def keys() -> list[Key]:
+    """All keys in the order of a scene's tables, those of shipped laws after the controller's."""
+    return list(_of_table(Scene, ""))
+
+
+def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
+    meanings = _docstrings(table)
+    for name, field in table.model_fields.items():
+        inner = table_of(field.annotation)
+        own = isinstance(inner, type) and issubclass(inner, BaseModel)
+        if own and not before and name != "materials":
+            yield from _of_table(inner, f"{name}.")
+            if name == "controller":
+                yield from _of_laws()
+        else:
+            yield _key(before + name, field, meanings.get(name, ""))
+
+
+def _docstrings(table: type[BaseModel]) -> dict[str, str]:
+    """The docstrings of a table's keys. Pydantic would read them whenever it is imported."""
+    (definition,) = ast.parse(inspect.getsource(table)).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        key.target.id: inspect.cleandoc(said.value.value)
+        for key, said in pairwise(definition.body)
+        if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
+        and isinstance(said, ast.Expr) and isinstance(said.value, ast.Constant)
+        and isinstance(said.value.value, str)
+    }  # fmt: skip
+
+
+def _of_laws() -> Iterator[Key]:
+    users: dict[Key, list[str]] = {}
+    for law in shipped():
+        for key in keys_of(law):
+            users.setdefault(key, []).append(law)
+    for key, laws in users.items():
+        yield Key(**{**vars(key), "meaning": f"{key.meaning} ({', '.join(laws)})"})
+
+
+def _key(name: str, field: FieldInfo, meaning: str) -> Key:
+    default = "" if field.is_required() or field.default is None else repr(field.default)
+    return Key(
+        name=name,
+        kind=" or ".join(dict.fromkeys(_kinds(field.annotation))),
+        unit=unit_of(name)[1],
+        bounds=bounds_of(field),
+        default="needed" if field.is_required() else default.replace("'", '"'),
+        meaning=meaning.replace("\n", " "),
+    )
+
+
+def _kinds(kind: Any) -> Iterator[str]:
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        yield from _kinds(inner[0])
+    elif origin is Literal:
+        yield ", ".join(f'"{value}"' for value in inner)
+    elif origin in (Union, UnionType):
+        for one in inner:
+            if one is not NoneType:
+                yield from _kinds(one)
+    elif origin is tuple:
+        many = inner[-1] is Ellipsis
+        words = next(_kinds(inner[0]))
+        words = words.replace("list", "lists", 1) if words.startswith("list") else f"{words}s"
+        yield f"list of {words}" if many else f"{len(inner)} {words}"
+    elif isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield "table"
+    else:
+        yield _WORDS.get(kind, str(kind))
+
+
+def page() -> str:
+    """The keys as a page in Markdown."""
+    lines = [
+        "# Scene keys", "",
+        "`hertzloop scene keys --markdown` prints this page. The word before the dot is the table.",
+        "`hertzloop scene keys --law mine.py` lists the keys of your own law.", "",
+        "| key | value | unit | default | means |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for key in keys():
+        lines.append(
+            f"| `{key.name}` | {value_of(key)} | {key.unit} | {key.default} | {key.meaning} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def value_of(key: Key) -> str:
+    """What a key takes, in words."""
+    return f"{key.kind}, {key.bounds}" if key.bounds else key.kind
+
+
+def keys_of(law: str) -> list[Key]:
+    """The keys of one law, by whatever `controller.law` may say. Raises LawError."""
+    return [
+        _key(f"controller.{name}", field, field.description or "")
+        for name, field in find(law).keys.model_fields.items()
+    ]

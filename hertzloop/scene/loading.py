@@ -1,0 +1,201 @@
+"""Read a scene from TOML, with settings `key=value`."""
+
+import difflib
+import shlex
+from collections.abc import Iterable
+from contextlib import suppress
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from hertzloop.common.text_files import text_of
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import read_again, resolve
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.scene.attached_files import inline_files
+from hertzloop.scene.controller_table import switch_law
+from hertzloop.scene.errors import SceneError, sentence, shortened, shown
+from hertzloop.scene.materials import expand_material
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.toml import parse_toml, toml_value
+from hertzloop.scene.unused_keys import drop_unused_keys
+
+DEFAULT = "aluminium-20mm"
+
+
+def shipped() -> list[str]:
+    """Names of the scenes that come with hertzloop, the default first."""
+    folder = resources.files("hertzloop") / "scene"
+    names = [f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")]
+    return sorted(names, key=lambda name: (name != DEFAULT, name))
+
+
+def shipped_text(name: str) -> str:
+    """The text of a shipped scene."""
+    return (resources.files("hertzloop") / "scene" / f"{name}.toml").read_text("utf-8")
+
+
+_DESCRIBED = {"sphere", "hammer", "plate"}  # tables that the sentence `shows` speaks of
+_OF_LAWS = (".py", ".so", ".dylib", ".fmu")
+
+
+def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Scene:
+    """Read a scene by shipped name or from a file, apply `key=value` settings and the seed.
+
+    Files that it names are relative to its own folder, those that a setting names to the working
+    directory. Raises SceneError with one sentence for anything wrong in it.
+    """
+    path = Path(source)
+    if path.suffix in _OF_LAWS:
+        raise SceneError(
+            f"{shortened(source)}: is a law, not a scene. Use --set "
+            f"{shortened(shlex.quote(f'controller.law={source}'))}."
+        )
+    if path.suffix == ".mcap":
+        file = shortened(shlex.quote(source))
+        raise SceneError(
+            f"{shortened(source)}: is a recording, not a scene. To show it, run `hertzloop inspect "
+            f"{file}`. To repeat it, run `hertzloop run --repeat {file}`."
+        )
+    text = _text(source)  # first: there may be no looking for it
+    folder = path.parent if path.is_file() else None
+    return parse(text, settings, seed, folder=folder, name=source)
+
+
+def _text(source: str) -> str:
+    path = Path(source)
+    try:
+        if path.suffix == ".toml" or path.is_file():
+            return text_of(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise SceneError(
+            f"cannot read the scene {shortened(source)}: {shortened(str(error))}"
+        ) from error
+    names = shipped()
+    if source not in names:
+        close = difflib.get_close_matches(source, names, 1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise SceneError(
+            f"SCENE = {shown(source)}: unknown scene.{hint} Use one of {', '.join(names)}, "
+            "or the path of a .toml file."
+        )
+    return shipped_text(source)
+
+
+def parse(
+    text: str,
+    settings: Iterable[str] = (),
+    seed: int | None = None,
+    *,
+    folder: Path | None = None,
+    law: str | None = None,
+    recorded: bool = False,
+    name: str = "",
+) -> Scene:
+    """Make a scene from TOML text. Raises SceneError.
+
+    The files that it names, its law's too, are looked for in `folder` and in the working folder;
+    `law` says where the law is on this machine. A `recorded` scene need not find its law. `name`
+    is what the text goes by. The law is read again, whatever was loaded before.
+    """
+    read_again()
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise SceneError(
+            f"the scene{name and ' ' + shortened(name)} is not valid TOML: {shortened(str(error))}"
+        ) from error
+    inline_files(data, folder or Path())
+    _apply_settings(data, settings, folder)
+    inline_files(data, Path())
+    if seed is not None:
+        set_key(data, "run.seed", seed)
+    if law is not None:
+        set_key(data, "controller.law", law)
+    return validate_scene(data, folder, recorded)
+
+
+def with_modes_file(source: str, settings: Iterable[str], modes: str, name: str) -> dict[str, Any]:
+    """Tables of a scene with a file of modes in the place of its plate.
+
+    Args:
+        source: a shipped scene, or a file. Of its plate, the material stays.
+        settings: `key=value`, set after that.
+        modes: name of the file of modes, beside the new scene.
+        name: name of the new scene.
+
+    Raises:
+        SceneError: there is no such scene, or a setting is wrong.
+    """
+    path = Path(source)
+    folder = path.parent if path.is_file() else Path()
+    data = parse_toml(_text(source))
+    plate = data.get("plate")
+    material = plate.get("material") if isinstance(plate, dict) else None
+    data["plate"] = {"material": material} if material else {}
+    inline_files(data, folder)
+    _apply_settings(data, settings, folder)
+    data["plate"]["modes"], data["name"] = modes, name
+    return {key: data[key] for key in ("name", *data)}
+
+
+def validate_scene(
+    data: dict[str, Any], folder: Path | None = None, recorded: bool = False
+) -> Scene:
+    control = data.get("controller")
+    try:
+        law = control.get("law") if isinstance(control, dict) else None
+        if isinstance(control, dict) and isinstance(law, str) and law not in shipped_laws():
+            data = {**data, "controller": {**control, "law": resolve(law, folder)}}
+        return Scene.model_validate(data, context={"recorded": recorded})
+    except LawError as error:
+        raise SceneError(str(error)) from error
+    except ValidationError as error:
+        raise SceneError(sentence(error, Scene)) from error
+
+
+def _apply_settings(data: dict[str, Any], texts: Iterable[str], folder: Path | None) -> None:
+    """Set each `key=value`, and drop keys of a file that have no effect any more. Raises
+    SceneError."""
+    pairs = [parse_setting(text) for text in texts]
+    settings = dict(pairs)
+    drop_unused_keys(data, settings)
+    if {key.partition(".")[0] for key in settings} & _DESCRIBED:
+        data.pop("shows", None)  # it was written for other bodies
+    law, table = settings.get("controller.law"), data.get("controller")
+    if isinstance(law, str) and isinstance(table, dict):
+        with suppress(LawError):  # the check of the table says so
+            if isinstance(table.get("law"), str):
+                table["law"] = resolve(table["law"], folder)
+            switch_law(table, resolve(law), written=True)
+    for key, value in pairs:
+        set_key(data, key, value)
+
+
+def parse_setting(setting: str) -> tuple[str, Any]:
+    """Key and value of one key=value; the value is TOML, a bare word counts as text. Raises
+    SceneError."""
+    key, equals, value = setting.partition("=")
+    if not equals or not all(key.strip().split(".")):
+        raise SceneError(
+            f"--set {shown(setting)}: invalid setting. Write table.key=value, as in "
+            "sensors.bits=12."
+        )
+    return key.strip(), toml_value(value)
+
+
+def set_key(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set table.key in nested tables."""
+    path = key.split(".")
+    table = data
+    if path[1:2] in (["material"], ["tip_material"]) and len(path) == 3:
+        expand_material(data, path[0], path[1])
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise SceneError(
+                f"{shown(key)}: unknown scene key; {shown(part)} is a value, not a table."
+            )
+    table[path[-1]] = value

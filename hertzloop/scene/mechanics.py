@@ -1,0 +1,227 @@
+"""What collides, in SI units: striker, structure, contact and actuator."""
+
+import math
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+from typing import Any
+
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import (
+    HERTZ,
+    Contact,
+    Damping,
+    Hammer,
+    Limit,
+    RigidImpact,
+    Sphere,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+    rigid_impact,
+)
+from hertzloop.plant.contact.yielding import Strength, softer
+from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.modes import Point
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.registry import Description, structure
+from hertzloop.plant.structures.structure import Structure
+from hertzloop.scene.attached_files import unpack_modes
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.materials import find_material
+from hertzloop.scene.plant_checks import not_in_three_dimensions
+from hertzloop.scene.tables import (
+    ActuatorTable,
+    ContactTable,
+    HammerTable,
+    MaterialTable,
+    PlateTable,
+    Striker,
+)
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """What collides, in SI units: everything that does not depend on step, law or sensor.
+
+    `sensor_point_m`: of a sensor elsewhere; None at the contact point. `weaker`: the body that
+    yields first, and its strength; None where the plate's is not known. `theory`: "kirchhoff" or
+    "3d", the theory that `plate.theory` comes to.
+    """
+
+    sphere: Sphere
+    structure: Structure
+    contact: Contact
+    actuator: Actuator
+    contact_point_m: Point
+    actuator_point_m: Point
+    sensor_point_m: Point | None
+    sensor_mass_kg: float
+    radiating_faces: int
+    weaker: tuple[str, Strength] | None
+    theory: str
+    rigid: RigidImpact = field(compare=False)
+    """the same impact on a rigid plate"""
+    why_not_solid: str | None = field(compare=False)
+    """why the plate cannot be in three dimensions; None if it can"""
+
+    @property
+    def same_point(self) -> bool:
+        """Whether the actuator pushes at the contact point."""
+        return self.contact_point_m == self.actuator_point_m
+
+    @property
+    def mass_at_contact(self) -> bool:
+        """Whether the actuator's or the sensor's mass is on the contact point."""
+        of_sensor = self.sensor_mass_kg > 0.0 and self.sensor_point_m is None
+        return of_sensor or (self.actuator.mass_kg > 0.0 and self.same_point)
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, part.name) for part in fields(self) if part.compare))
+
+    def __hash__(self) -> int:
+        """Computed once: a case of a sweep looks up what follows from it eight times."""
+        return self._hash
+
+    @property
+    def local_plate(self) -> Plate:
+        """The plate that the contact feels first. Raises SceneError where none is known."""
+        if self.structure.local_plate is None:
+            raise SceneError(
+                "controller.law or sensors.full_scale needs the impedance of an infinite plate, "
+                f"which is unknown for {self.structure}. Give plate.thickness_m if it is a plate "
+                "at the contact point, or use another law and a numeric range."
+            )
+        return self.structure.local_plate
+
+
+@lru_cache(maxsize=16)
+def resolve_mechanics(
+    striker: Striker,
+    plate: PlateTable,
+    contact_table: ContactTable,
+    actuator_table: ActuatorTable,
+    materials: tuple[MaterialTable, ...] | None,
+    scheme: str,
+    without_modes: bool,
+    accuracy: float,
+    sensor: tuple[Point | None, float],
+) -> Mechanics:
+    """Build the bodies.
+
+    Args:
+        materials: the scene's own, by name.
+        scheme: `run.scheme`; a solid plate is known to one of them only.
+        without_modes: whether `run.plate_model` is "infinite"; such a plate is thin.
+        accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
+        sensor: point and mass (kg) of the sensor.
+
+    Raises:
+        SceneError: a file of modes does not make a structure.
+    """
+    of_plate = find_material(plate.material, materials or ())
+    of_striker = find_material(striker.material, materials or ())
+    try:
+        description = _describe_plate(plate, of_plate, accuracy)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+    sphere, contact, weaker = _impact(striker, contact_table, of_striker, of_plate)
+    rigid = rigid_impact(sphere, contact)
+    thin_only = not_in_three_dimensions(
+        striker, plate, contact_table, actuator_table, scheme,
+        "infinite" if without_modes else "auto",
+        of_plate.orthotropic, sensor[1] or None,
+    )  # fmt: skip
+    theory = plate.theory
+    if theory == "auto":
+        theory = "kirchhoff"
+        if not thin_only:
+            expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)
+            theory = "kirchhoff" if expected.largest <= accuracy else "3d"
+    contact_point, actuator_point = plate.points_m
+    try:
+        struck = structure("modes" if plate.modes else theory, description)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+    return Mechanics(
+        sphere=sphere,
+        structure=struck,
+        contact=contact,
+        actuator=Actuator(
+            actuator_table.bandwidth_hz,
+            actuator_table.damping,
+            actuator_table.mass_kg or 0.0,
+            actuator_table.force_limit_n,
+        ),
+        contact_point_m=contact_point,
+        actuator_point_m=actuator_point,
+        sensor_point_m=struck.sensor_at(contact_point, actuator_point, sensor[0]),
+        sensor_mass_kg=sensor[1],
+        radiating_faces=plate.radiating_faces,
+        weaker=weaker,
+        theory=theory,
+        rigid=rigid,
+        why_not_solid=thin_only[0] if thin_only else None,
+    )
+
+
+def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> Description:
+    modes = table.modes
+    content = None if modes is None else unpack_modes(modes.file, modes.sha256, modes.content)
+    return Description(
+        material=material,
+        size_m=table.size_m,
+        thickness_m=table.thickness_m,
+        loss_factor=table.loss_factor,
+        edges=table.edges or "ssss",
+        accuracy=accuracy,
+        modes=None if modes is None or content is None else (modes.file, content),
+        residual_flexibility_m_n=table.residual_flexibility_m_n,
+    )
+
+
+def _impact(
+    striker: Striker, table: ContactTable, own: Material, plate: Material
+) -> tuple[Sphere, Contact, tuple[str, Strength] | None]:  # fmt: skip
+    """What strikes the plate, of a material of its `own`; its contact: stiffness, damping,
+    exponent, and where it yields; and the body that yields first, see `Mechanics`."""
+    weaker = softer(plate, own)
+    height, speed = getattr(striker, "drop_height_m", None), striker.speed_m_s
+    if height is None:
+        assert speed is not None  # a scene without either is refused
+        height = speed**2 / (2.0 * GRAVITY_M_S2)
+    sphere: Sphere
+    stiffness, exponent = None, HERTZ
+    if isinstance(striker, HammerTable):
+        assert speed is not None
+        radius = math.nan if striker.tip_radius_m is None else striker.tip_radius_m
+        sphere = Hammer(own, radius, height, striker.mass_kg, speed, striker.bounces)
+        stiffness, exponent = striker.tip_stiffness, striker.tip_exponent or HERTZ
+    else:
+        sphere = Sphere(own, striker.radius_m, height, striker.mass_kg, speed)
+    if stiffness is None:
+        stiffness = hertz_stiffness(sphere.radius_m, own, plate)
+    if table.stiffness_factor is not None:
+        stiffness *= table.stiffness_factor
+    limit = None
+    if table.plasticity == "thornton":
+        pressure = table.limiting_pressure_pa
+        if pressure is None:
+            assert weaker is not None  # a scene without is refused
+            pressure = weaker[1].pressure_pa
+        limit = Limit(pressure, sphere.radius_m)
+    damping: dict[str, Any] = {}
+    if table.damping == "viscous":
+        damping = {"damping": Damping.VISCOUS, "viscous_n_s_m": table.viscous_n_s_m}
+    elif table.damping == "hunt_crossley":
+        d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
+        damping = {"damping": Damping.HUNT_CROSSLEY, "hunt_crossley_s_m": d}
+    elif table.damping == "relaxation":
+        damping = {
+            "damping": Damping.RELAXATION,
+            "relaxation_stiffness": table.relaxation_stiffness,
+            "relaxation_s": table.relaxation_s,
+            "extra_state": table.relaxation_solve == "bracketed",
+        }
+    return sphere, Contact(stiffness, limit=limit, exponent=exponent, **damping), weaker

@@ -1,0 +1,401 @@
+"""Values of striker, plate, contact, actuator and run that are possible alone, but not together."""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+from hertzloop.plant.contact.hertz import HERTZ
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.structures.registry import STRUCTURES
+from hertzloop.scene.errors import shortened
+from hertzloop.scene.materials import find_material
+from hertzloop.scene.tables import (
+    ActuatorTable,
+    ContactTable,
+    HammerTable,
+    MaterialTable,
+    PlateTable,
+    RunTable,
+    SphereTable,
+    Striker,
+)
+from hertzloop.scene.unused_keys import unused_key_problems
+
+_EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
+_MIDDLE = 0.5  # touch phase of a run that says nothing else
+
+
+class PlantTables(NamedTuple):
+    """The tables of a scene that are neither sensor nor controller."""
+
+    sphere: SphereTable | None
+    hammer: HammerTable | None
+    plate: PlateTable
+    contact: ContactTable
+    actuator: ActuatorTable
+    materials: tuple[MaterialTable, ...] | None
+    run: RunTable
+    sensor_point_m: tuple[float, float] | None
+    sensor_mass_kg: float | None
+
+
+@lru_cache(maxsize=64)
+def plant_problems(scene: PlantTables) -> tuple[list[str], list[str]]:
+    """Of the plate alone, and of the run with all that is neither sensor nor controller."""
+    of_plate = _structure_problems(scene) + _point_problems(scene.plate, scene.sensor_point_m)
+    of_striker = _striker_problems(scene)
+    if of_striker:  # what else there is may follow from it
+        return of_striker, []
+    return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unused_key_problems(scene)
+
+
+def _striker_problems(scene: PlantTables) -> list[str]:
+    """What a scene says of the sphere or the hammer that does not make one striker."""
+    sphere, hammer = scene.sphere, scene.hammer
+    if (sphere is None) == (hammer is None):
+        said = "no table" if sphere is None else "two tables"
+        return [f"[sphere] and [hammer]: {said} of what strikes the plate. Give one of the two."]
+    striker = sphere or hammer
+    assert striker is not None
+    if find_material(striker.material, scene.materials or ()).orthotropic:
+        key = "sphere.material" if sphere is not None else "hammer.tip_material"
+        return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
+    if sphere is not None:
+        if sphere.drop_height_m is not None and sphere.speed_m_s is not None:
+            return [
+                f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
+                f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
+            ]
+        if sphere.drop_height_m is sphere.speed_m_s is None:
+            return ["sphere.drop_height_m: is missing from the scene. Add it, or sphere.speed_m_s."]
+        given = sphere.material
+        if sphere.mass_kg is not None and not isinstance(given, str):
+            return [
+                f"sphere.mass_kg = {sphere.mass_kg:g} and sphere.material.density_kg_m3 = "
+                f"{given.density_kg_m3:g}: both give the mass. Leave out sphere.mass_kg, or name "
+                "the material."
+            ]
+        return []
+    assert hammer is not None
+    radius, stiffness, exponent = hammer.tip_radius_m, hammer.tip_stiffness, hammer.tip_exponent
+    if radius is not None and stiffness is not None:
+        return [
+            f"hammer.tip_radius_m = {radius:g} and hammer.tip_stiffness = {stiffness:g}: both "
+            "give the contact force. Leave one out."
+        ]
+    if (stiffness is None) != (exponent is None):
+        return [
+            "hammer.tip_stiffness and hammer.tip_exponent: one says nothing without the other, "
+            "because the unit of the stiffness is N/m^exponent. Give both, or hammer.tip_radius_m."
+        ]
+    if radius is stiffness is None:
+        return [
+            "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
+            "hammer.tip_exponent."
+        ]
+    return _hammer_problems(scene, hammer)
+
+
+def _hammer_problems(scene: PlantTables, hammer: HammerTable) -> list[str]:
+    stiffness, exponent = hammer.tip_stiffness, hammer.tip_exponent
+    found = not_supported("supports_hammer", scene.run.scheme, "modal", "[hammer]")
+    if exponent not in (None, HERTZ):
+        found += not_supported(
+            "supports_exponent", scene.run.scheme, "modal", f"hammer.tip_exponent = {exponent:g}"
+        )
+    if stiffness is not None and scene.contact.plasticity != "none":
+        found.append(
+            f"contact.plasticity = '{scene.contact.plasticity}': needs the radius of the tip, "
+            f"which hammer.tip_stiffness = {stiffness:g} does not give. Give hammer.tip_radius_m."
+        )
+    return found
+
+
+def _phase_problems(scene: PlantTables) -> list[str]:
+    """A touch phase of a run that does not begin in flight, or counts whole steps only."""
+    run = scene.run
+    if run.touch_phase == _MIDDLE:
+        return []
+    phase = f"run.touch_phase = {run.touch_phase!r}"
+    fall_s = math.inf
+    if scene.sphere is not None:
+        height_m, speed_m_s = scene.sphere.drop_height_m, scene.sphere.speed_m_s
+        if height_m is None:
+            assert speed_m_s is not None  # see `_striker_problems`
+            height_m = speed_m_s**2 / (2.0 * GRAVITY_M_S2)
+        fall_s = math.sqrt(2.0 * height_m / GRAVITY_M_S2)
+    if refusal := not_supported("supports_touch_phase", run.scheme, "modal", phase):
+        return refusal
+    if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
+        return [
+            f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
+            f"at least a step and less than the time to the contact, {fall_s:.3g} s."
+        ]
+    return []
+
+
+def _sensor_problems(scene: PlantTables) -> list[str]:
+    """What does not go with a sensor elsewhere, or with a mass."""
+    point, mass = scene.sensor_point_m, scene.sensor_mass_kg
+    found: list[str] = []
+    for key, value in (("point_m", point), ("mass_kg", mass)):
+        if value is not None:
+            asked = f"sensors.{key} = {list(value) if isinstance(value, tuple) else f'{value:g}'}"
+            found += not_supported(
+                "supports_sensor_elsewhere", scene.run.scheme, scene.run.plate_model, asked
+            )
+    if point is not None and scene.plate.modes is not None:
+        found.append(
+            f"sensors.point_m = {list(point)}: plate.modes of {scene.plate.modes.file} know points "
+            "by their columns only. Remove the key, and give the file a column shape_sensor."
+        )
+    return found
+
+
+def _point_problems(plate: PlateTable, sensor_point_m: tuple[float, float] | None) -> list[str]:
+    found: list[str] = []
+    if plate.modes is not None or plate.size_m is None:
+        return found
+    edges = plate.edges or "ssss"
+    for key, point in (
+        ("plate.contact_point_m", plate.contact_point_m),
+        ("plate.actuator_point_m", plate.actuator_point_m),
+        ("sensors.point_m", sensor_point_m),
+    ):
+        if point is None:
+            continue
+        shares = [p / size for p, size in zip(point, plate.size_m, strict=True)]
+        if not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
+            found.append(
+                f"{key} = {list(point)} lies outside the plate. Give numbers above 0 and "
+                f"below plate.size_m = {list(plate.size_m)}."
+            )
+        elif any(
+            (share < _EDGE and low != "f") or (share > 1.0 - _EDGE and high != "f")
+            for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True)
+        ):
+            found.append(
+                f"{key} = {list(point)} lies on a supported edge. Keep a distance of "
+                f"{_EDGE:g} of plate.size_m = {list(plate.size_m)}."
+            )
+    return found
+
+
+def _beyond_simply_supported(scene: PlantTables) -> list[str]:
+    """What is known of a simply supported plate only."""
+    plate, found = scene.plate, []
+    if plate.modes is not None:
+        key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
+    elif plate.edges not in (None, "ssss"):
+        key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
+    elif find_material(plate.material, scene.materials or ()).orthotropic:
+        key, words = "plate.material", f"{_plate_in_words(scene)}, which is orthotropic"
+    else:
+        return []
+    if plate.radiating_faces:
+        found.append(
+            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported plate "
+            "only. Remove one of the two."
+        )
+    if not SCHEMES[scene.run.scheme].supports_edges:
+        found.append(
+            f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
+            f"Remove {key}, or use the scheme {supporting('supports_edges')}."
+        )
+    if scene.run.plate_model == "infinite" and key == "plate.material":
+        found.append(
+            f"{words}: run.plate_model = 'infinite' is isotropic. Use run.plate_model = 'auto'."
+        )
+    if scene.run.plate_model == "infinite" and plate.modes is not None:
+        found.append(
+            f"{words}: run.plate_model = 'infinite' has no modes. Use run.plate_model = 'auto'."
+        )
+    return found
+
+
+def _structure_problems(scene: PlantTables) -> list[str]:
+    """What the tables say of the plate that does not make one structure."""
+    plate = scene.plate
+    if plate.modes is None:
+        if plate.residual_flexibility_m_n is not None:
+            return [
+                f"plate.residual_flexibility_m_n = {plate.residual_flexibility_m_n:g}: needs "
+                "plate.modes; for a plate it is computed. Remove the key."
+            ]
+        return [
+            f"plate.{key}: is missing from the scene. Add it."
+            for key in ("size_m", "thickness_m", "contact_point_m")
+            if getattr(plate, key) is None
+        ]
+    found = []
+    if plate.edges is not None:
+        found.append(
+            f"plate.edges = '{plate.edges}': cannot be combined with plate.modes, which already "
+            "describe the structure. Remove one of the two."
+        )
+    if plate.loss_factor is not None:
+        found.append(
+            f"plate.loss_factor = {plate.loss_factor:g}: plate.modes give a loss factor for each "
+            "mode. Remove the key."
+        )
+    return found
+
+
+def _plate_in_words(scene: PlantTables) -> str:
+    given = scene.plate.material
+    name = given if isinstance(given, str) else given.name
+    return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
+
+
+def not_supported(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:
+    """The sentence on a key that needs a capability of the scheme, and modes."""
+    if not getattr(SCHEMES[scheme], capability):
+        return [
+            f"{key}: not supported by run.scheme = '{scheme}'. Remove the key, or use the scheme "
+            f"{supporting(capability)}."
+        ]
+    if plate_model == "infinite":
+        return [
+            f"{key}: not supported by run.plate_model = 'infinite'. Remove the key, or use "
+            "run.plate_model = 'auto'."
+        ]
+    return []
+
+
+def not_in_three_dimensions(
+    striker: Striker,
+    plate: PlateTable,
+    contact: ContactTable,
+    actuator: ActuatorTable,
+    scheme: str,
+    plate_model: str,
+    orthotropic: bool,
+    sensor_mass_kg: float | None,
+) -> list[str]:
+    """What does not fit a plate in three dimensions."""
+    asked = "plate.theory = '3d'"
+    found = not_supported("supports_solid", scheme, plate_model, asked)
+    only = f"{asked} supports a simply supported plate only"
+    if plate.modes is not None:
+        found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
+    elif plate.edges not in (None, "ssss"):
+        found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
+    elif orthotropic:
+        found.append(
+            f"plate.material: {asked} supports an isotropic plate only. Use another material, or "
+            "'kirchhoff'."
+        )
+    if contact.damping != "none":
+        found.append(
+            f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
+            "velocity of a point on a solid diverges with the number of modes. Use "
+            "contact.plasticity, or 'kirchhoff'."
+        )
+    for table, mass in (("actuator", actuator.mass_kg), ("sensors", sensor_mass_kg)):
+        if mass is not None:
+            found.append(
+                f"{table}.mass_kg = {mass:g}: not supported by {asked}, because a point mass on a "
+                "solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+            )
+    stiffness = getattr(striker, "tip_stiffness", None)
+    if stiffness is not None:
+        found.append(
+            f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
+            "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
+        )
+    if plate.tail == "damped":
+        found.append(
+            f"plate.tail = 'damped': not supported by {asked}, where the truncated modes form a "
+            "half space. Use 'auto'."
+        )
+    return found
+
+
+def _tail_problems(scene: PlantTables) -> list[str]:
+    """Where the modes left out are no damped mode."""
+    if scene.plate.tail != "damped":
+        return []
+    asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
+    for table, mass, point in (
+        ("actuator", scene.actuator.mass_kg, actuator),
+        ("sensors", scene.sensor_mass_kg, scene.sensor_point_m or contact),
+    ):
+        if mass is not None and point == contact:
+            return [
+                f"{asked}: not supported with {table}.mass_kg = {mass:g} at the contact point. Use "
+                "'spring' or 'auto'."
+            ]
+    return not_supported("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
+
+
+# Keys of the actuator that belong to the line, or act with a bandwidth only.
+_BESIDE_DYNAMICS = ("damping", "dead_time_us", "stuck_from_s")
+
+
+def _scheme_problems(scene: PlantTables) -> list[str]:
+    found = []
+    contact, run = scene.contact, scene.run
+    scheme = SCHEMES[run.scheme]
+
+    def needs(capability: str, key: str) -> list[str]:
+        return not_supported(capability, run.scheme, run.plate_model, key)
+
+    if contact.plasticity != "none":
+        found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
+        plate = find_material(scene.plate.material, scene.materials or ())
+        if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
+            found.append(
+                f"contact.plasticity = '{contact.plasticity}': the yield pressure of "
+                f"{_plate_in_words(scene)} is unknown. Give plate.material.yield_pa, "
+                "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
+            )
+    for key, field in type(scene.actuator).model_fields.items():  # a later key is refused, too
+        value = getattr(scene.actuator, key)
+        if key not in _BESIDE_DYNAMICS and value != field.default:
+            found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
+    found += _tail_problems(scene) + _sensor_problems(scene)
+    theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
+    if theory is not None and theory.solid:
+        striker = scene.sphere or scene.hammer
+        assert striker is not None
+        found += not_in_three_dimensions(
+            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model,
+            find_material(scene.plate.material, scene.materials or ()).orthotropic,
+            scene.sensor_mass_kg,
+        )  # fmt: skip
+    if scene.plate.radiating_faces:
+        found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
+    point = scene.plate.actuator_point_m
+    found += _beyond_simply_supported(scene)
+    apart = point is not None and point != scene.plate.contact_point_m
+    if run.plate_model == "infinite":
+        if not scheme.supports_infinite_plate:
+            found.append(
+                f"run.plate_model = 'infinite': not supported by run.scheme = '{run.scheme}'. Use "
+                f"the scheme {supporting('supports_infinite_plate')}, or plate_model 'auto'."
+            )
+        if apart:
+            found.append(
+                f"plate.actuator_point_m = {list(point or ())} needs modes, which run.plate_model "
+                "= 'infinite' does not have. Remove the key, or use plate_model 'auto'."
+            )
+    if contact.damping not in scheme.dampings:
+        known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))
+        others = [f"'{name}'" for name, row in SCHEMES.items() if contact.damping in row.dampings]
+        found.append(
+            f"contact.damping = '{contact.damping}': not supported by run.scheme = '{run.scheme}'. "
+            f"Use one of {known}, or the scheme {' or '.join(others)}."
+        )
+    if apart and not scheme.supports_separate_actuator:
+        found.append(
+            f"plate.actuator_point_m = {list(point or ())} is not supported by run.scheme = "
+            f"'{run.scheme}'. Remove the key, or use the scheme "
+            f"{supporting('supports_separate_actuator')}."
+        )
+    if scheme.most_steps is not None and run.steps > scheme.most_steps:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} gives {run.steps} steps; run.scheme = "
+            f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
+        )
+    return found

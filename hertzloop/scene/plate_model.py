@@ -1,0 +1,256 @@
+"""The plant with modes: up to which frequency, and what stands for the modes above."""
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
+from hertzloop.plant.estimates.model_order import frequency_limit_hz, solid_limit_hz
+from hertzloop.plant.plant import MOST_MODES, PlantSpec
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.structure import Structure, frequencies
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.mechanics import Mechanics
+
+_STEPS_OF_CONTACT = 10  # at least, for figures worth printing
+NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail
+_LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
+_LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
+_MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
+TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
+_FEWEST_PERIODS = 1.5  # of the limit in a contact
+
+
+@lru_cache(maxsize=16)
+def describe_plant(
+    mechanics: Mechanics, tail: str, scheme: str, step_ns: int, lead_in_s: float, accuracy: float
+) -> PlantSpec:
+    """Describe the plant with modes; whether these can be computed is not checked.
+
+    Args:
+        tail: `plate.tail`, what stands for the modes left out.
+        lead_in_s: flight before the first contact.
+        accuracy: relative error that leaving out modes may cause.
+
+    Raises:
+        SceneError: a contact would fit into a step, or the structure does not fit the contact.
+    """
+    step_s = step_ns * 1e-9
+    _check_step(mechanics, step_ns)
+    limit, damped = _limit_hz(mechanics, tail, scheme, step_s, accuracy)
+    if mechanics.structure.mode_table is not None:
+        limit = min(mechanics.structure.highest_hz, 0.5 / step_s)
+    return PlantSpec(
+        sphere=mechanics.sphere,
+        plate=mechanics.structure,
+        contact=mechanics.contact,
+        contact_point_m=mechanics.contact_point_m,
+        actuator_point_m=mechanics.actuator_point_m,
+        step_s=step_s,
+        frequency_limit_hz=limit,
+        lead_in_s=lead_in_s,
+        residual_flexibility=SCHEMES[scheme].supports_tail,
+        damped_tail=damped,
+        actuator=mechanics.actuator,
+        radiating_faces=mechanics.radiating_faces,
+        sensor_point_m=mechanics.sensor_point_m,
+        sensor_mass_kg=mechanics.sensor_mass_kg,
+        tail_asked=mechanics.structure.mode_table is not None and tail != "auto",
+    )
+
+
+@lru_cache(maxsize=16)
+def check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> PlantSpec:
+    """The plant with the modes of its structure. Raises SceneError if they are none or too many."""
+    if spec.plate.mode_table is None:
+        _check_modes(spec, step_ns, scheme, accuracy)
+    _check_build(spec)
+    return spec
+
+
+@lru_cache(maxsize=16)
+def on_infinite_plate(spec: PlantSpec, step_ns: int) -> PlantSpec:
+    """The plant with an infinite plate. Raises SceneError for one with no modes below its limit."""
+    _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)
+    return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
+
+
+def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float:
+    """Up to where modes can be taken along in three dimensions, Hz: where the branches end, or the
+    contact is as wide as the waves. Raises SceneError where that leaves out the impact."""
+    m, v, rigid = sphere.mass_kg, sphere.impact_speed_m_s, rigid_impact(sphere, contact)
+    radius = math.sqrt(sphere.radius_m * rigid.deepest_m)
+    if contact.limit is not None:  # as wide as if yielding took all energy
+        taken = 2.0 * m * v * v * sphere.radius_m / (math.pi * contact.limit.pressure_pa)
+        radius = max(radius, taken**0.25)
+    limit = min(plate.highest_hz, plate.contact_limit_hz(radius))
+    lasts_s = rigid.contact_s
+    if limit * lasts_s < _FEWEST_PERIODS:
+        local = plate.local_plate
+        thick = f"plate.thickness_m = {local.thickness_m:g}" if local else str(plate)
+        if limit == plate.highest_hz:
+            raise SceneError(
+                f"plate.theory = '3d' with {thick}: the modes of a solid end at {limit:.3g} Hz, "
+                f"but the contact of {1e6 * lasts_s:.2g} us needs them to "
+                f"{_FEWEST_PERIODS / lasts_s:.3g} Hz. Use a thinner plate, a larger radius, or "
+                "'kirchhoff'."
+            )
+        raise SceneError(
+            f"plate.theory = '3d' with {thick} and a contact of radius {radius:.2g} m: waves as "
+            "short as the impact makes are no longer than the contact is wide, where Hertz contact "
+            "is invalid. Use a smaller radius, a lower speed, or 'kirchhoff'."
+        )
+    return limit
+
+
+def _damped_tail(
+    mechanics: Mechanics, asked: str, scheme: str, step_s: float, limit_hz: float
+) -> bool:
+    """Whether the modes above a limit are one damped mode, not a spring.
+
+    "auto" takes it where it is known: on a thin plate away from edges, whose modes end where it
+    begins, without a mass on the contact point. Raises SceneError.
+    """
+    plate = mechanics.structure
+    if asked == "spring" or not SCHEMES[scheme].supports_tail or plate.solid:
+        return False
+    if plate.local_plate is None:
+        if asked == "auto":
+            return False
+        raise SceneError(
+            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
+            "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
+        )
+    if plate.mode_table is not None and plate.highest_hz == 0.0:
+        if asked == "auto":
+            return False
+        raise SceneError(
+            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. Use "
+            "'spring', or give modes up to a higher frequency."
+        )
+    if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
+        if asked == "auto":
+            return False
+        raise SceneError(
+            f"plate.tail = 'damped' does not fit {plate}, whose residual_flexibility_m_n is below "
+            "zero, as for a solid. Use 'spring'."
+        )
+    if asked == "damped":
+        return True
+    if mechanics.mass_at_contact or not _residual_fits_a_plate(plate, step_s):
+        return False
+    return wavelengths_to_edge(mechanics, limit_hz) >= NEAREST
+
+
+def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:
+    """Whether what the modes of a file leave out is about as flexible as a plate above them: with
+    more of it the damped mode would stand for modes that are there."""
+    if plate.mode_table is None or plate.local_plate is None:
+        return True
+    last = 2.0 * math.pi * min(plate.highest_hz, 0.5 / step_s)
+    most = plate.local_plate.residual_flexibility_m_n(_LOWEST_TAIL * last)
+    return plate.residual_flexibility_m_n(last) <= most
+
+
+def wavelengths_to_edge(mechanics: Mechanics, limit_hz: float) -> float:
+    """How far the contact point is from the nearest edge, in lengths of bending waves at a limit;
+    inf where modes come from a file and no edge is known."""
+    plate = mechanics.structure
+    if plate.mode_table is not None or plate.local_plate is None:
+        return math.inf
+    return plate.local_plate.wavelengths_to_edge(mechanics.contact_point_m, limit_hz)
+
+
+def _check_step(mechanics: Mechanics, step_ns: int) -> None:
+    """Refuse a step that a contact may fit into: it would be seen as none, or as anything."""
+    lasts_s = mechanics.rigid.contact_s
+    if lasts_s < step_ns * 1e-9:
+        raise SceneError(
+            f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
+            f"most {1e9 * lasts_s / _STEPS_OF_CONTACT:.1g}."
+        )
+
+
+def _limit_hz(
+    mechanics: Mechanics, tail: str, scheme: str, step_s: float, accuracy: float
+) -> tuple[float, bool]:
+    """Up to where modes are taken along (Hz), and whether a damped mode stands for those beyond."""
+    sphere, plate, contact = mechanics.sphere, mechanics.structure, mechanics.contact
+    if not SCHEMES[scheme].limits_modes:
+        return 0.5 / step_s, False
+    if plate.solid:
+        highest = min(0.5 / step_s, widest_limit_hz(plate, sphere, contact))
+        return solid_limit_hz(sphere, plate, contact, highest, accuracy), False
+    limits = [
+        frequency_limit_hz(
+            sphere,
+            plate,
+            contact,
+            step_s,
+            accuracy,
+            spring=SCHEMES[scheme].supports_tail,
+            damped=damped,
+        )
+        for damped in (False, True)
+    ]
+    damped = _damped_tail(mechanics, tail, scheme, step_s, limits[True])
+    return limits[damped], damped
+
+
+def _sizes(plate: Structure) -> str:
+    local = plate.local_plate
+    assert local is not None
+    return f"plate.size_m = {list(local.size_m)} with plate.thickness_m = {local.thickness_m:g}"
+
+
+def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
+    """Raise SceneError for a structure with no modes up to a frequency, where that is known."""
+    lowest = plate.fundamental_hz
+    if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
+        raise SceneError(
+            f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the {limit_hz:.3g} Hz "
+            "that the step supports. Use a larger or thinner plate, or a smaller run.step_ns (now "
+            f"{step_ns})."
+        )
+
+
+def _check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> None:
+    """Raise SceneError for a plate with no modes up to its limit, or too many."""
+    plate, limit_hz = spec.plate, spec.frequency_limit_hz
+    _check_lowest(plate, limit_hz, step_ns)
+    modes = plate.modes_below(limit_hz)
+    if modes > MOST_MODES:
+        limited = SCHEMES[scheme].limits_modes
+        less = f"more run.accuracy than {accuracy:g}" if limited else "another scheme"
+        raise SceneError(
+            f"{_sizes(plate)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz; the limit is "
+            f"{MOST_MODES}. Use a smaller or thicker plate, or {less}."
+        )
+
+
+def build_time_s(spec: PlantSpec) -> float:
+    """Return about how much processor time the plant's modes take, s."""
+    if spec.infinite_plate:
+        return 0.0
+    modes = spec.plate.modes_below(spec.frequency_limit_hz)
+    found = modes * spec.plate.seconds_per_mode
+    masses = sum(mass > 0.0 for mass in spec.masses)
+    if masses and _MASS_S * modes**2 > TOLD_S:
+        limit = 2.0 * math.pi * spec.frequency_limit_hz
+        felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
+        found += masses * _MASS_S * felt**2
+    return found
+
+
+def _check_build(spec: PlantSpec) -> None:
+    """Raise SceneError for a plant whose modes would take too long."""
+    takes_s = build_time_s(spec)
+    if takes_s > _MOST_S:
+        modes = spec.plate.modes_below(spec.frequency_limit_hz)
+        key = "actuator" if spec.actuator.mass_kg else "sensors"
+        mass_kg = spec.actuator.mass_kg or spec.sensor_mass_kg
+        raise SceneError(
+            f"{key}.mass_kg = {mass_kg:g}: on about {modes:.2g} modes it takes "
+            f"about {takes_s:,.0f} s to compute, the most is {_MOST_S:g} s. Leave out the mass, or "
+            "choose a smaller or thicker plate, or a larger run.accuracy."
+        )

@@ -1,0 +1,148 @@
+"""A scene: what is simulated, checked before anything runs."""
+
+import re
+import unicodedata
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find
+from hertzloop.plant.structures.materials import Material
+from hertzloop.scene.checks import problems
+from hertzloop.scene.controller_table import ControllerTable, is_recorded, without_law
+from hertzloop.scene.errors import SceneError, shown
+from hertzloop.scene.materials import check_materials, find_material
+from hertzloop.scene.plant_checks import PlantTables
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.tables import (
+    ActuatorTable,
+    ContactTable,
+    FitTable,
+    HammerTable,
+    MaterialTable,
+    PlateTable,
+    RunTable,
+    SceneTable,
+    SensorsTable,
+    SphereTable,
+    Striker,
+)
+
+_LONGEST = 80  # letters of a name
+_NAME = re.compile(r"[^\W_][\w.-]*")
+
+
+def possible_name(text: str) -> str:
+    """Return a name that a scene may have, like the text."""
+    plain = re.sub(r"[^\w.-]+", "-", unicodedata.normalize("NFC", text))
+    return plain.strip("-_.")[:_LONGEST] or "mine"
+
+
+class Scene(SceneTable):
+    """A scene: one table per part, as in the TOML file. `load` and `vary` make it.
+
+    `scene.controller.latency_us` reads a key. The page of scene keys lists all of them.
+    """
+
+    name: Annotated[str, Field(max_length=_LONGEST)]
+    """of the scene, and of its recording: letters, digits, ".", "_" and "-"; first a letter or a
+    digit"""
+    shows: str = ""
+    """what it is for, in a sentence"""
+    materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
+    """a file of materials, or a list, beside those that come with it"""
+    sphere: SphereTable | None = None
+    hammer: HammerTable | None = None
+    plate: PlateTable
+    contact: ContactTable = ContactTable()
+    sensors: SensorsTable = SensorsTable()
+    controller: ControllerTable = ControllerTable()
+    actuator: ActuatorTable = ActuatorTable()
+    run: RunTable
+    fit: FitTable | None = None
+    """where fitted values come from"""
+
+    @field_validator("name")
+    @classmethod
+    def _file_name(cls, value: str) -> str:
+        name = unicodedata.normalize("NFC", value)
+        if not _NAME.fullmatch(name):
+            raise ValueError(
+                f"name = {shown(value)}: must begin with a letter or a digit, and have letters, "
+                f"digits, '.', '_' and '-' only. Use '{possible_name(value)}'."
+            )
+        return name
+
+    @property
+    def striker(self) -> Striker:
+        """The table of what strikes the plate; a scene has one."""
+        found = self.sphere or self.hammer
+        assert found is not None
+        return found
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.run.step_s
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return self.run.steps
+
+    def material(self, body: Literal["plate", "sphere"]) -> Material:
+        """The material of the plate, or of the sphere or the hammer's tip."""
+        given = self.plate.material if body == "plate" else self.striker.material
+        return find_material(given, self.materials or ())
+
+    def without_control(self) -> "Scene":
+        """The same scene with the law switched off."""
+        return self.replaced(controller=without_law(self.controller))
+
+    def problems(self) -> list[str]:
+        """Sentences on values that are possible alone, but not together. Raises SceneError if the
+        law is missing."""
+        plant = PlantTables(
+            self.sphere, self.hammer, self.plate, self.contact, self.actuator, self.materials,
+            self.run, self.sensors.point_m, self.sensors.mass_kg,
+        )  # fmt: skip
+        try:
+            return problems(plant, self.sensors, self.controller)
+        except LawError as error:
+            raise SceneError(str(error)) from error
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_quantity(cls, data: Any) -> Any:
+        """Put what the law works on in the place of sensors.quantity = "auto"."""
+        if not isinstance(data, dict):
+            return data
+        sensors, control = data.get("sensors", {}), data.get("controller", {})
+        if not isinstance(sensors, dict) or not isinstance(control, dict):
+            return data
+        if sensors.get("quantity", "auto") != "auto":
+            return data
+        try:
+            senses = find(
+                str(control.get("law", "slope_threshold")), control.get("law_digest")
+            ).senses
+        except LawError:  # the table of the controller says so
+            senses = "xi"
+        senses = senses.partition(",")[0]  # the default of several
+        if senses not in (*SENSED, "any"):  # refused by `problems`
+            senses = "xi"
+        return {**data, "sensors": {**sensors, "quantity": senses.replace("any", "xi")}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _materials_are_known(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            check_materials(data)
+        return data
+
+    @model_validator(mode="after")
+    def _fits_together(self, info: ValidationInfo) -> "Scene":
+        for problem in [] if is_recorded(info) else self.problems():
+            raise ValueError(problem)
+        return self

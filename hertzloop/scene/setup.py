@@ -1,0 +1,423 @@
+"""A run in SI units: everything that follows from a scene before anything runs.
+
+`resolve` reads a scene from top to bottom. Each step is a function of the tables and numbers that
+it needs, in a file of its own, and keeps its latest results by these. So setups that differ in one
+key share what does not depend on that key.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.law import About, Reach
+from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import Contact, Sphere
+from hertzloop.plant.estimates.model_order import UNDER_LAW
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.structures.structure import Structure
+from hertzloop.scene.controller_table import ControllerTable
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.infinite_plate import Smoothness, infinite_plate_error
+from hertzloop.scene.law_context import about_mechanics, law_models_yield, law_reach
+from hertzloop.scene.loading import load as load_scene
+from hertzloop.scene.loading import parse as parse_scene
+from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
+from hertzloop.scene.plant_checks import not_in_three_dimensions
+from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite_plate
+from hertzloop.scene.scene import Scene
+from hertzloop.scene.sensor import resolve_sensor
+from hertzloop.scene.signal_path import resolve_line, resolve_smoothness
+from hertzloop.scene.tables import (
+    ActuatorTable,
+    ContactTable,
+    HammerTable,
+    MaterialKey,
+    MaterialTable,
+    PlateTable,
+    RunTable,
+    SensorsTable,
+    SphereTable,
+)
+from hertzloop.scene.varying import resolution_of
+from hertzloop.scene.varying import vary as vary_scene
+from hertzloop.sensors.acquisition import SensorSpec
+
+PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
+_PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A run in SI units, resolved from a scene by `resolve`.
+
+    Two setups are equal if their scenes are, and if the plant announced the same stiffness.
+    """
+
+    scene: Scene
+    announced_stiffness: float | None
+    """contact stiffness that the plant of a run announced, N/m^1.5; the law then works with it. On
+    another processor its last digit may differ from ours"""
+    touch_phase: float = field(compare=False)
+    """part of a step from the last sample above the plate to the first touch"""
+    first_touch_s: float = field(compare=False)
+    """when the sphere first touches the structure, from the start of the run, s"""
+    mechanics: Mechanics = field(compare=False)
+    why_not_solid: str | None = field(compare=False)
+    """why the plate cannot be in three dimensions; None if it can"""
+    line: LineSpec = field(compare=False)
+    latency_us: float = field(compare=False)
+    """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
+    line_smoothness: Smoothness = field(compare=False)
+    reach: Reach = field(compare=False)
+    """bound on the law's force"""
+    law_models_yield: bool = field(compare=False)
+    """whether the law declares that it allows for a permanent dent; false if it is missing"""
+    with_edges: PlantSpec = field(compare=False)
+    """the plant with modes, whether or not these are used"""
+    plate_model: str = field(compare=False)
+    """model of the plate, "modal" or "infinite", that `run.plate_model` comes to"""
+    plant: PlantSpec = field(compare=False)
+    sensor: SensorSpec = field(compare=False)
+    about_mechanics: About = field(compare=False)
+    """what a law may know without a simulation and without the range of the converter"""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The scene alone travels to other processes: a law may hold compiled code."""
+        return resolve, (self.scene, self.announced_stiffness)
+
+    # What the scene says in numbers.
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.scene.name
+
+    @property
+    def step_ns(self) -> int:
+        """Length of a step, ns."""
+        return self.scene.run.step_ns
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.scene.run.step_s
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return self.scene.run.steps
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the run, s."""
+        return self.scene.run.duration_s
+
+    @property
+    def lead_in_s(self) -> float:
+        """Flight before the first contact, s."""
+        return self.scene.run.lead_in_s
+
+    @property
+    def accuracy(self) -> float:
+        """Relative error that the choice of the plate's model may cause."""
+        return self.scene.run.accuracy
+
+    @property
+    def seed(self) -> int:
+        """Seed of noise, jitter, drop-outs and a random touch phase."""
+        return self.scene.run.seed
+
+    @property
+    def scheme(self) -> str:
+        """Numerical scheme, a key of SCHEMES."""
+        return self.scene.run.scheme
+
+    @property
+    def quantity(self) -> str:
+        """Sampled quantity, a key of SENSED."""
+        return self.scene.sensors.quantity
+
+    @property
+    def every_steps(self) -> int:
+        """Steps between two samples."""
+        return self.scene.sensors.every_steps
+
+    @property
+    def size_m(self) -> tuple[float, float] | None:
+        """Length and width of the plate, m; None where modes stand for it."""
+        return self.scene.plate.size_m
+
+    @property
+    def law_reference(self) -> str:
+        """The law as the scene names it: a shipped name, a file, or a module."""
+        return self.scene.controller.law
+
+    @property
+    def has_law(self) -> bool:
+        """Whether there is control at all."""
+        return self.scene.controller.law != NO_CONTROL
+
+    @property
+    def law_is_shipped(self) -> bool:
+        """Whether the law comes with hertzloop."""
+        return self.scene.controller.law in shipped_laws()
+
+    @property
+    def plate_material(self) -> str:
+        """Name of the plate's material; "" for numbers without a name."""
+        return _name(self.scene.plate.material)
+
+    @property
+    def striker_material(self) -> str:
+        """Name of the material of the sphere or the hammer's tip; "" for numbers without a name."""
+        return _name(self.scene.striker.material)
+
+    # What collides, and the sensor.
+
+    @property
+    def sphere(self) -> Sphere:
+        """The sphere or the hammer."""
+        return self.mechanics.sphere
+
+    @property
+    def structure(self) -> Structure:
+        """The plate, or the structure that a file of modes describes."""
+        return self.mechanics.structure
+
+    @property
+    def contact(self) -> Contact:
+        """The contact."""
+        return self.mechanics.contact
+
+    @property
+    def actuator(self) -> Actuator:
+        """The actuator."""
+        return self.mechanics.actuator
+
+    @property
+    def theory(self) -> str:
+        """Theory of the plate, "kirchhoff" or "3d", that `plate.theory` comes to."""
+        return self.mechanics.theory
+
+    @property
+    def stiffness(self) -> float:
+        """Contact stiffness that the law works with, N/m^1.5."""
+        return self.announced_stiffness or self.contact.stiffness
+
+    @property
+    def converter_step(self) -> float:
+        """Distance of two levels of the sensor's converter; zero of an ideal one."""
+        return self.sensor.converter_step
+
+    # Other setups.
+
+    def vary(self, values: Mapping[str, Any]) -> "Setup":
+        """Return the setup with other values of some scene keys, "table.key": value. Raises
+        SceneError."""
+        return resolve(vary_scene(self.scene, values))
+
+    def resolution_of(self, key: str) -> float:
+        """Return how far apart the values of a scene key are; see `scenes.varying`."""
+        return resolution_of(self.scene, key)
+
+    def refusal(self, values: Mapping[str, Any]) -> str:
+        """Return why the scene cannot have these values, in a sentence; "" if it can."""
+        try:
+            vary_scene(self.scene, values)
+        except SceneError as error:
+            return str(error)
+        return ""
+
+    def without_control(self, *, same_plate: bool = False) -> "Setup":
+        """Return the setup with the law switched off; with `same_plate` on the model of the plate
+        that this setup has, which is otherwise chosen anew."""
+        if not same_plate:
+            return resolve(self.scene.without_control())
+        if not self.has_law:
+            return self
+        return resolve(self._scene_with_run("plate_model", self.plate_model).without_control())
+
+    def with_plate_model(self, plate_model: str) -> "Setup":
+        """Return the setup with `run.plate_model` set."""
+        scene = self._scene_with_run("plate_model", plate_model)
+        alike = plate_model == self.plate_model and self.announced_stiffness is None
+        if not alike or (plate_model == "infinite" != self.scene.run.plate_model):
+            return resolve(scene)
+        return replace(self, scene=scene)  # "auto" came to it: nothing else differs
+
+    def with_steps(self, steps: int) -> "Setup":
+        """Return the setup with a run of so many steps."""
+        return resolve(self._scene_with_run("duration_s", steps * self.step_s))
+
+    def with_stiffness(self, stiffness: float) -> "Setup":
+        """Return the setup with the stiffness, N/m^1.5, that the plant of a run announced."""
+        return resolve(self.scene, stiffness)
+
+    def with_name(self, name: str) -> "Setup":
+        """Return the same setup under another name."""
+        return resolve(self.scene.replaced(name=name))
+
+    def plant_only(self) -> "Setup":
+        """Return the setup without control, converters, seed and names: the same for all setups
+        whose plant alone behaves in the same way."""
+        scene = self.scene
+        return _plant_only(
+            scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator,
+            scene.materials, scene.run, self.touch_phase, _felt(scene.sensors),
+        )  # fmt: skip
+
+    def _scene_with_run(self, key: str, value: str | float) -> Scene:
+        return self.scene.replaced(run=_run_with(self.scene.run, key, value))
+
+
+Resolvable = Scene | Setup  # what a user may hand over
+
+
+def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setup:
+    """Return the setup of a scene.
+
+    Args:
+        scene: a scene; a setup is returned as it is.
+        announced_stiffness: contact stiffness that the plant of a run announced, N/m^1.5.
+
+    Raises:
+        SceneError: the scene cannot be run.
+    """
+    if isinstance(scene, Setup):
+        return scene
+    run, control, sensors = scene.run, scene.controller, scene.sensors
+    mechanics = resolve_mechanics(
+        scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
+        scene.plate.theory == "auto" and run.plate_model == "infinite", run.accuracy,
+        (sensors.point_m, sensors.mass_kg or 0.0),
+    )  # fmt: skip
+    first_touch_s = _first_touch_s(run, mechanics.sphere)
+
+    line = resolve_line(control, scene.actuator, run.step_ns)
+    latency_us = control.latency_us
+    if control.latency_trace is not None:
+        latency_us = line.latency_steps * run.step_ns / 1000
+    smoothness = resolve_smoothness(control, sensors, line, latency_us)
+    reach = law_reach(control)
+
+    controlled = mechanics.structure.solid and control.law != NO_CONTROL
+    with_edges = describe_plant(
+        mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s,
+        run.accuracy / (UNDER_LAW if controlled else 1.0),
+    )  # fmt: skip
+    plate_model = run.plate_model
+    if plate_model == "auto":
+        until_s = run.duration_s - first_touch_s
+        error = infinite_plate_error(
+            mechanics, run.scheme, reach, smoothness, run.step_s, until_s
+        )  # fmt: skip
+        plate_model = "infinite" if error <= run.accuracy else "modal"
+    if plate_model == "infinite":
+        plant = on_infinite_plate(with_edges, run.step_ns)
+    else:
+        plant = check_modes(with_edges, run.step_ns, run.scheme, run.accuracy)
+
+    stiffness = announced_stiffness or mechanics.contact.stiffness
+    return Setup(
+        scene=scene,
+        announced_stiffness=announced_stiffness,
+        touch_phase=_touch_phase(run),
+        first_touch_s=first_touch_s,
+        mechanics=mechanics,
+        why_not_solid=_why_not_solid(scene, mechanics),
+        line=line,
+        latency_us=latency_us,
+        line_smoothness=smoothness,
+        reach=reach,
+        law_models_yield=law_models_yield(control),
+        with_edges=with_edges,
+        plate_model=plate_model,
+        plant=plant,
+        sensor=resolve_sensor(sensors, mechanics, run.step_s, latency_us),
+        about_mechanics=about_mechanics(
+            mechanics, stiffness, line, run.step_ns, sensors.every_steps
+        ),
+    )
+
+
+def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:
+    """Read a scene by shipped name or from a file, and resolve it. See `scenes.loading.load`."""
+    return resolve(load_scene(source, settings, seed))
+
+
+def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
+    """Read a scene from TOML text, and resolve it. See `scenes.loading.parse`."""
+    return resolve(parse_scene(text, settings, **more))
+
+
+def _first_touch_s(run: RunTable, sphere: Sphere) -> float:
+    if gravity := sphere.gravity_m_s2:
+        return min(run.lead_in_s, sphere.impact_speed_m_s / gravity)
+    return run.lead_in_s
+
+
+def _touch_phase(run: RunTable) -> float:
+    if run.touch_phase != "random":
+        return run.touch_phase
+    key = [run.seed, PHASE_STREAM]
+    return float(np.random.Generator(np.random.Philox(key=key)).random())
+
+
+def _why_not_solid(scene: Scene, mechanics: Mechanics) -> str | None:
+    if scene.run.plate_model != "infinite":
+        return mechanics.why_not_solid
+    return not_in_three_dimensions(
+        scene.striker, scene.plate, scene.contact, scene.actuator, scene.run.scheme,
+        scene.run.plate_model, False, scene.sensors.mass_kg,
+    )[0]  # fmt: skip
+
+
+def _name(material: MaterialKey) -> str:
+    return material if isinstance(material, str) else material.name or ""
+
+
+def _felt(sensors: SensorsTable) -> SensorsTable:
+    """A sensor of which the plant feels as much as of another: its mass and where that is."""
+    if sensors.mass_kg is None:
+        return _PLAIN_SENSORS
+    return _PLAIN_SENSORS.replaced(point_m=sensors.point_m, mass_kg=sensors.mass_kg)
+
+
+@lru_cache(maxsize=64)
+def _plant_only(
+    sphere: SphereTable | None,
+    hammer: HammerTable | None,
+    plate: PlateTable,
+    contact: ContactTable,
+    actuator: ActuatorTable,
+    materials: tuple[MaterialTable, ...] | None,
+    run: RunTable,
+    touch_phase: float,
+    sensors: SensorsTable,
+) -> Setup:
+    scene = Scene.model_construct(
+        name="plain",
+        shows="",
+        materials=materials,
+        sphere=sphere,
+        hammer=hammer,
+        plate=plate,
+        contact=contact,
+        sensors=sensors,
+        controller=_NO_CONTROL,
+        actuator=actuator,
+        run=run.replaced(seed=0, touch_phase=touch_phase),
+    )
+    return resolve(scene)
+
+
+@lru_cache(maxsize=64)
+def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
+    """One table for all cases that ask for the same: what is kept by tables is found faster."""
+    return run.replaced(**{key: value})

@@ -1,0 +1,49 @@
+"""The path of the force from the law to the actuator: converter, latency, jitter and drop-outs."""
+
+from functools import lru_cache
+
+from hertzloop.controller.controller import LineSpec
+from hertzloop.scene.controller_table import ControllerTable
+from hertzloop.scene.infinite_plate import Smoothness
+from hertzloop.scene.tables import ActuatorTable, SensorsTable
+
+
+@lru_cache(maxsize=16)
+def resolve_smoothness(
+    control: ControllerTable, sensors: SensorsTable, line: LineSpec, latency_us: float
+) -> Smoothness:
+    """What sensor and line do to the smoothness of a law's force."""
+    return Smoothness(
+        smooth=sensors.bits == control.bits == "ideal"
+        and sensors.every_steps == 1
+        and sensors.noise_rms == control.jitter_us == 0.0
+        and sensors.fault is None
+        and line.jitter_steps == max(line.trace, default=0) == 0
+        and line.stuck_step is None
+        and control.drop_out_probability == 0.0
+        and control.slew_n_s is None,
+        latency_s=1e-6 * latency_us,
+    )
+
+
+@lru_cache(maxsize=16)
+def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> LineSpec:
+    """The line from the law to the actuator."""
+
+    def steps(time_us: float) -> int:
+        return round(time_us * 1000 / step_ns)
+
+    least_us = min(table.latency_trace) if table.latency_trace else table.latency_us
+    least, stuck_s = steps(least_us), actuator.stuck_from_s
+    return LineSpec(
+        trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
+        resampled=table.latency_trace_use == "resample",
+        dead_steps=steps(actuator.dead_time_us or 0.0),
+        stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
+        latency_steps=least,
+        jitter_steps=round(table.jitter_us * 1000 / step_ns),
+        drop_out_probability=table.drop_out_probability,
+        bits=None if table.bits == "ideal" else int(table.bits),
+        full_scale_n=table.full_scale_n,
+        slew_n_s=table.slew_n_s,
+    )

@@ -1,0 +1,68 @@
+"""Keys of a scene that have no effect beside other keys."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from hertzloop.scene.errors import shown
+
+# Keys of a table of which one stands in for the other.
+_INSTEAD = {
+    ("sphere", "speed_m_s"): "drop_height_m",
+    ("sphere", "drop_height_m"): "speed_m_s",
+    ("hammer", "tip_radius_m"): "tip_stiffness",
+    ("hammer", "tip_stiffness"): "tip_radius_m",
+}
+_STRIKERS = ("sphere", "hammer")
+_ANY = object()  # any value but None
+# By table and key: the key of the same table that decides, and its value. The keys of laws are
+# treated the same way, by the law that has them.
+_READ_BY: dict[tuple[str, str], tuple[str, Any]] = {
+    ("contact", "viscous_n_s_m"): ("damping", "viscous"),
+    ("contact", "restitution"): ("damping", "hunt_crossley"),
+    ("contact", "relaxation_stiffness"): ("damping", "relaxation"),
+    ("contact", "relaxation_s"): ("damping", "relaxation"),
+    ("contact", "relaxation_solve"): ("damping", "relaxation"),
+    ("contact", "limiting_pressure_pa"): ("plasticity", "thornton"),
+    ("actuator", "damping"): ("bandwidth_hz", _ANY),
+}
+
+
+def _reads(decided: Any, needed: Any) -> bool:
+    return decided is not None if needed is _ANY else bool(decided == needed)
+
+
+def unused_key_problems(scene: Any) -> list[str]:
+    """Sentences on keys of a scene's tables that are not at their default, but have no effect."""
+    found = []
+    for (name, key), (by, needed) in _READ_BY.items():
+        table = getattr(scene, name)
+        value, decided = getattr(table, key), getattr(table, by)
+        if value == type(table).model_fields[key].default or _reads(decided, needed):
+            continue
+        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(needed)}"
+        if needed is _ANY:
+            has, give = f"without {name}.{by}", f"{name}.{by}"
+        found.append(
+            f"{name}.{key} = {shown(value)}: has no effect {has}. Leave the key out, or set {give}"
+        )
+    return found
+
+
+def drop_unused_keys(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
+    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, or for
+    which these stand in, unless they are among them."""
+    for name, other in (_STRIKERS, _STRIKERS[::-1]):
+        tables = {key.partition(".")[0] for key in changed}
+        if name in tables and other not in tables:
+            data.pop(other, None)
+    for (name, key), other in _INSTEAD.items():
+        if f"{name}.{key}" in changed and isinstance(data.get(name), dict):
+            for lost in (other, "tip_exponent") if other == "tip_stiffness" else (other,):
+                if f"{name}.{lost}" not in changed:
+                    data[name].pop(lost, None)
+    for (name, key), (by, needed) in _READ_BY.items():
+        table, decides = data.get(name), f"{name}.{by}"
+        if not isinstance(table, dict) or f"{name}.{key}" in changed:
+            continue
+        if decides in changed and not _reads(changed[decides], needed):
+            table.pop(key, None)
