@@ -28,9 +28,9 @@ from hertzloop.bus.sockets import LOOPBACK, mesh_endpoints, on_loopback, reserve
 from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import FLIGHT_X
 from hertzloop.processes.launcher import record
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import Setup, load
@@ -150,7 +150,7 @@ def plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
     """Steps within the first contact, or in flight over a plate that still rings."""
     ik.plant_steps(plant.model, plant.state, 0.0, 100)
     if not contact:
-        plant.state.body[pk.FLIGHT_X] += 1.0
+        plant.state.body[FLIGHT_X] += 1.0
         ik.plant_steps(plant.model, plant.state, 0.0, 2)
     kept = [array.copy() for array in plant.state]
 

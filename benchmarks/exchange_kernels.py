@@ -1,6 +1,6 @@
 """Both ends of an exchange in the fast lane, with nothing but the exchange."""
 
-from hertzloop.bus import lane_kernels as lane_k
+from hertzloop.bus import lane_kernels
 from hertzloop.common.jit import kernel
 
 
@@ -9,10 +9,10 @@ def ask(lane, first, count):
     """One sample out, one force back, `count` times; the first sample that was not answered in
     time."""
     for i in range(first, first + count):
-        lane_k.put_sample(lane, i, 1.0)
-        if not lane_k.wait_for_answer(lane):
+        lane_kernels.put_sample(lane, i, 1.0)
+        if not lane_kernels.wait_for_answer(lane):
             return i
-        lane_k.take_answer(lane)
+        lane_kernels.take_answer(lane)
     return first + count
 
 
@@ -20,9 +20,9 @@ def ask(lane, first, count):
 def echo(lane, first, count):
     """The other end: samples answered until the first one that does not come in time."""
     for i in range(first, first + count):
-        if not lane_k.wait_for_sample(lane, i):
+        if not lane_kernels.wait_for_sample(lane, i):
             return i
-        if not lane_k.wait_for_room(lane):
+        if not lane_kernels.wait_for_room(lane):
             return i
-        lane_k.put_answer(lane, i + 1, lane_k.sample_value(lane, i), 0.0)
+        lane_kernels.put_answer(lane, i + 1, lane_kernels.sample_value(lane, i), 0.0)
     return first + count

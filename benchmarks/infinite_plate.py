@@ -31,9 +31,10 @@ from benchmarks.program import (
 )
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
@@ -41,7 +42,7 @@ from hertzloop.scene.setup import Setup, load
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds
-_START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+_START = [FLIGHT_X, FLIGHT_V, state_kernels.XI, XI_S]
 
 
 @dataclass(frozen=True)

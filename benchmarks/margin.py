@@ -28,8 +28,8 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
+from hertzloop.plant.state_kernels import STEP
 from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
@@ -227,7 +227,7 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     plant = build_plant(setup)
     size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
-    plant.state.counts[pk.STEP] = 0
+    plant.state.counts[STEP] = 0
     rows = simulate(setup, own_plant=plant).rows
     if rows[ts.F_C].any():
         raise ValueError("the sphere touched the plate within the flight")

@@ -21,7 +21,6 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.plate_theory import (
     expected_kirchhoff_error,
     thickness_number,
@@ -30,6 +29,7 @@ from hertzloop.plant.estimates.plate_theory import (
 from hertzloop.plant.figures.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.state_kernels import F_C
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.setup import Setup, load
 
@@ -73,7 +73,7 @@ def cost_ratios(base: Plant, other: Plant) -> tuple[float, float]:
     quickest tenth of rounds of both in turn, each from the touch on."""
     started = []
     for plant in (base, other):
-        while plant.state.body[pk.F_C] == 0.0:
+        while plant.state.body[F_C] == 0.0:
             series_under(plant, np.zeros(1))
         started.append([array.copy() for array in plant.state])
     times = np.empty((2, _ROUNDS))

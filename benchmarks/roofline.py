@@ -31,10 +31,10 @@ from benchmarks.roofline_kernels import (
     pushes,
     repeated_steps,
 )
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.state_kernels import FLIGHT_X
 from hertzloop.scene.setup import load
 
 _ROUNDS = 200
@@ -101,7 +101,7 @@ def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
         plant = CollocationPlant(load(scene, wanted).plant)
         ik.plant_steps(plant.model, plant.state, 0.0, before)
         if what == "flight":
-            plant.state.body[pk.FLIGHT_X] += 1.0
+            plant.state.body[FLIGHT_X] += 1.0
             ik.plant_steps(plant.model, plant.state, 0.0, 2)
         found[f"{what}, {scene.removeprefix('aluminium-')}, {accuracy}"] = Case(
             *numbers, plant.model, plant.state

@@ -11,8 +11,21 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels as lane_k
+from hertzloop.bus import lane_kernels
 from hertzloop.bus import messages_pb2 as messages
+from hertzloop.bus.lane_kernels import (
+    ANSWER_WORDS,
+    CLOSED,
+    EVERY_STEPS,
+    JOINED,
+    OWN_COUNTS,
+    RUN_ID,
+    SAMPLE_RING,
+    SAMPLE_WORDS,
+    SLOTS,
+    STEPS,
+    VERSION,
+)
 
 MAGIC, _VERSION = int.from_bytes(b"hrtzlane", "little"), 1
 # Some ms of a loop that runs ahead: the other end may be off its core for that long.
@@ -40,16 +53,16 @@ class NoLane(Exception):
 
 def segment_bytes(slots: int) -> int:
     """Size of a segment with `slots` places in each ring."""
-    return 8 * (lane_k.SAMPLE_RING + slots * (lane_k.SAMPLE_WORDS + lane_k.ANSWER_WORDS))
+    return 8 * (SAMPLE_RING + slots * (SAMPLE_WORDS + ANSWER_WORDS))
 
 
-def _end(words: np.ndarray, slots: int) -> lane_k.Lane:
+def _end(words: np.ndarray, slots: int) -> lane_kernels.Lane:
     """One end of a lane in an array of words."""
     alone = bool(_SEALS) and len(os.sched_getaffinity(0)) == 1
-    return lane_k.Lane(
+    return lane_kernels.Lane(
         words=words,
         numbers=words.view(np.float64),
-        own=np.zeros(lane_k.OWN_COUNTS, np.int64),
+        own=np.zeros(OWN_COUNTS, np.int64),
         slots=slots,
         spins=0 if alone else _SPINS,
         yield_ns=_YIELD_NS,
@@ -64,7 +77,7 @@ def sleep_precisely() -> None:
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS)
 
 
-def at_pace(end: lane_k.Lane, sample_ns: float) -> lane_k.Lane:
+def at_pace(end: lane_kernels.Lane, sample_ns: float) -> lane_kernels.Lane:
     """This end where a sample comes every so many ns, and is to be answered at once, whatever was
     promised: between rare ones it sleeps soon. One that yields all the time in a real-time class is
     held back by the kernel, for 50 ms of a second."""
@@ -74,14 +87,14 @@ def at_pace(end: lane_k.Lane, sample_ns: float) -> lane_k.Lane:
     return end._replace(yield_ns=min(end.yield_ns, int(sample_ns) // 10))
 
 
-def closed() -> lane_k.Lane:
+def closed() -> lane_kernels.Lane:
     """The end of a lane that is not there."""
-    return _end(np.zeros(lane_k.SAMPLE_RING, np.int64), 1)
+    return _end(np.zeros(SAMPLE_RING, np.int64), 1)
 
 
-def leave(lane: lane_k.Lane) -> None:
+def leave(lane: lane_kernels.Lane) -> None:
     """Tell the other end not to wait any longer."""
-    lane.words[lane_k.CLOSED] = 1
+    lane.words[CLOSED] = 1
 
 
 def host() -> str:
@@ -110,8 +123,8 @@ class Segment:
         except OSError:
             os.close(self.fd)
             raise
-        words[lane_k.MAGIC], words[lane_k.VERSION], words[lane_k.RUN_ID] = MAGIC, _VERSION, run_id
-        words[lane_k.SLOTS], words[lane_k.STEPS], words[lane_k.EVERY_STEPS] = (
+        words[lane_kernels.MAGIC], words[VERSION], words[RUN_ID] = MAGIC, _VERSION, run_id
+        words[SLOTS], words[STEPS], words[EVERY_STEPS] = (
             _SLOTS,
             steps,
             every_steps,
@@ -132,7 +145,7 @@ class Segment:
 
 def join(
     hello: messages.Hello, wanted: bool = True
-) -> tuple[lane_k.Lane | None, messages.LaneAnswer]:
+) -> tuple[lane_kernels.Lane | None, messages.LaneAnswer]:
     """The controller's end of the lane that a hello offers, if any, and the LaneAnswer to it."""
     if not hello.HasField("lane"):
         return None, messages.UNSAID
@@ -146,7 +159,7 @@ def join(
         return None, messages.NOT_ALLOWED
 
 
-def _join(hello: messages.Hello) -> lane_k.Lane:
+def _join(hello: messages.Hello) -> lane_kernels.Lane:
     if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.lane.host != host():
         raise NoLane(messages.OTHER_HOST)
     place = f"/proc/{hello.lane.pid}/fd/{hello.lane.fd}"
@@ -163,11 +176,11 @@ def _join(hello: messages.Hello) -> lane_k.Lane:
         words = np.frombuffer(mmap.mmap(fd, size), np.int64)
     finally:
         os.close(fd)
-    slots = int(words[lane_k.SLOTS])
-    known = (words[lane_k.MAGIC], words[lane_k.VERSION], words[lane_k.RUN_ID]) == (
+    slots = int(words[SLOTS])
+    known = (words[lane_kernels.MAGIC], words[VERSION], words[RUN_ID]) == (
         MAGIC, _VERSION, hello.run_id
     )  # fmt: skip
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
         raise NoLane(messages.NOT_ALLOWED)
-    words[lane_k.JOINED] = hello.run_id
+    words[JOINED] = hello.run_id
     return _end(words, slots)

@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from hertzloop.controller import kernels as line_k
+from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.kernels import EMITTED, LINE_COUNTS
 from hertzloop.controller.loading.bound import BoundLaw, LawFault
 
 # Random streams; the sensor's noise and the touch phase are others.
@@ -76,7 +77,7 @@ class Controller:
         if line.bits is not None and line.full_scale_n is None:
             raise ValueError("a converter with bits needs a full-scale force")
         last_code = 2 ** (line.bits - 1) - 1 if line.bits is not None else 0
-        self.line = line_k.LineModel(
+        self.line = controller_kernels.LineModel(
             every_steps=every_steps,
             latency_steps=line.latency_steps,
             jitter_steps=jitter,
@@ -88,8 +89,8 @@ class Controller:
             last_code=last_code,
             slew_n=math.inf if line.slew_n_s is None else line.slew_n_s * step_s,
         )
-        self.line_state = line_k.LineState(
-            np.full(steps, np.nan), np.zeros(line_k.LINE_COUNTS, np.int64), np.zeros(2)
+        self.line_state = controller_kernels.LineState(
+            np.full(steps, np.nan), np.zeros(LINE_COUNTS, np.int64), np.zeros(2)
         )
         self.forces = np.zeros(steps)
         self._level = 0.0  # of the last promise
@@ -99,16 +100,18 @@ class Controller:
 
         Raises LawFault when the law fails.
         """
-        first = int(self.line_state.counts[line_k.EMITTED])
+        first = int(self.line_state.counts[EMITTED])
         modes = np.empty(len(values), np.int64)
         delays = np.empty(len(values), np.int64)
-        line_k.control_block(
+        controller_kernels.control_block(
             self.law, self.law_state, self.line, self.line_state, values, self.forces, modes, delays
         )
         if look_ahead:
-            line_k.grant_ahead(self.law, self.law_state, self.line, self.line_state, self.forces)
+            controller_kernels.grant_ahead(
+                self.law, self.law_state, self.line, self.line_state, self.forces
+            )
         self.check()
-        end = int(self.line_state.counts[line_k.EMITTED])
+        end = int(self.line_state.counts[EMITTED])
         level = float(laws.quiet_level(self.law, self.law_state))
         if level < math.inf:
             self._level = level
@@ -116,7 +119,7 @@ class Controller:
             first_step=first,
             forces=self.forces[first:end],
             samples_seen=int(self.law_state.counts[laws.SAMPLES]),
-            promise_zero=level < math.inf and bool(line_k.is_quiet(self.line_state)),
+            promise_zero=level < math.inf and bool(controller_kernels.is_quiet(self.line_state)),
             promise_level=self._level,
             modes=modes,
             delays=delays,

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import scipy
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import Damping
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
+from hertzloop.plant.state_kernels import STEP, XI
 
 _MAX_STEPS = 1 << 15
 _RESOLUTION = 1e-9  # of the parameter's logarithm
@@ -32,8 +32,8 @@ def first_contact(plant: ThesisPlant, steps: int) -> tuple[int, float]:
     """
     state = plant.state
     for _ in range(steps):
-        if state.counts[k.TOUCHING] and state.body[pk.XI] > 0.0:
-            samples = int(state.counts[pk.STEP] - state.counts[k.BEGAN]) + 1
+        if state.counts[k.TOUCHING] and state.body[XI] > 0.0:
+            samples = int(state.counts[STEP] - state.counts[k.BEGAN]) + 1
             return samples, float(state.motion[k.REL_V])
         k.step(plant.model, state, 0.0)
     raise ValueError(f"the contact does not end within {steps} steps")

@@ -39,7 +39,14 @@ from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.state_kernels import (
+    CONTACT_STEPS,
+    GRAVITY_M_S2,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    STEP,
+    XI,
+)
 from hertzloop.plant.time_series import F_C
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import Setup, load
@@ -301,21 +308,20 @@ def _consistent_contact(step_us: float) -> tuple[float, float]:
 
 def consistent_first_contact(spec: PlantSpec, longest_s: float) -> tuple[float, float]:
     """Contact time (us) and sphere speed (m/s) after the first contact without control."""
-    from hertzloop.plant import state_kernels as pk
     from hertzloop.plant.schemes import discrete_gradient_kernels as discrete_gradient
 
     plant = DiscreteGradientPlant(spec)
     body = plant.state.body
     began = None
     for _ in range(round(longest_s / spec.step_s)):
-        gap = float(body[pk.XI])
+        gap = float(body[XI])
         discrete_gradient.step(plant.model, plant.state, 0.0)
-        after = float(body[pk.XI])
-        at = (float(plant.state.counts[pk.STEP]) - after / (after - gap)) if after != gap else 0.0
+        after = float(body[XI])
+        at = (float(plant.state.counts[STEP]) - after / (after - gap)) if after != gap else 0.0
         if began is None and after < 0.0:
             began = at
         elif began is not None and after > 0.0:
-            late_s = (float(plant.state.counts[pk.STEP]) - at) * spec.step_s
+            late_s = (float(plant.state.counts[STEP]) - at) * spec.step_s
             speed = plant.sphere_speed_m_s() + GRAVITY_M_S2 * late_s
             return (at - began) * spec.step_s * 1e6, speed
     raise ValueError(f"the first contact does not end within {longest_s} s")
@@ -348,8 +354,8 @@ def _count(spec: PlantSpec, steps: int = 4000) -> tuple[int, int, int, bool]:
     plant = ThesisPlant(spec, steps, most_iterations=ITERATIONS_ALLOWED)
     first_contact(plant, steps)
     counts = plant.state.counts
-    largest, total = int(counts[k.pk.NEWTON_MAX]), int(counts[k.pk.NEWTON_TOTAL])
-    return largest, total, int(counts[k.pk.CONTACT_STEPS]), bool(counts[k.GAVE_UP])
+    largest, total = int(counts[NEWTON_MAX]), int(counts[NEWTON_TOTAL])
+    return largest, total, int(counts[CONTACT_STEPS]), bool(counts[k.GAVE_UP])
 
 
 def iterations(cases: int = _CASES, seed: int = 1) -> list[Iterations]:
@@ -405,7 +411,7 @@ def adhesion() -> list[Adhesion]:
     for name, spec in calibrated().items():
         plant = ThesisPlant(spec, 4000)
         forces = []
-        while not (plant.state.counts[k.TOUCHING] and plant.state.body[k.pk.XI] > 0.0):
+        while not (plant.state.counts[k.TOUCHING] and plant.state.body[XI] > 0.0):
             forces.append(k.step(plant.model, plant.state, 0.0))
         speed = float(plant.state.motion[k.REL_V]) / spec.sphere.impact_speed_m_s
         found.append(Adhesion(f"thesis-{name}", speed, min(forces) / max(forces)))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder, force
+from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE, BODY_SIZE
 from hertzloop.plant.structures.modes import Oscillators
 
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
@@ -86,7 +86,7 @@ class LinearActuator:
     command: np.ndarray
 
 
-_STATE = [pk.ACTUATOR_F, pk.ACTUATOR_RATE]
+_STATE = [ACTUATOR_F, ACTUATOR_RATE]
 _TRIED_N = tuple(2.0**-power for power in (0, 10, 20, 30))  # exact factors; a limit may be small
 _LINEAR, _DIGITS = 1e-9, 1e-4
 
@@ -128,7 +128,7 @@ def _asked(model: Any, inputs: np.ndarray, others: float) -> np.ndarray:
     """Mean force and half its rise over a step, and the state at its end, from the state at its
     start and a command, N; nan if it changes more than its state. `others` fills what is not its
     state."""
-    body = np.full(pk.BODY_SIZE, others)
+    body = np.full(BODY_SIZE, others)
     body[_STATE] = inputs[:2]
     found = force.uncompiled(model, body, float(inputs[2]))
     after = body[_STATE].copy()

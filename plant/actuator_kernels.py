@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type, no, yes
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE
 
 # A command beyond this (N) acts as this: a loop that runs away stays finite for as long as it runs.
 MOST_N = 1e12
@@ -54,16 +54,16 @@ def _limited(actuator, body, command):
 
 @kernel(inline=True)
 def _second_order(actuator, body, command):
-    f, d = body[pk.ACTUATOR_F], body[pk.ACTUATOR_RATE]
+    f, d = body[ACTUATOR_F], body[ACTUATOR_RATE]
     if command == 0.0 and abs(f) + abs(d) < _REST_N:
-        body[pk.ACTUATOR_F] = 0.0
-        body[pk.ACTUATOR_RATE] = 0.0
+        body[ACTUATOR_F] = 0.0
+        body[ACTUATOR_RATE] = 0.0
         return 0.0, 0.0
     y = f - command
     mean = command + (actuator.mean_f * y + actuator.mean_d * d)
     slope = actuator.slope_f * y + actuator.slope_d * d
-    body[pk.ACTUATOR_F] = command + (actuator.turn_ff * y + actuator.turn_fd * d)
-    body[pk.ACTUATOR_RATE] = actuator.turn_df * y + actuator.turn_dd * d
+    body[ACTUATOR_F] = command + (actuator.turn_ff * y + actuator.turn_fd * d)
+    body[ACTUATOR_RATE] = actuator.turn_df * y + actuator.turn_dd * d
     limit = actuator.limit_n
     if abs(mean) + abs(slope) > limit:
         start = max(-limit, min(limit, mean - slope))

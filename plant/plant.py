@@ -8,10 +8,21 @@ from typing import Any, Self
 
 import numpy as np
 
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded, sensor_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.numerics import RIGID_RAD_S
+from hertzloop.plant.state_kernels import (
+    CONTACT_STEPS,
+    DENT,
+    FLIGHT_V,
+    FLIGHT_X,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    STEP,
+    XI,
+    XI_S,
+)
 from hertzloop.plant.structures.modes import NO_PARTICIPATION, Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
@@ -62,12 +73,12 @@ def balance(
     m, g, (x0, v0) = model.mass_kg, model.gravity_m_s2, start.tolist()
     energy = m * g * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
-    gravity = m * g * float(state.body[pk.XI_S])
+    gravity = m * g * float(state.body[XI_S])
     lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = state.balance.tolist()
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
     gap = gap + lost_tail - injected - energy
     change = m * (speed_m_s - v0)
-    weight = -m * g * float(state.counts[pk.STEP]) * model.step_s
+    weight = -m * g * float(state.counts[STEP]) * model.step_s
     return Balance(
         energy_start_j=energy,
         kinetic_j=kinetic,
@@ -80,15 +91,15 @@ def balance(
         injected_j=injected,
         plastic_dissipated_j=yielded,
         tail_dissipated_j=lost_tail,
-        dent_m=float(state.body[pk.DENT]),
+        dent_m=float(state.body[DENT]),
         energy_residual=gap / (energy + abs(injected)),
         momentum_change_n_s=change,
         contact_impulse_n_s=impulse,
         gravity_impulse_n_s=weight,
         momentum_residual=(change - impulse - weight) / (abs(impulse) + abs(weight) + m * abs(v0)),
-        newton_iterations=int(state.counts[pk.NEWTON_TOTAL]),
-        newton_iterations_max=int(state.counts[pk.NEWTON_MAX]),
-        contact_steps=int(state.counts[pk.CONTACT_STEPS]),
+        newton_iterations=int(state.counts[NEWTON_TOTAL]),
+        newton_iterations_max=int(state.counts[NEWTON_MAX]),
+        contact_steps=int(state.counts[CONTACT_STEPS]),
     )
 
 
@@ -298,18 +309,20 @@ class Plant(ABC):
     def _initial_state(self) -> Any:
         state = self._empty_state()
         spec = self.spec
-        state.body[pk.FLIGHT_X], state.body[pk.FLIGHT_V] = pk.released(
+        state.body[FLIGHT_X], state.body[FLIGHT_V] = state_kernels.released(
             float(spec.sphere.impact_speed_m_s), spec.sphere.gravity_m_s2, float(spec.lead_in_s),
             spec.step_s, float(self.touch_phase),
         )  # fmt: skip
-        state.body[pk.XI] = state.body[pk.XI_S] = state.body[pk.FLIGHT_X]
-        self._start = state.body[[pk.FLIGHT_X, pk.FLIGHT_V]].copy()
+        state.body[XI] = state.body[XI_S] = state.body[FLIGHT_X]
+        self._start = state.body[[FLIGHT_X, FLIGHT_V]].copy()
         return state
 
     def sphere_speed_m_s(self) -> float:
         """Speed of the sphere at the present step, up positive."""
         body, counts = self.state.body, self.state.counts
-        return float(pk.speed_now(self.model.gravity_m_s2, self.model.step_s, body, counts))
+        return float(
+            state_kernels.speed_now(self.model.gravity_m_s2, self.model.step_s, body, counts)
+        )
 
     def close_balance(self) -> Balance:
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.schemes import registry as scheme
+from hertzloop.plant.state_kernels import V_P_OF_STEP
 
 # Columns by the names of the fields of the message `TruthBlock`: unit, meaning. Positions and
 # velocity are values at the start of the step, forces are means over it.
@@ -36,18 +37,18 @@ def record_step(plant, plant_state, command, truth, row):
     A column that the plant's model has nothing for keeps the zeros it was made with.
     """
     body = plant_state.body
-    truth[0, row] = body[pk.XI]
-    truth[1, row] = body[pk.XI_S]
-    truth[2, row] = body[pk.XI_P]
-    truth[6, row] = body[pk.XI_A]
+    truth[0, row] = body[state_kernels.XI]
+    truth[1, row] = body[state_kernels.XI_S]
+    truth[2, row] = body[state_kernels.XI_P]
+    truth[6, row] = body[state_kernels.XI_A]
     if scheme.yields(plant):
-        truth[9, row] = body[pk.DEEPEST]
+        truth[9, row] = body[state_kernels.DEEPEST]
     truth[4, row] = scheme.step(plant, plant_state, command)
-    truth[3, row] = body[pk.V_P_OF_STEP]
-    truth[5, row] = body[pk.F_A]
-    truth[7, row] = body[pk.F_C1]
+    truth[3, row] = body[V_P_OF_STEP]
+    truth[5, row] = body[state_kernels.F_A]
+    truth[7, row] = body[state_kernels.F_C1]
     if scheme.has_slope(plant):
-        truth[8, row] = body[pk.F_A1]
+        truth[8, row] = body[state_kernels.F_A1]
 
 
 @kernel

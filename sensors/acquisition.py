@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from hertzloop.sensors import kernels as sensor_k
+from hertzloop.sensors import kernels as sensor_kernels
+from hertzloop.sensors.kernels import ADDED, HELD, LIMITED, OF_SECTIONS
 
 LOW_PASSES, HIGHEST_ORDER = ("butterworth", "bessel"), 8
 NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
@@ -209,7 +210,7 @@ class Sensor:
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
             scale, offset, first, last = converter_codes(spec.bits, (low, high))
-        self.model = sensor_k.SensorModel(
+        self.model = sensor_kernels.SensorModel(
             of_state=spec.of_state,
             every_steps=spec.every_steps,
             sections=spec.sections(step_s),
@@ -225,12 +226,12 @@ class Sensor:
             fault=fault,
             fault_size=0.0 if spec.fault is None else spec.fault.size,
         )
-        self.state = np.zeros(sensor_k.OF_SECTIONS + 3 * len(self.model.sections))
+        self.state = np.zeros(OF_SECTIONS + 3 * len(self.model.sections))
 
 
 _KINDS = {
-    "stuck": sensor_k.HELD, "drop_outs": sensor_k.HELD, "offset": sensor_k.ADDED,
-    "spikes": sensor_k.ADDED, "saturation": sensor_k.LIMITED,
+    "stuck": HELD, "drop_outs": HELD, "offset": ADDED,
+    "spikes": ADDED, "saturation": LIMITED,
 }  # fmt: skip
 
 

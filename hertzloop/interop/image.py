@@ -15,9 +15,9 @@ import numpy as np
 from hertzloop.common.jit.object_code import leaves
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
-from hertzloop.loop import kernels as loop_k
+from hertzloop.loop.kernels import SAMPLES_END
 from hertzloop.loop.plant_streams import empty_window
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.state_kernels import STEP, V_P, XI, XI_P, XI_S
 from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
@@ -81,11 +81,11 @@ def image(setup: Setup) -> Image:
         "PHASE_STREAM": PHASE_STREAM,
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
         "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"), **places,
-        "STEP": at(unit.plant_state.counts) + _WORD * pk.STEP,
-        "SAMPLES": at(window.counts) + _WORD * loop_k.SAMPLES_END,
+        "STEP": at(unit.plant_state.counts) + _WORD * STEP,
+        "SAMPLES": at(window.counts) + _WORD * SAMPLES_END,
         "SAMPLE": at(window.values), "CODE": at(window.codes), "CLIPPED": at(window.clipped),
-        "GAP": body + _WORD * pk.XI, "HEIGHT": body + _WORD * pk.XI_S,
-        "DEFLECTION": body + _WORD * pk.XI_P, "VELOCITY": body + _WORD * pk.V_P,
+        "GAP": body + _WORD * XI, "HEIGHT": body + _WORD * XI_S,
+        "DEFLECTION": body + _WORD * XI_P, "VELOCITY": body + _WORD * V_P,
         "CONTACT_FORCE": truth + _WORD * F_C, "ACTUATOR_FORCE": truth + _WORD * F_A,
         "ENERGIES": at(unit.energies),
     }  # fmt: skip

@@ -10,10 +10,21 @@ import numpy as np
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type
-from hertzloop.loop import kernels as loop_k
-from hertzloop.plant import state_kernels as pk
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.plant import state_kernels
 from hertzloop.plant.schemes.registry import offering
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.state_kernels import (
+    AIR,
+    CONTACT_DISSIPATED,
+    FLIGHT_V,
+    FLIGHT_X,
+    GRAVITY_M_S2,
+    MODAL_DISSIPATED,
+    PLASTIC_DISSIPATED,
+    TAIL_DISSIPATED,
+    XI,
+    XI_S,
+)
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
 KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)
@@ -29,7 +40,7 @@ class Unit(NamedTuple):
     plant_state: Any
     sensor: Any
     sensor_state: np.ndarray
-    window: loop_k.Window
+    window: loop_kernels.Window
     start: np.ndarray
     energies: np.ndarray
     lead_s: float
@@ -50,18 +61,18 @@ def release(unit, drop_height_m, touch_phase):
     """Put the sphere where it is at the start of a run."""
     model, body = unit.plant, unit.plant_state.body
     speed = math.sqrt(2.0 * GRAVITY_M_S2 * drop_height_m)
-    height, velocity = pk.released(
+    height, velocity = state_kernels.released(
         speed, model.gravity_m_s2, unit.lead_s, model.step_s, touch_phase
     )
-    body[pk.FLIGHT_X] = body[pk.XI] = body[pk.XI_S] = unit.start[0] = height
-    body[pk.FLIGHT_V] = unit.start[1] = velocity
+    body[FLIGHT_X] = body[XI] = body[XI_S] = unit.start[0] = height
+    body[FLIGHT_V] = unit.start[1] = velocity
 
 
 @kernel(inline=True)
 def advance(unit, command, steps):
     """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
     once, also with no steps at all."""
-    loop_k.held(
+    loop_kernels.held(
         unit.plant, unit.plant_state, unit.sensor, unit.sensor_state, unit.window, command, steps
     )
 
@@ -73,19 +84,19 @@ def balance(unit):
     model, state, energies = unit.plant, unit.plant_state, unit.energies
     books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
     energies[MODAL] = _close_balance(model, state)
-    speed = pk.speed_now(gravity, model.step_s, state.body, state.counts)
+    speed = state_kernels.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
-    energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]
+    energies[GRAVITY] = mass * gravity * state.body[XI_S]
     energies[CONTACT] = _stored(model, state)
-    energies[INJECTED] = books[pk.INJECTED]
-    energies[MODAL_LOST] = books[pk.MODAL_DISSIPATED] - books[pk.AIR]
-    energies[AIR_LOST] = books[pk.AIR]
-    energies[TAIL_LOST] = books[pk.TAIL_DISSIPATED]
-    energies[CONTACT_LOST] = books[pk.CONTACT_DISSIPATED]
-    energies[PLASTIC_LOST] = books[pk.PLASTIC_DISSIPATED]
+    energies[INJECTED] = books[state_kernels.INJECTED]
+    energies[MODAL_LOST] = books[MODAL_DISSIPATED] - books[AIR]
+    energies[AIR_LOST] = books[AIR]
+    energies[TAIL_LOST] = books[TAIL_DISSIPATED]
+    energies[CONTACT_LOST] = books[CONTACT_DISSIPATED]
+    energies[PLASTIC_LOST] = books[PLASTIC_DISSIPATED]
     begun = mass * gravity * unit.start[0] + 0.5 * mass * unit.start[1] * unit.start[1]
     gap = energies[KINETIC] + energies[GRAVITY] + energies[MODAL] + energies[CONTACT]
-    gap += books[pk.MODAL_DISSIPATED] + books[pk.CONTACT_DISSIPATED]
-    gap += books[pk.PLASTIC_DISSIPATED]
-    gap += books[pk.TAIL_DISSIPATED] - books[pk.INJECTED] - begun
-    energies[RESIDUAL] = gap / (begun + abs(books[pk.INJECTED]))
+    gap += books[MODAL_DISSIPATED] + books[CONTACT_DISSIPATED]
+    gap += books[PLASTIC_DISSIPATED]
+    gap += books[TAIL_DISSIPATED] - books[state_kernels.INJECTED] - begun
+    energies[RESIDUAL] = gap / (begun + abs(books[state_kernels.INJECTED]))

@@ -82,10 +82,14 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
 def _compile(outline: "Unit") -> bytes:
     # For the process that compiles alone: the program that exports starts 0.1 s earlier.
     from hertzloop.common.jit.object_code import assembler, object_code
-    from hertzloop.interop import kernels as interop_k
+    from hertzloop.interop import kernels as interop_kernels
 
     assembled = assembler(typeof(outline))
-    released, advanced, balanced = interop_k.release, interop_k.advance, interop_k.balance
+    released, advanced, balanced = (
+        interop_kernels.release,
+        interop_kernels.advance,
+        interop_kernels.balance,
+    )
 
     def release(words: Any, drop_height_m: float, touch_phase: float) -> None:
         released(assembled(words), drop_height_m, touch_phase)

@@ -7,19 +7,37 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.bus import lane
-from hertzloop.bus import lane_kernels as lane_k
+from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.lane import Segment, leave, sleep_precisely
+from hertzloop.bus.lane_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, TAKEN
 from hertzloop.bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost, Port
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import StreamFault
-from hertzloop.controller import kernels as line_k
+from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller, Reply
+from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.loop import kernels as loop_k
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.kernels import (
+    BEYOND_END,
+    BROKEN_AT,
+    BROKEN_PROMISE,
+    FORCES_END,
+    GAP,
+    GRANT_COUNTS,
+    GRANTED_END,
+    NO_NUMBER,
+    OBSERVED,
+    PROMISED,
+    SAMPLES_END,
+    SAMPLES_FIRST,
+    SEEN,
+    SILENT,
+    WRONG_COUNT,
+)
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import UnreadableRecording
 from hertzloop.scene.setup import Setup
@@ -30,12 +48,14 @@ _NOTICE_S = 1.0  # in which a controller that fails says so
 class Answers:
     """Forces by step, what they reach to, and the lane that may bring them, closed at first."""
 
-    def __init__(self, setup: Setup, window: loop_k.Window, held: np.ndarray | None = None) -> None:
+    def __init__(
+        self, setup: Setup, window: loop_kernels.Window, held: np.ndarray | None = None
+    ) -> None:
         """`held`: by how many steps the command of a step was too old, where it may be."""
         self.forces = np.zeros(setup.steps)
         self.lane = lane.closed()
-        self.grant = loop_k.Grant(
-            counts=np.zeros(loop_k.GRANT_COUNTS, np.int64),
+        self.grant = loop_kernels.Grant(
+            counts=np.zeros(GRANT_COUNTS, np.int64),
             level=np.full(1, math.inf),  # no promise is known yet: any sample breaks it
             lead_steps=1 + setup.line.latency_steps,
         )
@@ -45,35 +65,35 @@ class Answers:
     @property
     def end(self) -> int:
         """Steps whose force has come, promised ones not counted."""
-        return int(self.grant.counts[loop_k.FORCES_END])
+        return int(self.grant.counts[FORCES_END])
 
     @property
     def samples(self) -> int:
         """Samples that are answered."""
-        return int(self.grant.counts[loop_k.SEEN])
+        return int(self.grant.counts[SEEN])
 
     @property
     def in_lane(self) -> bool:
         """Whether the lane brings them."""
-        return bool(self.lane.own[lane_k.OPEN])
+        return bool(self.lane.own[OPEN])
 
-    def through(self, end: lane_k.Lane) -> None:
+    def through(self, end: lane_kernels.Lane) -> None:
         """From now on the lane brings them."""
         self.lane, self._confirmed = end, self.end
-        end.own[lane_k.OPEN] = 1
+        end.own[OPEN] = 1
 
     def missing_at(self, step: int) -> bool:
         """Whether nothing is known of the force of `step`, of which the sample was taken."""
         counts = self.grant.counts
-        observed = self._window.counts[loop_k.OBSERVED] > step
-        granted = counts[loop_k.PROMISED] or counts[loop_k.GRANTED_END] > step
+        observed = self._window.counts[OBSERVED] > step
+        granted = counts[PROMISED] or counts[GRANTED_END] > step
         return bool(observed and not granted and step < len(self.forces))
 
     def take(self, header: ForceBlock, force: np.ndarray, step: int) -> None:
         """A block of the bus, at `step`. Raises StreamFault when it cannot be, or breaks what was
         promised before."""
         first, end = header.first_step, header.first_step + len(force)
-        sent = int(self._window.counts[loop_k.SAMPLES_FIRST])
+        sent = int(self._window.counts[SAMPLES_FIRST])
         if end > len(self.forces):
             raise StreamFault(
                 f"stream 'force' sequence {header.sequence} reaches step {end}, "
@@ -95,15 +115,15 @@ class Answers:
             )
         self.forces[first:end] = force
         counts = self.grant.counts
-        counts[loop_k.FORCES_END] = end
-        counts[loop_k.SEEN] = header.samples_seen
-        counts[loop_k.GRANTED_END] = max(counts[loop_k.GRANTED_END], end)
+        counts[FORCES_END] = end
+        counts[SEEN] = header.samples_seen
+        counts[GRANTED_END] = max(counts[GRANTED_END], end)
         # A promise speaks of samples after those seen; it holds if none of the later ones
         # that were already taken broke it.
         same_level = self.grant.level[0] == header.promise_level
-        all_seen = header.samples_seen == self._window.counts[loop_k.SAMPLES_END]
-        if all_seen or (same_level and header.samples_seen >= counts[loop_k.BROKEN_AT]):
-            counts[loop_k.PROMISED] = int(header.promise_zero)
+        all_seen = header.samples_seen == self._window.counts[SAMPLES_END]
+        if all_seen or (same_level and header.samples_seen >= counts[BROKEN_AT]):
+            counts[PROMISED] = int(header.promise_zero)
             self.grant.level[0] = header.promise_level
 
     def confirm(self, header: ForceBlock, force: np.ndarray) -> None:
@@ -145,13 +165,13 @@ def controllers_fault(
 
 def refusal(said: int, answers: Answers) -> str:
     """What is wrong with an answer in the lane, in a sentence."""
-    record, step = int(answers.lane.own[lane_k.TAKEN]) - 1, answers.end
+    record, step = int(answers.lane.own[TAKEN]) - 1, answers.end
     what = {
-        loop_k.GAP: "has another number than was expected",
-        loop_k.WRONG_COUNT: "answers samples that were not sent, or fewer than before",
-        loop_k.BEYOND_END: f"holds a force beyond the run's {len(answers.forces)} steps",
-        loop_k.NO_NUMBER: "holds a number that is infinite",
-        loop_k.BROKEN_PROMISE: f"breaks the promise of zero force in step {step}, which is over",
+        GAP: "has another number than was expected",
+        WRONG_COUNT: "answers samples that were not sent, or fewer than before",
+        BEYOND_END: f"holds a force beyond the run's {len(answers.forces)} steps",
+        NO_NUMBER: "holds a number that is infinite",
+        BROKEN_PROMISE: f"breaks the promise of zero force in step {step}, which is over",
     }
     return f"answer {record} in the lane {what[said]}"
 
@@ -240,9 +260,9 @@ class LaneOffer:
     def checked(self, said: int) -> int:
         """How a kernel ended, if the run can go on. Raises StreamFault, or PeerLost after too long
         a silence."""
-        if said > loop_k.SILENT:
+        if said > SILENT:
             raise StreamFault(refusal(said, self._answers))
-        if said == loop_k.SILENT:
+        if said == SILENT:
             seen, now = self._answers.samples, clock.now()
             if seen != self._quiet[0]:
                 self._quiet = (seen, now)
@@ -267,16 +287,16 @@ _ROOM = 16_000  # samples between two calls of reply
 class LaneAnswers:
     """Answers through one end of a lane, kept until they are published, too."""
 
-    def __init__(self, controller: Controller, end: lane_k.Lane, look_ahead: bool) -> None:
+    def __init__(self, controller: Controller, end: lane_kernels.Lane, look_ahead: bool) -> None:
         """From what the controller has answered until now."""
         self._controller, self._end, self._look_ahead = controller, end, look_ahead
         self.total = len(controller.law_state.history)
         self.idle_s = 0.0  # for which no sample has come
         self._modes, self._delays = (np.zeros(_ROOM, np.int64) for _ in range(2))
         self._first = self._confirmed = self.samples  # not published yet; compared with the bus
-        self._first_step = int(controller.line_state.counts[line_k.EMITTED])
-        end.own[lane_k.FORCES_PUT] = self._first_step
-        end.own[lane_k.SAMPLES_PUT] = self._first
+        self._first_step = int(controller.line_state.counts[EMITTED])
+        end.own[FORCES_PUT] = self._first_step
+        end.own[SAMPLES_PUT] = self._first
         self._heard: list[tuple[int, int, np.ndarray]] = []  # daq: sequence, first sample, values
         self._since = clock.now()
 
@@ -294,7 +314,7 @@ class LaneAnswers:
         """Answer samples up to `limit`, at most until the lane is silent for a while. Raises
         StreamFault when a sample cannot be, or the law fails."""
         controller, before = self._controller, self.samples
-        said = loop_k.serve(
+        said = loop_kernels.serve(
             controller.law, controller.law_state, controller.line, controller.line_state,
             controller.forces, self._modes, self._delays, self._end, self._first,
             min(limit, self._first + _ROOM), self._look_ahead,
@@ -303,12 +323,12 @@ class LaneAnswers:
             controller.check()
         except LawFault as error:
             raise StreamFault(str(error)) from error
-        if said == loop_k.GAP:
+        if said == GAP:
             raise StreamFault(f"sample {self.samples} is missing in the lane")
-        if said == loop_k.NO_NUMBER:
+        if said == NO_NUMBER:
             raise StreamFault(f"sample {self.samples} in the lane is no finite number")
         now = clock.now()
-        if said != loop_k.SILENT or self.samples != before:
+        if said != SILENT or self.samples != before:
             self._since = now
         self.idle_s = now - self._since
         self._confirm()
@@ -316,9 +336,9 @@ class LaneAnswers:
     def reply(self) -> Reply:
         """What was answered since the last call."""
         controller, first, first_step = self._controller, self._first, self._first_step
-        count, end = self.samples - first, int(controller.line_state.counts[line_k.EMITTED])
+        count, end = self.samples - first, int(controller.line_state.counts[EMITTED])
         level = float(laws.quiet_level(controller.law, controller.law_state))
-        promises = level < math.inf and bool(line_k.is_quiet(controller.line_state))
+        promises = level < math.inf and bool(controller_kernels.is_quiet(controller.line_state))
         self._first, self._first_step = self.samples, end
         return Reply(
             first_step=first_step,

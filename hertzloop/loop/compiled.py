@@ -11,20 +11,21 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
-from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.loop import kernels as loop_k
+from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
+from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window, set_up_by
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.watchdog import watching
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.figures.rows_kernels import NEVER, Answer, answer
 from hertzloop.plant.plant import Balance, Plant
+from hertzloop.plant.state_kernels import FLIGHT_V
 from hertzloop.plant.time_series import COLUMNS
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
@@ -120,7 +121,7 @@ def simulate(
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
-        over = loop_k.closed_loop(
+        over = loop_kernels.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             window, modes, delays, most, ending_of(setup) if impact_only else NEVER,
@@ -132,7 +133,7 @@ def simulate(
     except LawFault as error:
         before = controller.failed_at * setup.every_steps + 1
         raise LawStopped(str(error), window.truth[:, :before]) from error
-    ran, taken = int(window.counts[loop_k.TRUTH_END]), int(window.counts[loop_k.SAMPLES_END])
+    ran, taken = int(window.counts[TRUTH_END]), int(window.counts[SAMPLES_END])
     sent = window.values if sensor.model.ideal else window.codes
     return SimulatedRun(
         window.truth[:, :ran],
@@ -151,16 +152,16 @@ def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[i
     sphere starts faster by `disturbance`, relative. Raises SceneError when the law fails."""
     plant, sensor = build_plant(setup), build_sensor(setup)
     controller = build_controller(setup, ahead=False)
-    plant.state.body[pk.FLIGHT_V] *= 1.0 + disturbance
+    plant.state.body[FLIGHT_V] *= 1.0 + disturbance
     modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
-    counts = np.zeros(loop_k.WINDOW_COUNTS, np.int64)
+    counts = np.zeros(WINDOW_COUNTS, np.int64)
     for first in range(0, setup.steps, _PIECE_STEPS):
         length = min(_PIECE_STEPS, setup.steps - first)
         window = empty_window(length, length)
         window.counts[:] = counts
-        window.counts[[loop_k.TRUTH_FIRST, loop_k.TRUTH_END]] = 0
-        window.counts[loop_k.SAMPLES_FIRST] = counts[loop_k.SAMPLES_END]
-        loop_k.closed_loop(
+        window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
+        window.counts[SAMPLES_FIRST] = counts[SAMPLES_END]
+        loop_kernels.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             window, modes, delays, first + length, NEVER,
@@ -187,7 +188,7 @@ def run_compiled(
     events = ControllerEvents(setup)
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
     advance = partial(
-        loop_k.closed_loop,
+        loop_kernels.closed_loop,
         streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
         controller.law, controller.law_state, controller.line, controller.line_state,
         controller.forces, streams.window, modes, delays,
@@ -207,11 +208,11 @@ def run_compiled(
                 raise StreamFault(str(error)) from error
             if not streams.due:
                 continue
-            first = int(streams.window.counts[loop_k.SAMPLES_FIRST])
+            first = int(streams.window.counts[SAMPLES_FIRST])
             count = streams.samples_waiting()
             streams.send_samples()
             streams.send_truth()
-            end = int(controller.line_state.counts[line_k.EMITTED])
+            end = int(controller.line_state.counts[EMITTED])
             answer = ForceBlock(
                 first_step=sent,
                 step_ns=setup.step_ns,
@@ -242,7 +243,7 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     controller = build_controller(setup, ahead=False, steps=steps)
     truth = np.zeros((COLUMNS, steps * parts_of_step))
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
-        loop_k.loop_in_parts(
+        loop_kernels.loop_in_parts(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             truth, parts_of_step, SENSED[setup.quantity].over_step,

@@ -11,15 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels as lane_k
-from hertzloop.bus.lane_kernels import now_ns
+from hertzloop.bus import lane_kernels
+from hertzloop.bus.lane_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, now_ns
 from hertzloop.common.jit import kernel
-from hertzloop.controller import kernels as line_k
+from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
-from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.controller.kernels import EMITTED
+from hertzloop.plant.figures import rows_kernels
+from hertzloop.plant.figures.rows_kernels import BACK, OVER
+from hertzloop.plant.state_kernels import F_A, F_C, STEP, XI
 from hertzloop.plant.time_series import record_step
-from hertzloop.sensors import kernels as sensor_k
+from hertzloop.sensors import kernels as sensor_kernels
 
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
@@ -59,16 +61,16 @@ class Grant(NamedTuple):
 def observe(plant_state, sensor, sensor_state, window):
     """Let the sensor see the present step, once; returns whether it took a sample."""
     counts = window.counts
-    step = plant_state.counts[pk.STEP]
+    step = plant_state.counts[STEP]
     if counts[OBSERVED] > step:
         return False
     counts[OBSERVED] = step + 1
-    sensor_k.follow(sensor, sensor_state, plant_state.body[sensor.of_state])
+    sensor_kernels.follow(sensor, sensor_state, plant_state.body[sensor.of_state])
     if step % sensor.every_steps != 0:
         return False
     index = counts[SAMPLES_END]
     at = index - counts[SAMPLES_FIRST]
-    code, value, clipped = sensor_k.sample(sensor, sensor_state, index)
+    code, value, clipped = sensor_kernels.sample(sensor, sensor_state, index)
     window.codes[at] = code
     window.values[at] = value
     window.clipped[at] = clipped
@@ -136,7 +138,7 @@ def _hear(step, samples, force, level, forces, window, grant):
 @kernel(inline=True)
 def take_answer(lane, step, forces, window, grant):
     """The next record of an answer, which is there."""
-    excess, samples, force, level = lane_k.take_answer(lane)
+    excess, samples, force, level = lane_kernels.take_answer(lane)
     if excess != 0:
         return GAP
     return _hear(step, samples, force, level, forces, window, grant)
@@ -162,7 +164,7 @@ def _exchange(step, until, forces, window, grant, lane):
     while counts[SEEN] < until or (counts[PROMISED] == 0 and counts[GRANTED_END] <= step):
         if counts[SEEN] == window.counts[SAMPLES_END]:
             return MUST_WAIT  # all is answered, and no force granted
-        if not lane_k.wait_for_answer(lane):
+        if not lane_kernels.wait_for_answer(lane):
             return SILENT
         said = take_answer(lane, step, forces, window, grant)
         if said != REACHED:
@@ -173,7 +175,7 @@ def _exchange(step, until, forces, window, grant, lane):
 @kernel
 def settle(plant_state, forces, window, grant, lane):
     """Wait in the lane until all samples are answered, with all forces of steps that are over."""
-    step = plant_state.counts[pk.STEP]
+    step = plant_state.counts[STEP]
     return _exchange(step - 1, window.counts[SAMPLES_END], forces, window, grant, lane)
 
 
@@ -184,10 +186,10 @@ def advance(
     """Run the plant to step `end` or as far as `forces` are known, under `commands`: the same
     array, or those of a run that is repeated. Ends before where exchanges are slow."""
     counts = grant.counts
-    in_lane = lane.own[lane_k.OPEN] != 0
+    in_lane = lane.own[OPEN] != 0
     began = now_ns() if in_lane else 0
-    while plant_state.counts[pk.STEP] < end:
-        step = plant_state.counts[pk.STEP]
+    while plant_state.counts[STEP] < end:
+        step = plant_state.counts[STEP]
         if in_lane and window.counts[SAMPLES_END] - counts[SEEN] >= lane.slots:
             said = _exchange(-1, counts[SEEN] + 1, forces, window, grant, lane)  # for room
             if said != REACHED:
@@ -195,7 +197,7 @@ def advance(
         if observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             if in_lane:
-                lane_k.put_sample(lane, window.counts[SAMPLES_END] - 1, window.values[at])
+                lane_kernels.put_sample(lane, window.counts[SAMPLES_END] - 1, window.values[at])
             weigh_promise(step, window.values[at], window, grant)
         if counts[PROMISED] == 0 and step >= counts[GRANTED_END]:
             if not in_lane:
@@ -207,8 +209,8 @@ def advance(
             if counts[EXCHANGES] % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns:
                 end = step + 1  # slow exchanges, none of which takes as long as a silence
         step_and_record(plant, plant_state, commands[step], window)
-    while in_lane and lane_k.answer_is_there(lane):
-        said = take_answer(lane, plant_state.counts[pk.STEP], forces, window, grant)
+    while in_lane and lane_kernels.answer_is_there(lane):
+        said = take_answer(lane, plant_state.counts[STEP], forces, window, grant)
         if said != REACHED:
             return said
     return REACHED
@@ -219,30 +221,30 @@ def _answer(law, law_state, line, line_state, forces, lane, value):
     """Put the forces that became known after a sample of this value into the lane; False if there
     was no room in time."""
     own, seen = lane.own, law_state.counts[laws.SAMPLES]
-    if own[lane_k.SAMPLES_PUT] == seen:
+    if own[SAMPLES_PUT] == seen:
         return True
-    end = line_state.counts[line_k.EMITTED]
-    while own[lane_k.FORCES_PUT] < end - 1:
-        if not lane_k.wait_for_room(lane):
+    end = line_state.counts[EMITTED]
+    while own[FORCES_PUT] < end - 1:
+        if not lane_kernels.wait_for_room(lane):
             return False
-        force = forces[own[lane_k.FORCES_PUT]]
-        lane_k.put_answer(lane, own[lane_k.SAMPLES_PUT], force, math.nan)
-        own[lane_k.FORCES_PUT] += 1
-    if not lane_k.wait_for_room(lane):
+        force = forces[own[FORCES_PUT]]
+        lane_kernels.put_answer(lane, own[SAMPLES_PUT], force, math.nan)
+        own[FORCES_PUT] += 1
+    if not lane_kernels.wait_for_room(lane):
         return False
     level = math.nan
-    if line_k.is_quiet(line_state):
+    if controller_kernels.is_quiet(line_state):
         level = laws.quiet_level(law, law_state)
         if level == math.inf:
             level = math.nan
     force = math.nan
-    if own[lane_k.FORCES_PUT] < end:
-        force = forces[own[lane_k.FORCES_PUT]]
-        own[lane_k.FORCES_PUT] += 1
-    lane_k.put_answer(lane, seen, force, level)
-    own[lane_k.SAMPLES_PUT] = seen
+    if own[FORCES_PUT] < end:
+        force = forces[own[FORCES_PUT]]
+        own[FORCES_PUT] += 1
+    lane_kernels.put_answer(lane, seen, force, level)
+    own[SAMPLES_PUT] = seen
     if not value > level:
-        own[lane_k.BROKEN_AT] = seen
+        own[lane_kernels.BROKEN_AT] = seen
     return True
 
 
@@ -260,24 +262,24 @@ def serve(
         slow = rounds % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns
         if slow or counts[laws.SAMPLES] >= limit:
             return REACHED
-        if not lane_k.wait_for_sample(lane, counts[laws.SAMPLES]):
+        if not lane_kernels.wait_for_sample(lane, counts[laws.SAMPLES]):
             return SILENT
         for _ in range(_AT_ONCE):
             i = counts[laws.SAMPLES]
-            if lane_k.sample_number(lane, i) != i + 1:
+            if lane_kernels.sample_number(lane, i) != i + 1:
                 return GAP
-            value = lane_k.sample_value(lane, i)
+            value = lane_kernels.sample_value(lane, i)
             if not math.isfinite(value):
                 return NO_NUMBER
-            line_k.control_sample(law, law_state, line, line_state, value, forces)
+            controller_kernels.control_sample(law, law_state, line, line_state, value, forces)
             modes[i - first] = law_state.record[laws.MODE]
             delays[i - first] = law_state.record[laws.DELAY]
-            if i + 1 >= limit or not lane_k.sample_is_there(lane, i + 1):
+            if i + 1 >= limit or not lane_kernels.sample_is_there(lane, i + 1):
                 break
         if counts[laws.FAULT] != 0:
             return REACHED
         if look_ahead:
-            line_k.grant_ahead(law, law_state, line, line_state, forces)
+            controller_kernels.grant_ahead(law, law_state, line, line_state, forces)
 
 
 @kernel(inline=True)
@@ -300,27 +302,27 @@ def closed_loop(
     A promise of the law lets the loop end earlier. What belongs to the impact is the same.
     """
     value = 0.0
-    while plant_state.counts[pk.STEP] < end:
+    while plant_state.counts[STEP] < end:
         if observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             value = window.values[at]
-            line_k.control_sample(law, law_state, line, line_state, value, forces)
+            controller_kernels.control_sample(law, law_state, line, line_state, value, forces)
             modes[at] = law_state.record[laws.MODE]
             delays[at] = law_state.record[laws.DELAY]
-        step = plant_state.counts[pk.STEP]
-        gap = plant_state.body[pk.XI]
+        step = plant_state.counts[STEP]
+        gap = plant_state.body[XI]
         step_and_record(plant, plant_state, forces[step], window)
         if impact.quiet_steps < 0:
             continue
-        rows_k.follow(impact, plant_state.body[pk.F_C], plant_state.body[pk.F_A], gap)
-        if impact.counts[rows_k.OVER] == 1:
+        rows_kernels.follow(impact, plant_state.body[F_C], plant_state.body[F_A], gap)
+        if impact.counts[OVER] == 1:
             return True
-        if rows_k.is_silent(impact) and line_k.is_quiet(line_state):
-            back = impact.counts[rows_k.BACK] == 1
-            if not back and not rows_k.keeps(impact, laws.quiet_level(law, law_state), value):
+        if rows_kernels.is_silent(impact) and controller_kernels.is_quiet(line_state):
+            back = impact.counts[BACK] == 1
+            if not back and not rows_kernels.keeps(impact, laws.quiet_level(law, law_state), value):
                 continue
             # The line says what comes from the emitted forces on, which latency puts ahead.
-            if not _pushes(forces, step, line_state.counts[line_k.EMITTED]):
+            if not _pushes(forces, step, line_state.counts[EMITTED]):
                 return True
     return False
 
@@ -335,11 +337,11 @@ def loop_in_parts(
     seen = plant_state.body[sensor.of_state]
     index = 0
     for step in range(forces.size):
-        sensor_k.follow(sensor, sensor_state, seen)
+        sensor_kernels.follow(sensor, sensor_state, seen)
         if step % sensor.every_steps == 0:
-            value = sensor_k.sample(sensor, sensor_state, index)[1]
+            value = sensor_kernels.sample(sensor, sensor_state, index)[1]
             index += 1
-            line_k.control_sample(law, law_state, line, line_state, value, forces)
+            controller_kernels.control_sample(law, law_state, line, line_state, value, forces)
         total = 0.0
         for part in range(parts):
             record_step(plant, plant_state, forces[step], truth, step * parts + part)

@@ -7,11 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels as lane_k
-from hertzloop.bus.lane_kernels import now_ns, sleep_us, yield_core
+from hertzloop.bus import lane_kernels
+from hertzloop.bus.lane_kernels import OPEN, now_ns, sleep_us, yield_core
 from hertzloop.common.jit import kernel
-from hertzloop.loop import kernels as loop_k
-from hertzloop.plant import state_kernels as pk
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.kernels import (
+    FORCES_END,
+    GRANTED_END,
+    PROMISED,
+    REACHED,
+    SAMPLES_END,
+    SAMPLES_FIRST,
+    SEEN,
+    SILENT,
+)
+from hertzloop.plant.state_kernels import STEP
 
 # Indices into Pace.counts. START_NS: when step 0 was due; PUT: samples put into the lane; the
 # longest response, lateness of a force and lag of the plant behind the clock; time spent waiting
@@ -84,24 +94,24 @@ def note_forces(pace, now, first, end):
 def _hear(now, step, forces, window, grant, lane, pace):
     """Take the answers that are in the lane."""
     counts = grant.counts
-    while lane_k.answer_is_there(lane):
-        seen, at = counts[loop_k.SEEN], counts[loop_k.FORCES_END]
+    while lane_kernels.answer_is_there(lane):
+        seen, at = counts[SEEN], counts[FORCES_END]
         # A step that went without its force was promised nothing.
         late = at < pace.held.size and pace.held[at] > 0
-        said = loop_k.take_answer(lane, at if late else step, forces, window, grant)
-        if said != loop_k.REACHED:
+        said = loop_kernels.take_answer(lane, at if late else step, forces, window, grant)
+        if said != REACHED:
             return said
-        note_answers(pace, now, seen, counts[loop_k.SEEN])
-        note_forces(pace, now, at, counts[loop_k.FORCES_END])
-    return loop_k.REACHED
+        note_answers(pace, now, seen, counts[SEEN])
+        note_forces(pace, now, at, counts[FORCES_END])
+    return REACHED
 
 
 @kernel(inline=True)
 def _put(window, grant, lane, pace):
     """Put samples into the lane, as far as there is room."""
-    end = min(window.counts[loop_k.SAMPLES_END], grant.counts[loop_k.SEEN] + lane.slots)
+    end = min(window.counts[SAMPLES_END], grant.counts[SEEN] + lane.slots)
     for i in range(pace.counts[PUT], end):
-        lane_k.put_sample(lane, i, pace.values[i & (pace.values.size - 1)])
+        lane_kernels.put_sample(lane, i, pace.values[i & (pace.values.size - 1)])
         pace.counts[PUT] = i + 1
 
 
@@ -120,43 +130,41 @@ def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane
     under the newest that has. Ends as SILENT when it is time to look at the bus: without a lane
     whenever the next step is not due yet."""
     counts, clock = grant.counts, pace.counts
-    in_lane = lane.own[lane_k.OPEN] != 0
+    in_lane = lane.own[OPEN] != 0
     began = now_ns()
     latest = began  # sample
     while True:
-        now, step = now_ns(), plant_state.counts[pk.STEP]
+        now, step = now_ns(), plant_state.counts[STEP]
         if in_lane:
             said = _hear(now, step, forces, window, grant, lane, pace)
-            if said != loop_k.REACHED:
+            if said != REACHED:
                 return said
             _put(window, grant, lane, pace)
         if step >= end:
-            return loop_k.REACHED
+            return REACHED
         behind = now - due_ns(pace, step)
         if behind < 0:
             if not in_lane or now - began > lane.wait_ns:
-                return loop_k.SILENT
-            quiet = (
-                counts[loop_k.SEEN] == window.counts[loop_k.SAMPLES_END] or now - latest > _SOON_NS
-            )
+                return SILENT
+            quiet = counts[SEEN] == window.counts[SAMPLES_END] or now - latest > _SOON_NS
             _wait(-behind, quiet, lane)
             clock[WAITED_NS] += now_ns() - now
             continue
         if behind > clock[BEHIND_MAX_NS]:
             clock[BEHIND_MAX_NS] = behind
-        if loop_k.observe(plant_state, sensor, sensor_state, window):
-            index = window.counts[loop_k.SAMPLES_END] - 1
-            if index - counts[loop_k.SEEN] >= pace.values.size:
+        if loop_kernels.observe(plant_state, sensor, sensor_state, window):
+            index = window.counts[SAMPLES_END] - 1
+            if index - counts[SEEN] >= pace.values.size:
                 return FULL
-            value = window.values[index - window.counts[loop_k.SAMPLES_FIRST]]
+            value = window.values[index - window.counts[SAMPLES_FIRST]]
             pace.values[index & (pace.values.size - 1)] = value
             pace.taken_ns[index & (pace.values.size - 1)] = now
             latest = now
-            loop_k.weigh_promise(step, value, window, grant)
+            loop_kernels.weigh_promise(step, value, window, grant)
             if in_lane:
                 _put(window, grant, lane, pace)
         held = 0
-        if counts[loop_k.PROMISED] == 0 and step >= counts[loop_k.GRANTED_END]:
-            held = step + 1 - counts[loop_k.GRANTED_END]
+        if counts[PROMISED] == 0 and step >= counts[GRANTED_END]:
+            held = step + 1 - counts[GRANTED_END]
         pace.held[step] = held
-        loop_k.step_and_record(plant, plant_state, forces[step - held], window)
+        loop_kernels.step_and_record(plant, plant_state, forces[step - held], window)

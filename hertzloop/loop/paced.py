@@ -15,9 +15,9 @@ from hertzloop.bus.messages_pb2 import Pacing
 from hertzloop.bus.port import PeerLost, Port, say_every_s
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
-from hertzloop.loop import kernels as loop_k
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import refusal
+from hertzloop.loop.kernels import REACHED, SAMPLES_END, SILENT
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -86,21 +86,21 @@ class PacedPlantNode(PlantNode):
                 f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
                 "follow. Use a lower --pace."
             )
-        if said > loop_k.SILENT:
+        if said > SILENT:
             raise StreamFault(refusal(said, answers))
         return said
 
     def _settle(self) -> int:
         self._advance(self.streams.step)
-        if self.answers.samples == int(self.streams.window.counts[loop_k.SAMPLES_END]):
-            return loop_k.REACHED
+        if self.answers.samples == int(self.streams.window.counts[SAMPLES_END]):
+            return REACHED
         self._check_patience()
         time.sleep(_REST_S)
-        return loop_k.SILENT
+        return SILENT
 
     def _check_patience(self) -> None:
         """Raise PeerLost if a sample has not been answered for too long."""
-        first, end = self.answers.samples, int(self.streams.window.counts[loop_k.SAMPLES_END])
+        first, end = self.answers.samples, int(self.streams.window.counts[SAMPLES_END])
         ring = self._pace.taken_ns
         if first < end and clock.since(ring[first % len(ring)] / 1e9) > self.timeout_s:
             raise PeerLost(
@@ -123,7 +123,7 @@ class PacedPlantNode(PlantNode):
         said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
         while streams.step < steps:
             said = self._advance(streams.boundary)
-            if said == loop_k.REACHED or time.monotonic() - said_s > every_s:
+            if said == REACHED or time.monotonic() - said_s > every_s:
                 end = streams.step
                 streams.send_samples()
                 if self.answers.in_lane:
@@ -138,7 +138,7 @@ class PacedPlantNode(PlantNode):
             while self.port.pending():
                 self._take()
             self._check_patience()
-            if said == loop_k.SILENT and not self.answers.in_lane:
+            if said == SILENT and not self.answers.in_lane:
                 self._rest()
 
     def _rest(self) -> None:

@@ -11,8 +11,9 @@ from hertzloop.bus.messages_pb2 import RunEnd
 from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
-from hertzloop.loop import kernels as loop_k
+from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
+from hertzloop.loop.kernels import EXCHANGES, MUST_WAIT, SAMPLES_FIRST, SILENT
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.scene.setup import Setup
 
@@ -72,7 +73,7 @@ class PlantNode:
 
     def _advance(self, end: int) -> int:
         streams, answers = self.streams, self.answers
-        said = loop_k.advance(
+        said = loop_kernels.advance(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             answers.forces, self._commands, streams.window, answers.grant, answers.lane, end,
         )  # fmt: skip
@@ -80,7 +81,7 @@ class PlantNode:
 
     def _settle(self) -> int:
         streams, answers = self.streams, self.answers
-        said = loop_k.settle(
+        said = loop_kernels.settle(
             streams.plant.state, answers.forces, streams.window, answers.grant, answers.lane
         )
         return self._checked(int(said))
@@ -105,7 +106,7 @@ class PlantNode:
             if self._lane:
                 self._lane.leave()
         lane = self._lane.became if self._lane else ""
-        exchanges = self.exchanges + int(self.answers.grant.counts[loop_k.EXCHANGES])
+        exchanges = self.exchanges + int(self.answers.grant.counts[EXCHANGES])
         return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
 
     def _loop(self) -> None:
@@ -114,10 +115,10 @@ class PlantNode:
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
             said = self._advance(int(min(streams.boundary, last_exchange + self.horizon)))
-            must_wait = said == loop_k.MUST_WAIT
+            must_wait = said == MUST_WAIT
             # A slow run is not to be taken for a dead one.
             overdue = time.monotonic() - told_s > every_s
-            if said != loop_k.SILENT or overdue:
+            if said != SILENT or overdue:
                 if streams.step >= last_exchange + self.horizon:
                     must_wait, last_exchange = True, streams.step
                 due = overdue or streams.due
@@ -143,14 +144,14 @@ class PlantNode:
         """What is to be said of a run that went well, beside its books."""
 
     def _sent(self) -> int:
-        return int(self.streams.window.counts[loop_k.SAMPLES_FIRST])
+        return int(self.streams.window.counts[SAMPLES_FIRST])
 
     def _await_answers(self) -> None:
         """Wait until the controller has answered all samples sent."""
         while self.answers.samples < self._sent():
             if not self.answers.in_lane:
                 self._take()
-            elif self._settle() == loop_k.SILENT:
+            elif self._settle() == SILENT:
                 while self.port.pending():
                     self._take()
 

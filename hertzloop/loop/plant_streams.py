@@ -23,11 +23,12 @@ from hertzloop.bus.messages_pb2 import (
 )
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault
-from hertzloop.loop import kernels as loop_k
+from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.events import PlantEvents
-from hertzloop.plant import state_kernels as pk
+from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import STEP
 from hertzloop.plant.time_series import COLUMNS, TRUTH
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor
@@ -98,14 +99,14 @@ def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str,
     return arrays
 
 
-def empty_window(steps: int, samples: int) -> loop_k.Window:
+def empty_window(steps: int, samples: int) -> loop_kernels.Window:
     """Room for the truth of `steps` steps and for `samples` samples."""
-    return loop_k.Window(
+    return loop_kernels.Window(
         truth=np.zeros((COLUMNS, steps)),
         codes=np.zeros(samples, np.int64),
         values=np.zeros(samples),
         clipped=np.zeros(samples, np.int64),
-        counts=np.zeros(loop_k.WINDOW_COUNTS, np.int64),
+        counts=np.zeros(WINDOW_COUNTS, np.int64),
     )
 
 
@@ -139,7 +140,7 @@ class PlantStreams:
     @property
     def step(self) -> int:
         """Present step."""
-        return int(self.plant.state.counts[pk.STEP])
+        return int(self.plant.state.counts[STEP])
 
     @property
     def boundary(self) -> int:
@@ -155,7 +156,7 @@ class PlantStreams:
     def due(self) -> bool:
         """Whether what is waiting should go: after a while, at the end, or for want of room."""
         counts = self.window.counts
-        room = ROOM_STEPS - int(counts[loop_k.TRUTH_END] - counts[loop_k.TRUTH_FIRST])
+        room = ROOM_STEPS - int(counts[TRUTH_END] - counts[TRUTH_FIRST])
         last = self.step == self.setup.steps
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
 
@@ -169,7 +170,7 @@ class PlantStreams:
     def samples_waiting(self) -> int:
         """Samples taken, but not sent."""
         counts = self.window.counts
-        return int(counts[loop_k.SAMPLES_END] - counts[loop_k.SAMPLES_FIRST])
+        return int(counts[SAMPLES_END] - counts[SAMPLES_FIRST])
 
     def send_samples(self) -> None:
         """Publish the waiting samples, if there are any."""
@@ -179,7 +180,7 @@ class PlantStreams:
         model, every = self.sensor.model, self.sensor.spec.every_steps
         clipped = self.window.clipped[:count].astype(np.uint8)
         header = DaqBlock(
-            first_step=int(counts[loop_k.SAMPLES_FIRST]) * every,
+            first_step=int(counts[SAMPLES_FIRST]) * every,
             step_ns=self.setup.step_ns,
             every_steps=every,
             scale=model.scale,
@@ -193,13 +194,13 @@ class PlantStreams:
         )
         self.publisher.send("daq", header, arrays)
         self._clipped.append(clipped)
-        counts[loop_k.SAMPLES_FIRST] += count
+        counts[SAMPLES_FIRST] += count
 
     def send_truth(self, until: int | None = None) -> None:
         """Publish the waiting rows of truth, those of steps before `until` if it is given, and
         their events; the samples of these steps must be sent before."""
         counts = self.window.counts
-        first, taken = int(counts[loop_k.TRUTH_FIRST]), int(counts[loop_k.TRUTH_END])
+        first, taken = int(counts[TRUTH_FIRST]), int(counts[TRUTH_END])
         end = taken if until is None else until
         if first == end:
             return
@@ -223,7 +224,7 @@ class PlantStreams:
             self.publisher.send("events/plant", told)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
         self.window.truth[:, : taken - end] = self.window.truth[:, end - first : taken - first]
-        counts[loop_k.TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
+        counts[TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
 
     def finish(self) -> None:
         """Publish the books and the counts."""

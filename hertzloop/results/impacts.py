@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import (
     Impact,
     ImpactPart,
@@ -23,6 +23,7 @@ from hertzloop.plant.figures.impacts import (
     peak_speed_m_s,
 )
 from hertzloop.plant.figures.noise import ImpactNoise, impact_noise, published_noise, turned
+from hertzloop.plant.figures.rows_kernels import END, OVER
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -112,7 +113,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: rows_k.Answer,
+        lasts: rows_kernels.Answer,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -158,16 +159,16 @@ class ConsistentWindow:
             self.spec, self.modes, np.asarray(self._drive), impact.plate_energy_j,
             self._speed_max, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
         )  # fmt: skip
-        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[rows_k.END])
+        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[END])
         return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        rows_k.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
-        count = max(int(self._lasts.counts[rows_k.END]) - self._done, 0)
+        rows_kernels.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        count = max(int(self._lasts.counts[END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
-        if not self._lasts.counts[rows_k.OVER]:
+        if not self._lasts.counts[OVER]:
             self._silent_max = max(
                 self._silent_max, float(np.abs(piece[V_P, count:]).max(initial=0.0))
             )
@@ -264,8 +265,8 @@ def first_impact(
     if not SCHEMES[setup.scheme].conserves:
         return next(_published(setup, [(0, rows)]), None)
     lasts = answer_of(setup)
-    start = rows_k.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
-    count = int(lasts.counts[rows_k.END])
+    start = rows_kernels.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
+    count = int(lasts.counts[END])
     if start < 0:
         return None
     if count > PIECE:

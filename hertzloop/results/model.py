@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from hertzloop.bus.messages_pb2 import Books
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
 from hertzloop.plant.plant import Balance, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene import model_error
@@ -171,7 +171,7 @@ def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
         # nothing.)
         plants = [built(whole, setup.scheme).at_start(), chosen.at_start()]
         for plant in plants:
-            plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] += _LIFT_M
+            plant.state.body[[FLIGHT_X, XI, XI_S]] += _LIFT_M
         least, force = [math.inf, math.inf], np.ones(_STEPS)
         for _ in range(_ROUNDS):
             for i, plant in enumerate(plants):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures import rows_kernels
+from hertzloop.plant.figures.rows_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI_A, XI_P
 from hertzloop.results.statistics import Accumulator, control_force_n
@@ -58,23 +59,23 @@ class StabilityAccumulator(Accumulator):
         sphere = self.spec.sphere
         self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
         self._place = XI_P if self.spec.same_point else XI_A
-        self._sums, self._counts = np.zeros(rows_k.SUMS), np.zeros(rows_k.COUNTS, np.int64)
-        self._counts[rows_k.SINCE] = -1
+        self._sums, self._counts = np.zeros(SUMS), np.zeros(COUNTS, np.int64)
+        self._counts[SINCE] = -1
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
         force = control_force_n(self.setup, rows)
-        rows_k.exchanged(first, force, rows[self._place], self.impact_j, self._sums, self._counts)
+        rows_kernels.exchanged(
+            first, force, rows[self._place], self.impact_j, self._sums, self._counts
+        )
 
     def result(self) -> Stability:
         """Return the stability of the loop."""
-        most_j, fed_j, largest_n = (
-            float(self._sums[i]) for i in (rows_k.MOST, rows_k.FED, rows_k.LARGEST)
-        )
+        most_j, fed_j, largest_n = (float(self._sums[i]) for i in (MOST, FED, LARGEST))
         unstable = self.closed and not most_j <= UNSTABLE * self.impact_j
         pumps = self.closed and not fed_j <= self.impact_j
         rigid_n = rigid_impact(self.spec.sphere, self.spec.contact).peak_n
-        since = int(self._counts[rows_k.SINCE])
+        since = int(self._counts[SINCE])
         return Stability(
             unstable=unstable,
             pumps=pumps,

@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
@@ -69,7 +69,7 @@ class ExtremesAccumulator(Accumulator):
         if not rows.shape[1]:
             self._touching = False
             return
-        force_n, actuator_n, deflection_m = rows_k.extremes(
+        force_n, actuator_n, deflection_m = rows_kernels.extremes(
             rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], rows[XI_P]
         )
         self._touching = bool(rows[F_C, -1] != 0.0)

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hertzloop.loop.compiled import finer_loop
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_C, XI
 from hertzloop.results.impacts import first_impact
 from hertzloop.results.statistics import control_force_n
@@ -18,7 +19,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
-_START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+_START = [FLIGHT_X, FLIGHT_V, state_kernels.XI, XI_S]
 
 _SMALL = 0.01  # of a push, from which on it stores 1e-4 of what it did
 

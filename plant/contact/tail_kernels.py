@@ -11,7 +11,7 @@ import numpy as np
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type, no, nothing, yes, zero
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.state_kernels import SILENT_M, TAIL_DISSIPATED, TAIL_IM, TAIL_RE
 
 
 class DampedTail(NamedTuple):
@@ -36,28 +36,28 @@ class DampedTail(NamedTuple):
 
 @kernel(inline=True)
 def _turned(tail, body):
-    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    a, b = body[TAIL_RE], body[TAIL_IM]
     mean = tail.mean_re * a + tail.mean_im * b
-    if abs(a) + abs(b) <= pk.SILENT_M:
+    if abs(a) + abs(b) <= SILENT_M:
         a = 0.0
         b = 0.0
     c = tail.turn_re * a - tail.turn_im * b
     d = tail.turn_re * b + tail.turn_im * a
-    body[pk.TAIL_RE] = c
-    body[pk.TAIL_IM] = d
+    body[TAIL_RE] = c
+    body[TAIL_IM] = d
     return d, tail.speed_re * c + tail.speed_im * d, mean
 
 
 @kernel(inline=True)
 def _pushed(tail, state, f0, f1):
     body, q = state.body, tail.lost
-    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    a, b = body[TAIL_RE], body[TAIL_IM]
     lost = a * (q[0] * a + q[1] * b + q[2] * f0 + q[3] * f1)
     lost += b * (q[4] * b + q[5] * f0 + q[6] * f1)
     lost += f0 * (q[7] * f0 + q[8] * f1) + q[9] * f1 * f1
-    state.balance[pk.TAIL_DISSIPATED] += lost
-    body[pk.TAIL_RE] = a + (tail.by_0_re * f0 + tail.by_1_re * f1)
-    body[pk.TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
+    state.balance[TAIL_DISSIPATED] += lost
+    body[TAIL_RE] = a + (tail.by_0_re * f0 + tail.by_1_re * f1)
+    body[TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
 
 
 @kernel(inline=True)
@@ -67,7 +67,7 @@ def _mobility(tail):
 
 @kernel(inline=True)
 def _energy(tail, body):
-    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    a, b = body[TAIL_RE], body[TAIL_IM]
     return tail.energy[0] * a * a + tail.energy[1] * a * b + tail.energy[2] * b * b
 
 

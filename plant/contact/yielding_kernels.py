@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type, no, yes, zero
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.state_kernels import CURVE, DEEPEST, DENT, PLASTIC_DISSIPATED, REACHED
 
 _HALVINGS = 60
 _NEWTON_MOST = 14
@@ -155,8 +155,8 @@ def _add(law, contact, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line
 def _project(law, contact, body, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic, as `_add`, and the deepest penetration in it."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
-    deepest, dent = body[pk.DEEPEST], body[pk.DENT]
-    curve = elastic.contact_of(contact, body[pk.CURVE])
+    deepest, dent = body[DEEPEST], body[DENT]
+    curve = elastic.contact_of(contact, body[CURVE])
     sums = elastic.NOTHING
     level = approach(law, contact, deepest)
     turn = _turning(x0, x1, d0, d1, q)
@@ -188,7 +188,7 @@ def _pieces(law, contact, body, x0, d0, free_x, free_d, free_mean, guess0, guess
     """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended, and
     the deepest penetration within the step (m)."""
     g, h = contact.gains, contact.step_s
-    f0, f1, lost, deepest = guess0, guess1, 0.0, body[pk.DEEPEST]
+    f0, f1, lost, deepest = guess0, guess1, 0.0, body[DEEPEST]
     for evaluation in range(1, _NEWTON_MOST + 1):
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
         d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
@@ -317,15 +317,15 @@ def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0
     """`elastic_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
     the step in body[REACHED]."""
     g, h = contact.gains, contact.step_s
-    deepest, dent = body[pk.DEEPEST], body[pk.DENT]
+    deepest, dent = body[DEEPEST], body[DENT]
     level = approach(law, contact, deepest)
-    body[pk.REACHED] = deepest
+    body[REACHED] = deepest
     evaluations = 0
     on_line = -x0 >= _ON_LINE * level and d0 < 0.0
     damped = contact.viscous_n_s_m != 0.0 or contact.hunt_crossley_s_m != 0.0
     if not on_line:
         f0, f1, lost, evaluations, root = elastic.solve_contact(
-            elastic.contact_of(contact, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
+            elastic.contact_of(contact, body[CURVE]), x0 + dent, d0, free_x + dent, free_d,
             free_mean + dent, before, guess0, guess1,
         )  # fmt: skip
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
@@ -364,7 +364,7 @@ def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0
         f0, lost = _solve_chord(law, contact, x0, free_x, work, deepest)
         f1 = 0.0
         evaluations += _HALVINGS
-    body[pk.REACHED] = reached
+    body[REACHED] = reached
     return f0, f1, lost, evaluations, 0.0
 
 
@@ -373,29 +373,27 @@ def _settle(law, contact, state, gap, root):
     """Let the contact be at a modal gap after a step: its deepest point, its curve, what yielding
     took. Force (N), energy in contact and spring (J), root of the penetration above the dent."""
     body = state.body
-    deepest = max(body[pk.DEEPEST], body[pk.REACHED])
+    deepest = max(body[DEEPEST], body[REACHED])
     if -gap > approach(law, contact, deepest):
         deepest = penetration(law, contact, -gap)
-    if deepest > body[pk.DEEPEST]:
-        body[pk.DEEPEST] = deepest
-        body[pk.CURVE], body[pk.DENT] = curve_of(law, contact.stiffness, deepest)
-        state.balance[pk.PLASTIC_DISSIPATED] = taken(law, deepest, body[pk.DENT])
+    if deepest > body[DEEPEST]:
+        body[DEEPEST] = deepest
+        body[CURVE], body[DENT] = curve_of(law, contact.stiffness, deepest)
+        state.balance[PLASTIC_DISSIPATED] = taken(law, deepest, body[DENT])
         root = 0.0
-    return elastic.elastic_near(
-        elastic.contact_of(contact, body[pk.CURVE]), gap + body[pk.DENT], root
-    )
+    return elastic.elastic_near(elastic.contact_of(contact, body[CURVE]), gap + body[DENT], root)
 
 
 @kernel(inline=True)
 def _dent(law, body):
-    return body[pk.DENT]
+    return body[DENT]
 
 
 @kernel(inline=True)
 def _slope(law, contact, body, gap, root, approaching):
-    if approaching and -gap >= _ON_LINE * approach(law, contact, body[pk.DEEPEST]):
+    if approaching and -gap >= _ON_LINE * approach(law, contact, body[DEEPEST]):
         return -law.rise_n_m / (1.0 + contact.flexibility_m_n * law.rise_n_m)
-    s = body[pk.CURVE]
+    s = body[CURVE]
     return -3.0 * s * root / (2.0 + 3.0 * contact.flexibility_m_n * s * root)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.estimates.reflections_kernels import add_twice_integrated
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes import infinite_kernels as infinite_k
+from hertzloop.plant.schemes import infinite_kernels
 from hertzloop.plant.schemes.infinite import InfinitePlant
 from hertzloop.plant.structures.plate import Plate
 
@@ -162,7 +162,7 @@ def reflections(
     spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
     model = InfinitePlant(spec)
     force, gap = np.zeros(steps), np.zeros(steps)
-    infinite_k.pulse(model.model, model.state, force, gap)
+    infinite_kernels.pulse(model.model, model.state, force, gap)
     left = int(np.argmax(gap > 0.0)) if gap.max() > 0.0 else steps
     touching = int(np.flatnonzero(force)[-1]) + 1  # steps; most come after the contact
     # A delayed force meets waves that come as much later as it lasts.

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.noise import spectra_of
+from hertzloop.plant.figures.rows_kernels import FIGURES
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
@@ -54,10 +55,10 @@ class Impact:
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
     edges = np.empty(_FEW_EDGES, np.int64)
-    count = rows_k.edges_of(f_c, edges)
+    count = rows_kernels.edges_of(f_c, edges)
     if count > len(edges):
         edges = np.empty(count, np.int64)
-        rows_k.edges_of(f_c, edges)
+        rows_kernels.edges_of(f_c, edges)
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
@@ -79,7 +80,7 @@ def step_work_j(
     unknown = np.zeros(0)
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
-    rows_k.plate_work(
+    rows_kernels.plate_work(
         xi_p, xi_a, v_p, f_c, f_a, f_c1, unknown if f_a1 is None else f_a1, 0, same_point,
         mobility_m_ns, math.nan if impedance_n_s_m is None else impedance_n_s_m, step_s,
         np.empty(len(v_p)), work,
@@ -129,10 +130,10 @@ def impacts(
         xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
         mobility_m_ns,
     )  # fmt: skip
-    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(rows_k.FIGURES), []
+    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(FIGURES), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
-        if rows_k.contact_figures(
+        if rows_kernels.contact_figures(
             xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, gravity_m_s2,
             step_s, TO_CUBIC, figures,
         ):  # fmt: skip
@@ -174,13 +175,13 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(rows_k.peak_force(mean_n, slope_n, TO_CUBIC))
+    return float(rows_kernels.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
     """Largest size of a speed that is known at the ends of steps, also between them: the vertex of
     the parabola through the three values around it."""
-    return float(rows_k.peak_size(speed_m_s))
+    return float(rows_kernels.peak_size(speed_m_s))
 
 
 class ImpactPart(NamedTuple):
@@ -206,10 +207,10 @@ def part_of(
 ) -> ImpactPart:  # fmt: skip
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
+    figures, drive = np.empty(FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = rows_k.read_impact(
+    known, start, until, touching, speed_max = rows_kernels.read_impact(
         xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
         modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
         _reading(spec, modes), figures, work, speeds, drive,
@@ -227,10 +228,10 @@ def _answers_at_once(spec: PlantSpec) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
+def _reading(spec: PlantSpec, modes: Oscillators) -> rows_kernels.Reading:
     """What the rows of a plant's impacts are read with."""
     mobility, impedance = _answers_at_once(spec)
-    return rows_k.Reading(
+    return rows_kernels.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -269,7 +270,7 @@ def impacts_in(spec: PlantSpec, rows: np.ndarray) -> list[Impact]:
 def work_j(spec: PlantSpec, rows: np.ndarray, first: int) -> float:
     """Work of both forces on the plate over rows (10, steps) from `first` on, J."""
     work, speeds = np.empty((2, rows.shape[1]))
-    rows_k.plate_work(
+    rows_kernels.plate_work(
         modal_displacement(spec, rows), rows[XI_A], rows[V_P], rows[F_C], rows[F_A], rows[F_C1],
         rows[F_A1], first, spec.same_point, *_answers_at_once(spec), spec.step_s, speeds, work,
     )  # fmt: skip

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant import actuator
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
 from hertzloop.plant.plant import Plant, PlantSpec, air_eta, common_fields
-from hertzloop.plant.schemes import collocation_kernels as modal_k
+from hertzloop.plant.schemes import collocation_kernels
+from hertzloop.plant.state_kernels import BALANCE_SIZE, COUNTS_SIZE, CURVE, DEEPEST, ROWS
 from hertzloop.plant.structures.modes import Oscillators
 
 _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
@@ -135,7 +135,7 @@ def aligned(values: np.ndarray) -> np.ndarray:
     return placed
 
 
-def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel:
+def build_model(spec: PlantSpec, modes: Oscillators) -> collocation_kernels.CollocationModel:
     """Coefficients of one step for every oscillator."""
     h, m = spec.step_s, spec.sphere.mass_kg
     scale = modes.scale_per_kg
@@ -186,37 +186,38 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
     # Means from z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
     back = phi(1, -x)
     columns = {
-        modal_k.ROT_RE: turn.real,
-        modal_k.ROT_IM: turn.imag,
-        modal_k.C0_RE: drive_c * constant.real,
-        modal_k.C0_IM: drive_c * constant.imag,
-        modal_k.C1_RE: drive_c * linear.real,
-        modal_k.C1_IM: drive_c * linear.imag,
-        modal_k.OUT: weight_c / theta,
-        modal_k.MEAN_RE: back.real * weight_c / theta,
-        modal_k.MEAN_IM: back.imag * weight_c / theta,
-        modal_k.THETA: theta,
-        modal_k.A_RE: drive_a * constant.real,
-        modal_k.A_IM: drive_a * constant.imag,
-        modal_k.B_C: weight_c,
-        modal_k.B_A: weight_a / theta,
-        modal_k.A1_RE: drive_a * linear.real,
-        modal_k.A1_IM: drive_a * linear.imag,
-        modal_k.MEAN_A_RE: back.real * weight_a / theta,
-        modal_k.MEAN_A_IM: back.imag * weight_a / theta,
-        modal_k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
+        collocation_kernels.ROT_RE: turn.real,
+        collocation_kernels.ROT_IM: turn.imag,
+        collocation_kernels.C0_RE: drive_c * constant.real,
+        collocation_kernels.C0_IM: drive_c * constant.imag,
+        collocation_kernels.C1_RE: drive_c * linear.real,
+        collocation_kernels.C1_IM: drive_c * linear.imag,
+        collocation_kernels.OUT: weight_c / theta,
+        collocation_kernels.MEAN_RE: back.real * weight_c / theta,
+        collocation_kernels.MEAN_IM: back.imag * weight_c / theta,
+        collocation_kernels.THETA: theta,
+        collocation_kernels.A_RE: drive_a * constant.real,
+        collocation_kernels.A_IM: drive_a * constant.imag,
+        collocation_kernels.B_C: weight_c,
+        collocation_kernels.B_A: weight_a / theta,
+        collocation_kernels.A1_RE: drive_a * linear.real,
+        collocation_kernels.A1_IM: drive_a * linear.imag,
+        collocation_kernels.MEAN_A_RE: back.real * weight_a / theta,
+        collocation_kernels.MEAN_A_IM: back.imag * weight_a / theta,
+        collocation_kernels.ENERGY: 1.0
+        / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     damped = bool(np.any(np.asarray(modes.eta) > 0.0))
     lost: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] = ({}, {})
     if damped:
-        lost = _losses(s, rho, h, scale, columns[modal_k.ENERGY], drive_c, drive_a)
+        lost = _losses(s, rho, h, scale, columns[collocation_kernels.ENERGY], drive_c, drive_a)
         columns |= lost[0]
         for index, value in lost[1].items():
             gains[index] = np.sum(value)
     table = aligned(
-        np.stack([columns.get(i, np.zeros_like(theta)) for i in range(modal_k.COLUMNS)])
+        np.stack([columns.get(i, np.zeros_like(theta)) for i in range(collocation_kernels.COLUMNS)])
     )
-    return modal_k.CollocationModel(
+    return collocation_kernels.CollocationModel(
         step_s=h,
         flexibility_m_n=flexibility,
         same_point=same,
@@ -243,7 +244,7 @@ def _of_contact(spec: PlantSpec) -> dict[str, Any]:
 def _probe(
     modes: Oscillators, same: bool, rho: float | np.ndarray, drive_c: np.ndarray,
     drive_a: np.ndarray, constant: np.ndarray, linear: np.ndarray,
-) -> modal_k.Probe | None:  # fmt: skip
+) -> collocation_kernels.Probe | None:  # fmt: skip
     """How a sensor elsewhere sees the oscillators, None of one at the contact; `constant` and
     `linear`: change of z by unit forces."""
     if modes.sensor is None:
@@ -253,7 +254,7 @@ def _probe(
     def by(drive: np.ndarray, z: np.ndarray) -> float:
         return float(np.sum(weight * drive * (z.real - rho * z.imag)))
 
-    return modal_k.Probe(
+    return collocation_kernels.Probe(
         aligned(weight), by(drive_c, constant), by(drive_c, linear), by(drive_a, constant),
         by(drive_a, linear),
     )  # fmt: skip
@@ -262,7 +263,7 @@ def _probe(
 def _air(
     spec: PlantSpec, modes: Oscillators, gains: np.ndarray, table: np.ndarray,
     columns: dict[int, np.ndarray], sums: dict[int, np.ndarray],
-) -> modal_k.Air | None:  # fmt: skip
+) -> collocation_kernels.Air | None:  # fmt: skip
     """The share of the losses that goes into air, None where no face radiates."""
     if not spec.radiating_faces:
         return None
@@ -270,13 +271,15 @@ def _air(
     gains, table = gains.copy(), table.copy()
     for index, column in columns.items():
         table[index] = share * column
-    table[modal_k.ENERGY] *= share
+    table[collocation_kernels.ENERGY] *= share
     for index, value in sums.items():
         gains[index] = np.sum(share * value)
-    return modal_k.Air(gains, table)
+    return collocation_kernels.Air(gains, table)
 
 
-def with_contact(model: modal_k.CollocationModel, spec: PlantSpec) -> modal_k.CollocationModel:
+def with_contact(
+    model: collocation_kernels.CollocationModel, spec: PlantSpec
+) -> collocation_kernels.CollocationModel:
     """Return the model of the same structure with the sphere and the contact of `spec`.
 
     The result has the same bits as `build_model`, in a fraction of the time: the columns of the
@@ -369,13 +372,18 @@ def _losses(
         return np.asarray(twice * factor * integrals[one, other])
 
     columns = {
-        modal_k.LOSS_RR: product("R", "R"), modal_k.LOSS_RI: product("R", "I"),
-        modal_k.LOSS_II: product("I", "I"),
-        modal_k.LOSS_R0: product("R", "0"), modal_k.LOSS_I0: product("I", "0"),
-        modal_k.LOSS_R1: product("R", "1"), modal_k.LOSS_I1: product("I", "1"),
-        modal_k.LOSS_RA: product("R", "A"), modal_k.LOSS_IA: product("I", "A"),
-        modal_k.LOSS_RB: product("R", "B"), modal_k.LOSS_IB: product("I", "B"),
-    }  # fmt: skip
+        collocation_kernels.LOSS_RR: product("R", "R"),
+        collocation_kernels.LOSS_RI: product("R", "I"),
+        collocation_kernels.LOSS_II: product("I", "I"),
+        collocation_kernels.LOSS_R0: product("R", "0"),
+        collocation_kernels.LOSS_I0: product("I", "0"),
+        collocation_kernels.LOSS_R1: product("R", "1"),
+        collocation_kernels.LOSS_I1: product("I", "1"),
+        collocation_kernels.LOSS_RA: product("R", "A"),
+        collocation_kernels.LOSS_IA: product("I", "A"),
+        collocation_kernels.LOSS_RB: product("R", "B"),
+        collocation_kernels.LOSS_IB: product("I", "B"),
+    }
     sums = {
         elastic.LOSS_00: product("0", "0"),
         elastic.LOSS_01: product("0", "1"),
@@ -394,22 +402,22 @@ def _losses(
 class CollocationPlant(Plant):
     """The default scheme `modal`: order 4, energy to rounding, driven by its kernels' `step`."""
 
-    kernels: Any = modal_k
+    kernels: Any = collocation_kernels
 
-    def _build_model(self) -> modal_k.CollocationModel:
+    def _build_model(self) -> collocation_kernels.CollocationModel:
         return build_model(self.spec, self.modes)
 
-    def _empty_state(self) -> modal_k.CollocationState:
+    def _empty_state(self) -> collocation_kernels.CollocationState:
         modes = self.model.table.shape[1]
-        state = modal_k.CollocationState(
+        state = collocation_kernels.CollocationState(
             z=aligned(np.zeros((2, modes))),
             free=aligned(np.zeros((2, modes))),
-            body=np.zeros(modal_k.BODY_SIZE),
-            balance=np.zeros(pk.BALANCE_SIZE),
-            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+            body=np.zeros(collocation_kernels.BODY_SIZE),
+            balance=np.zeros(BALANCE_SIZE),
+            counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[pk.ROWS] = modes
+        state.counts[ROWS] = modes
         law = self.model.law
         if law is not None:
-            state.body[pk.DEEPEST], state.body[pk.CURVE] = law.delta_m, self.model.stiffness
+            state.body[DEEPEST], state.body[CURVE] = law.delta_m, self.model.stiffness
         return state

@@ -26,10 +26,37 @@ from numba.extending import overload
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import apart, by_type, nothing, zero
 from hertzloop.plant import actuator_kernels as act
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.contact import tail_kernels
 from hertzloop.plant.contact import yielding_kernels as yielding
+from hertzloop.plant.state_kernels import (
+    A_P,
+    A_S,
+    AIR,
+    AWAY_M,
+    F_A,
+    F_A1,
+    F_C,
+    F_C1,
+    FREE_SINCE,
+    INJECTED,
+    LOOK_EVERY,
+    MODAL_DISSIPATED,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    PLASTIC_DISSIPATED,
+    ROWS,
+    SILENT_M,
+    STEP,
+    V_P,
+    V_P_OF_STEP,
+    V_S,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
 
 # Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
 # and a unit P(t) at the contact; A: by a constant force at the actuator; OUT, B_A: displacement
@@ -47,8 +74,10 @@ COLUMNS = 30
 # displacement at the actuator by the modes alone, energy stored in the contact (J), what the
 # actuator bends the spring of the modes left out by (m), `swing` of `propagate_same_point`
 # (m s; known after steps with force), F_C1 of the step before the last (N).
-MODAL_X, MODAL_V, MODAL_Y, STORED, OWN, SWING, F_C1_BEFORE = range(pk.BODY_SIZE, pk.BODY_SIZE + 7)
-BODY_SIZE = pk.BODY_SIZE + 7
+MODAL_X, MODAL_V, MODAL_Y, STORED, OWN, SWING, F_C1_BEFORE = range(
+    state_kernels.BODY_SIZE, state_kernels.BODY_SIZE + 7
+)
+BODY_SIZE = state_kernels.BODY_SIZE + 7
 
 
 class CollocationState(NamedTuple):
@@ -131,8 +160,8 @@ def _probed(probe, model, z, awake):
 def _noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
     speed = drift + probe.by_a0 * f_a + probe.by_a1 * f_a1
     speed -= probe.by_c0 * f_c + probe.by_c1 * f_c1
-    body[pk.A_S] = (speed - body[pk.V_S]) / model.step_s
-    body[pk.V_S] = speed
+    body[A_S] = (speed - body[V_S]) / model.step_s
+    body[V_S] = speed
 
 
 # Velocity there after a step without forces, and its value and mean acceleration with them.
@@ -286,7 +315,7 @@ def _dissipated_in_step(model, state, g, table, f0, f1, f_a):
     if f_a != 0.0:
         lost += f_a * weighted(count, state.z, table[LOSS_RA], table[LOSS_IA])
     if act.has_slope(model.actuator) and not model.same_point:
-        slope = state.body[pk.F_A1]
+        slope = state.body[F_A1]
         by_slope = weighted(count, state.z, table[LOSS_RB], table[LOSS_IB])
         by_slope += g[elastic.LOSS_0B] * f0 + g[elastic.LOSS_1B] * f1 + g[elastic.LOSS_AB] * f_a
         lost += slope * (by_slope + g[elastic.LOSS_BB] * slope)
@@ -310,7 +339,7 @@ def _dissipated_in_flight(model, state, table, steps):
         er = size * math.cos(th * duration)
         ei = size * math.sin(th * duration)
         yr, yi = state.free[0, i] / th, state.free[1, i] / th
-        lost += table[ENERGY, i] * pk.dissipation(th, rho, duration, yr, yi, er, ei)
+        lost += table[ENERGY, i] * state_kernels.dissipation(th, rho, duration, yr, yi, er, ei)
     return lost
 
 
@@ -335,9 +364,9 @@ def forces_on_plate(model, state):
     body = state.body
     if model.same_point:
         if act.has_slope(model.actuator):
-            return body[pk.F_A] - body[pk.F_C], body[pk.F_A1] - body[pk.F_C1], 0.0
-        return body[pk.F_A] - body[pk.F_C], -body[pk.F_C1], 0.0
-    return -body[pk.F_C], -body[pk.F_C1], body[pk.F_A]
+            return body[F_A] - body[F_C], body[F_A1] - body[F_C1], 0.0
+        return body[F_A] - body[F_C], -body[F_C1], 0.0
+    return -body[F_C], -body[F_C1], body[F_A]
 
 
 @kernel(inline=True)
@@ -345,15 +374,15 @@ def unforced(model, state, f0, f1, f_a):
     """Whether none of the last step's forces acted."""
     quiet = f0 == 0.0 and f1 == 0.0 and f_a == 0.0
     if act.has_slope(model.actuator):
-        return quiet and state.body[pk.F_A1] == 0.0
+        return quiet and state.body[F_A1] == 0.0
     return quiet
 
 
 @kernel(inline=True)
 def _book_flight(model, state, steps):
     """Book what the modes lost in `steps` steps without force since the snapshot."""
-    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
-    state.balance[pk.AIR] += _to_air_in_flight(model.air, model, state, steps)
+    state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
+    state.balance[AIR] += _to_air_in_flight(model.air, model, state, steps)
 
 
 @kernel(inline=True)
@@ -362,24 +391,24 @@ def settle_balance(model, state):
     if not model.damped:
         return
     counts = state.counts
-    step = counts[pk.STEP]
+    step = counts[STEP]
     f0, f1, f_a = forces_on_plate(model, state)
     quiet = unforced(model, state, f0, f1, f_a)
-    if quiet and counts[pk.FREE_SINCE] >= 0:
+    if quiet and counts[FREE_SINCE] >= 0:
         return
-    if counts[pk.FREE_SINCE] >= 0:
-        steps = step - 1 - counts[pk.FREE_SINCE]
+    if counts[FREE_SINCE] >= 0:
+        steps = step - 1 - counts[FREE_SINCE]
         _book_flight(model, state, steps)
-        counts[pk.FREE_SINCE] = -1
-    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_step(
+        counts[FREE_SINCE] = -1
+    state.balance[MODAL_DISSIPATED] += _dissipated_in_step(
         model, state, model.gains, model.table, f0, f1, f_a
     )
-    state.balance[pk.AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
+    state.balance[AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
     if quiet:
         for i in range(state.z.shape[1]):
             state.free[0, i] = state.z[0, i]
             state.free[1, i] = state.z[1, i]
-        counts[pk.FREE_SINCE] = step
+        counts[FREE_SINCE] = step
 
 
 @kernel
@@ -396,8 +425,8 @@ def modal_energy(model, state):
             zr += table[A_RE, i] * f_a
             zi += table[A_IM, i] * f_a
             if act.has_slope(model.actuator):
-                zr += table[A1_RE, i] * state.body[pk.F_A1]
-                zi += table[A1_IM, i] * state.body[pk.F_A1]
+                zr += table[A1_RE, i] * state.body[F_A1]
+                zi += table[A1_IM, i] * state.body[F_A1]
         speed = zr - rho * zi
         total += table[ENERGY, i] * (speed * speed + (1.0 + rho * rho) * zi * zi)
     return total
@@ -407,10 +436,10 @@ def modal_energy(model, state):
 def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step. Returns the
     `modal_energy` then, J."""
-    if model.damped and state.counts[pk.STEP] > 0:
+    if model.damped and state.counts[STEP] > 0:
         settle_balance(model, state)
-        if state.counts[pk.FREE_SINCE] >= 0:
-            flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
+        if state.counts[FREE_SINCE] >= 0:
+            flight = state.counts[STEP] - state.counts[FREE_SINCE]
             _book_flight(model, state, flight)
     return modal_energy(model, state)
 
@@ -437,12 +466,12 @@ def yields(model):
 def _silence(state):
     """Leave out the modes of highest frequency that have died away, as in
     `discrete_gradient_kernels`."""
-    n = state.counts[pk.ROWS]
-    while n > 0 and abs(state.z[0, n - 1]) + abs(state.z[1, n - 1]) <= pk.SILENT_M:
+    n = state.counts[ROWS]
+    while n > 0 and abs(state.z[0, n - 1]) + abs(state.z[1, n - 1]) <= SILENT_M:
         n -= 1
         state.z[0, n] = 0.0
         state.z[1, n] = 0.0
-    state.counts[pk.ROWS] = n
+    state.counts[ROWS] = n
 
 
 @kernel(inline=True)
@@ -465,13 +494,13 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
             contact = elastic.contact_of(model, model.stiffness)
             by_gap = yielding.slope(model.law, contact, body, gap, root, sphere_v < speed)
             speed -= spring * by_gap * (sphere_v - speed)
-    body[pk.V_P_OF_STEP] = body[pk.V_P]
-    body[pk.A_P] = (speed - body[pk.V_P]) / h
-    body[pk.XI] = sphere - plate
-    body[pk.XI_S] = sphere
-    body[pk.XI_P] = plate
-    body[pk.V_P] = speed
-    body[pk.XI_A] = plate if model.same_point else body[MODAL_Y]
+    body[V_P_OF_STEP] = body[V_P]
+    body[A_P] = (speed - body[V_P]) / h
+    body[XI] = sphere - plate
+    body[XI_S] = sphere
+    body[XI_P] = plate
+    body[V_P] = speed
+    body[XI_A] = plate if model.same_point else body[MODAL_Y]
 
 
 @kernel(inline=True)
@@ -480,11 +509,11 @@ def _bend_own_spring(model, state, gap, own):
     (m), at once; energy in the contact then (J), at the modal gap `gap`."""
     before = state.body[STORED]
     if own != state.body[OWN]:
-        taken = state.balance[pk.PLASTIC_DISSIPATED]
+        taken = state.balance[PLASTIC_DISSIPATED]
         contact = elastic.contact_of(model, model.stiffness)
         after = yielding.settle(model.law, contact, state, gap, 0.0)[1]
-        taken = state.balance[pk.PLASTIC_DISSIPATED] - taken
-        state.balance[pk.INJECTED] += (after - before) + taken
+        taken = state.balance[PLASTIC_DISSIPATED] - taken
+        state.balance[INJECTED] += (after - before) + taken
         return after
     return before
 
@@ -493,7 +522,7 @@ def _bend_own_spring(model, state, gap, own):
 def step(model, state, command):
     """Advance one step under a commanded actuator force (N); returns the mean contact force (N)."""
     body, counts, g, h = state.body, state.counts, model.gains, model.step_s
-    if counts[pk.STEP] > 0:
+    if counts[STEP] > 0:
         settle_balance(model, state)
     f0, f1, f_act = forces_on_plate(model, state)
     quiet = unforced(model, state, f0, f1, f_act)
@@ -502,10 +531,10 @@ def step(model, state, command):
     sloped = act.has_slope(model.actuator)
     pushed = f_a != 0.0 or (sloped and f_a1 != 0.0)
     if not quiet or pushed:
-        counts[pk.ROWS] = state.z.shape[1]
-    elif counts[pk.STEP] % pk.LOOK_EVERY == 0:
+        counts[ROWS] = state.z.shape[1]
+    elif counts[STEP] % LOOK_EVERY == 0:
         _silence(state)
-    awake = counts[pk.ROWS]
+    awake = counts[ROWS]
     swing = mean = 0.0
     drifts = quiet and model.same_point
     if drifts:
@@ -521,7 +550,7 @@ def step(model, state, command):
         y = x
     else:
         if sloped and not quiet:
-            fold_slope(awake, state.z, model.table, body[pk.F_A1])
+            fold_slope(awake, state.z, model.table, body[F_A1])
         x, v, mean, y = propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
     drifted = _probe(model.probe, model, state.z, awake)
     x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
@@ -534,7 +563,7 @@ def step(model, state, command):
         x += g[elastic.CA1] * f_a1
         v += g[elastic.VA1] * f_a1
     gravity = model.gravity_m_s2
-    sphere_0, before_v, sphere, sphere_v = pk.flight(model, body, counts)
+    sphere_0, before_v, sphere, sphere_v = state_kernels.flight(model, body, counts)
     # Modal gaps: without the spring of the modes left out, whose share of F_a is added.
     spring = model.flexibility_m_n if model.same_point else 0.0
     own = spring * f_a
@@ -544,8 +573,8 @@ def step(model, state, command):
         own_0, own_1 = own - bent, own + bent
     gap_0 = sphere_0 - body[MODAL_X] - own_0
     free = sphere - x - own_1
-    if pk.withdrawn(model.hand, counts):
-        gap_0 = free = pk.AWAY_M
+    if state_kernels.withdrawn(model.hand, counts):
+        gap_0 = free = AWAY_M
     slope_0 = h * (before_v - body[MODAL_V])
     slope = h * (sphere_v - v)
     if sloped:
@@ -561,7 +590,7 @@ def step(model, state, command):
     rest = -yielding.dent(model.law, body)
     contact = elastic.contact_of(model, model.stiffness)
     touches = gap_0 < rest or free < rest or (slope_0 < 0.0 < slope)
-    if pk.withdrawn(model.hand, counts):
+    if state_kernels.withdrawn(model.hand, counts):
         touches = False
     if drifts and (touches or pushed):
         mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
@@ -574,7 +603,7 @@ def step(model, state, command):
     if touches:
         free_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0 - mean - own
         # A good start for Newton: no jump between steps, the slope extrapolated.
-        guess1 = 2.0 * body[pk.F_C1] - body[F_C1_BEFORE]
+        guess1 = 2.0 * body[F_C1] - body[F_C1_BEFORE]
         f_c, f_c1, lost, evaluations, root = yielding.solve_contact(
             model.law,
             contact,
@@ -585,24 +614,24 @@ def step(model, state, command):
             slope,
             free_mean,
             before,
-            body[pk.F_C] + body[pk.F_C1] + guess1,
+            body[F_C] + body[F_C1] + guess1,
             guess1,
         )
-        counts[pk.NEWTON_TOTAL] += evaluations
-        counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], evaluations)
+        counts[NEWTON_TOTAL] += evaluations
+        counts[NEWTON_MAX] = max(counts[NEWTON_MAX], evaluations)
     if f_c != 0.0 or f_c1 != 0.0:
         x -= g[elastic.PX0] * f_c + g[elastic.PX1] * f_c1
         v -= g[elastic.PV0] * f_c + g[elastic.PV1] * f_c1
         y -= g[elastic.AC0] * f_c + g[elastic.AC1] * f_c1
-        sphere, sphere_v = pk.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
+        sphere, sphere_v = state_kernels.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
     y = x if model.same_point else y + g[elastic.AA] * f_a
     if sloped and not model.same_point:
         y += g[elastic.AA1] * f_a1
     modal_gap = sphere - x - own_1
-    if pk.withdrawn(model.hand, counts):
-        modal_gap = pk.AWAY_M
+    if state_kernels.withdrawn(model.hand, counts):
+        modal_gap = AWAY_M
     force_1, body[STORED], root = yielding.settle(model.law, contact, state, modal_gap, root)
-    state.balance[pk.INJECTED] += f_a * (y - body[MODAL_Y])
+    state.balance[INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
         if model.same_point:
             mean -= g[elastic.PM0] * f_c + g[elastic.PM1] * f_c1
@@ -612,7 +641,7 @@ def step(model, state, command):
             mean += g[elastic.MAA] * f_a + g[elastic.MAA1] * f_a1
             mean -= g[elastic.MAC0] * f_c + g[elastic.MAC1] * f_c1
         # Work of the slope, and of the contact on what the slope bends the spring by.
-        state.balance[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
+        state.balance[INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
     if tail_kernels.there(model.tail):
         push_0, push_1 = -f_c, -f_c1
@@ -629,13 +658,13 @@ def step(model, state, command):
     if sloped:
         body[SWING] += g[elastic.SWING1] * f_a1
     _observe(model, body, sphere, sphere_v, modal_gap, force_1, root, f_a, f_a1, push)
-    pk.withdraw(model.hand, model, state)
+    state_kernels.withdraw(model.hand, model, state)
     _note(model.probe, model, body, drifted, f_c, f_c1, f_a, f_a1)
-    body[pk.F_C] = f_c
-    body[F_C1_BEFORE] = body[pk.F_C1]
-    body[pk.F_C1] = f_c1
-    body[pk.F_A] = f_a
+    body[F_C] = f_c
+    body[F_C1_BEFORE] = body[F_C1]
+    body[F_C1] = f_c1
+    body[F_A] = f_a
     if sloped:
-        body[pk.F_A1] = f_a1
-    counts[pk.STEP] += 1
+        body[F_A1] = f_a1
+    counts[STEP] += 1
     return f_c

@@ -4,22 +4,44 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.plant import Plant, PlantSpec, common_fields
-from hertzloop.plant.schemes import discrete_gradient_kernels as gradient_k
+from hertzloop.plant.schemes import discrete_gradient_kernels
+from hertzloop.plant.schemes.discrete_gradient_kernels import (
+    A_IM,
+    A_RE,
+    B_A,
+    B_C,
+    C_IM,
+    C_RE,
+    COLUMNS,
+    ENERGY,
+    LANES,
+    LOSS_II,
+    LOSS_RI,
+    LOSS_RR,
+    ROT_IM,
+    ROT_RE,
+    SWING_A_IM,
+    SWING_A_RE,
+    SWING_C_IM,
+    SWING_C_RE,
+    THETA,
+)
+from hertzloop.plant.state_kernels import BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE, ROWS
 from hertzloop.plant.structures.modes import Oscillators
 
 
 def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
     """Fill up to whole rows of LANES."""
-    count = -(-len(values) // gradient_k.LANES)
-    padded = np.full(count * gradient_k.LANES, fill)
+    count = -(-len(values) // LANES)
+    padded = np.full(count * LANES, fill)
     padded[: len(values)] = values
-    return padded.reshape(count, gradient_k.LANES)
+    return padded.reshape(count, LANES)
 
 
-def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
+def build_model(spec: PlantSpec, modes: Oscillators) -> discrete_gradient_kernels.PlantModel:
     """Coefficients of one exact step for every oscillator (arrays: rows x LANES).
 
     Raises ValueError for loss factors that differ from mode to mode.
@@ -53,25 +75,25 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
     energy = 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c)))
     loss_rr, loss_ri, loss_ii = _loss_form(theta, rho, h, turn, energy)
     columns = {
-        gradient_k.ROT_RE: turn.real,
-        gradient_k.ROT_IM: turn.imag,
-        gradient_k.C_RE: drive_c * grown.real,
-        gradient_k.C_IM: drive_c * grown.imag,
-        gradient_k.THETA: theta,
-        gradient_k.A_RE: drive_a * grown.real,
-        gradient_k.A_IM: drive_a * grown.imag,
-        gradient_k.B_C: weight_c,
-        gradient_k.B_A: weight_a,
-        gradient_k.ENERGY: energy,
-        gradient_k.SWING_C_RE: drive_c * swing.real,
-        gradient_k.SWING_C_IM: drive_c * swing.imag,
-        gradient_k.SWING_A_RE: drive_a * swing.real,
-        gradient_k.SWING_A_IM: drive_a * swing.imag,
-        gradient_k.LOSS_RR: loss_rr,
-        gradient_k.LOSS_RI: loss_ri,
-        gradient_k.LOSS_II: loss_ii,
+        ROT_RE: turn.real,
+        ROT_IM: turn.imag,
+        C_RE: drive_c * grown.real,
+        C_IM: drive_c * grown.imag,
+        THETA: theta,
+        A_RE: drive_a * grown.real,
+        A_IM: drive_a * grown.imag,
+        B_C: weight_c,
+        B_A: weight_a,
+        ENERGY: energy,
+        SWING_C_RE: drive_c * swing.real,
+        SWING_C_IM: drive_c * swing.imag,
+        SWING_A_RE: drive_a * swing.real,
+        SWING_A_IM: drive_a * swing.imag,
+        LOSS_RR: loss_rr,
+        LOSS_RI: loss_ri,
+        LOSS_II: loss_ii,
     }
-    return gradient_k.PlantModel(
+    return discrete_gradient_kernels.PlantModel(
         step_s=h,
         same_point=same,
         damped=eta > 0.0,
@@ -83,9 +105,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
         speed_gain_cc=speed_gain(drive_c),
         speed_gain_ca=speed_gain(drive_a),
         # Padding divides by theta; with no drive it never moves.
-        table=np.stack(
-            [_rows(columns[c], float(c == gradient_k.THETA)) for c in range(gradient_k.COLUMNS)]
-        ),
+        table=np.stack([_rows(columns[c], float(c == THETA)) for c in range(COLUMNS)]),
         **common_fields(spec),
     )
 
@@ -97,7 +117,7 @@ def _loss_form(
 
     def lost(y_end: complex) -> np.ndarray:
         y = y_end / turn
-        terms = pk.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
+        terms = state_kernels.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
         return np.asarray(energy * terms)
 
     rr, ii = lost(1.0), lost(1.0j)
@@ -107,20 +127,20 @@ def _loss_form(
 class DiscreteGradientPlant(Plant):
     """Model and state of the second-order scheme, driven by its kernels' `step`."""
 
-    kernels: Any = gradient_k
+    kernels: Any = discrete_gradient_kernels
 
     def _build_model(self) -> Any:
         return build_model(self.spec, self.modes)
 
-    def _empty_state(self) -> gradient_k.PlantState:
+    def _empty_state(self) -> discrete_gradient_kernels.PlantState:
         rows = self.model.table.shape[1]
-        state = gradient_k.PlantState(
-            z=np.zeros((2, rows, gradient_k.LANES)),
-            free=np.zeros((2, rows, gradient_k.LANES)),
-            lanes=np.zeros((3, gradient_k.LANES)),
-            body=np.zeros(pk.BODY_SIZE),
-            balance=np.zeros(pk.BALANCE_SIZE),
-            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+        state = discrete_gradient_kernels.PlantState(
+            z=np.zeros((2, rows, LANES)),
+            free=np.zeros((2, rows, LANES)),
+            lanes=np.zeros((3, LANES)),
+            body=np.zeros(BODY_SIZE),
+            balance=np.zeros(BALANCE_SIZE),
+            counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[pk.ROWS] = rows
+        state.counts[ROWS] = rows
         return state

@@ -18,7 +18,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
+from hertzloop.plant.state_kernels import (
+    A_P,
+    CONTACT_DISSIPATED,
+    CONTACT_IMPULSE,
+    CONTACT_STEPS,
+    F_A,
+    F_C,
+    FLIGHT_STEP,
+    FLIGHT_V,
+    FLIGHT_X,
+    FREE_SINCE,
+    INJECTED,
+    LOOK_EVERY,
+    MODAL_DISSIPATED,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    ROWS,
+    SILENT_M,
+    STEP,
+    V_P,
+    V_P_OF_STEP,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
 
 LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 rows
 
@@ -121,7 +147,7 @@ def _propagate_two_points(model, state, f_contact, f_actuator):
         v_lanes[j] = 0.0
         y_lanes[j] = 0.0
     rho, z, table = model.rho, state.z, model.table
-    for i in range(state.counts[pk.ROWS]):
+    for i in range(state.counts[ROWS]):
         zr, zi, er, ei = z[0, i], z[1, i], table[ROT_RE, i], table[ROT_IM, i]
         cr, ci, ar, ai = table[C_RE, i], table[C_IM, i], table[A_RE, i], table[A_IM, i]
         bc, ba, th = table[B_C, i], table[B_A, i], table[THETA, i]
@@ -172,7 +198,7 @@ def _dissipated_in_flight(model, state, steps):
             size = math.exp(-model.rho * th * duration)
             er = size * math.cos(th * duration)
             ei = size * math.sin(th * duration)
-            lost += model.table[ENERGY, i, j] * pk.dissipation(
+            lost += model.table[ENERGY, i, j] * state_kernels.dissipation(
                 th, model.rho, duration, state.free[0, i, j], state.free[1, i, j], er, ei
             )
     return lost
@@ -184,31 +210,31 @@ def settle_balance(model, state):
     if not model.damped:
         return
     counts = state.counts
-    step = counts[pk.STEP]
+    step = counts[STEP]
     f_contact, f_actuator = _forces_on_plate(model, state)
     quiet = f_contact == 0.0 and f_actuator == 0.0
-    if quiet and counts[pk.FREE_SINCE] != _NOT_FREE:
+    if quiet and counts[FREE_SINCE] != _NOT_FREE:
         return
-    if counts[pk.FREE_SINCE] != _NOT_FREE:
-        state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(
-            model, state, step - 1 - counts[pk.FREE_SINCE]
+    if counts[FREE_SINCE] != _NOT_FREE:
+        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(
+            model, state, step - 1 - counts[FREE_SINCE]
         )
-        counts[pk.FREE_SINCE] = _NOT_FREE
-    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
+        counts[FREE_SINCE] = _NOT_FREE
+    state.balance[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
     if quiet:
         for i in range(state.z.shape[1]):
             for j in range(LANES):
                 state.free[0, i, j] = state.z[0, i, j]
                 state.free[1, i, j] = state.z[1, i, j]
-        counts[pk.FREE_SINCE] = step
+        counts[FREE_SINCE] = step
 
 
 @kernel
 def _forces_on_plate(model, state):
     """Forces of the last step, up on the plate: at the contact, at a separate actuator."""
     if model.same_point:
-        return state.body[pk.F_A] - state.body[pk.F_C], 0.0
-    return -state.body[pk.F_C], state.body[pk.F_A]
+        return state.body[F_A] - state.body[F_C], 0.0
+    return -state.body[F_C], state.body[F_A]
 
 
 @kernel
@@ -234,33 +260,33 @@ def modal_energy(model, state):
 @kernel(inline=True)
 def contact_energy(model, state):
     """Energy stored in the contact at the present step, J."""
-    return 0.4 * model.stiffness * max(-state.body[pk.XI], 0.0) ** 2.5
+    return 0.4 * model.stiffness * max(-state.body[XI], 0.0) ** 2.5
 
 
 @kernel
 def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step. Returns the
     `modal_energy` then, J."""
-    if model.damped and state.counts[pk.STEP] > 0:
+    if model.damped and state.counts[STEP] > 0:
         settle_balance(model, state)
-        if state.counts[pk.FREE_SINCE] != _NOT_FREE:
-            flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
-            state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
+        if state.counts[FREE_SINCE] != _NOT_FREE:
+            flight = state.counts[STEP] - state.counts[FREE_SINCE]
+            state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
     return modal_energy(model, state)
 
 
 @kernel
 def _silence(state):
     """Leave out the rows of highest frequency that have died away."""
-    while state.counts[pk.ROWS] > 0:
-        i = state.counts[pk.ROWS] - 1
+    while state.counts[ROWS] > 0:
+        i = state.counts[ROWS] - 1
         for j in range(LANES):
-            if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > pk.SILENT_M:
+            if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > SILENT_M:
                 return
         for j in range(LANES):
             state.z[0, i, j] = 0.0
             state.z[1, i, j] = 0.0
-        state.counts[pk.ROWS] = i
+        state.counts[ROWS] = i
 
 
 @kernel
@@ -350,59 +376,59 @@ def solve_contact(model, xi0, xi_free, gain):
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the contact force (N)."""
     body, counts, h = state.body, state.counts, model.step_s
-    if counts[pk.STEP] > 0:
+    if counts[STEP] > 0:
         settle_balance(model, state)
     f_contact, f_actuator = _forces_on_plate(model, state)
     if f_contact != 0.0 or f_actuator != 0.0:
-        counts[pk.ROWS] = state.z.shape[1]
-    elif counts[pk.STEP] % pk.LOOK_EVERY == 0:
+        counts[ROWS] = state.z.shape[1]
+    elif counts[STEP] % LOOK_EVERY == 0:
         _silence(state)
     if model.same_point:
         x, v = _propagate_same_point(
-            counts[pk.ROWS], state.z, model.table, model.rho, f_contact, state.lanes
+            counts[ROWS], state.z, model.table, model.rho, f_contact, state.lanes
         )
         y = x
     else:
         x, v, y = _propagate_two_points(model, state, f_contact, f_actuator)
 
-    t = (counts[pk.STEP] + 1 - counts[pk.FLIGHT_STEP]) * h
+    t = (counts[STEP] + 1 - counts[FLIGHT_STEP]) * h
     g = model.gravity_m_s2
-    sphere = body[pk.FLIGHT_X] + t * (body[pk.FLIGHT_V] - 0.5 * g * t)
-    sphere_speed = body[pk.FLIGHT_V] - g * t
+    sphere = body[FLIGHT_X] + t * (body[FLIGHT_V] - 0.5 * g * t)
+    sphere_speed = body[FLIGHT_V] - g * t
     plate = x + model.gain_ca * f_a
     xi_free = sphere - plate
     f_c = 0.0
-    touches = body[pk.XI] <= 0.0 or xi_free < 0.0
-    if pk.withdrawn(model.hand, counts):
+    touches = body[XI] <= 0.0 or xi_free < 0.0
+    if state_kernels.withdrawn(model.hand, counts):
         touches = False
     if touches:
         ballistic = 0.5 * h * h / model.mass_kg
         f_c, f_damping, iterations = solve_contact(
-            model, body[pk.XI], xi_free, ballistic + model.gain_cc
+            model, body[XI], xi_free, ballistic + model.gain_cc
         )
-        counts[pk.NEWTON_TOTAL] += iterations
-        counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], iterations)
+        counts[NEWTON_TOTAL] += iterations
+        counts[NEWTON_MAX] = max(counts[NEWTON_MAX], iterations)
     if f_c != 0.0:
         plate -= model.gain_cc * f_c
         sphere += ballistic * f_c
-        body[pk.FLIGHT_X] = sphere
-        body[pk.FLIGHT_V] = sphere_speed + f_c * h / model.mass_kg
-        counts[pk.FLIGHT_STEP] = counts[pk.STEP] + 1
-        counts[pk.CONTACT_STEPS] += 1
-        state.balance[pk.CONTACT_IMPULSE] += f_c * h
-        state.balance[pk.CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[pk.XI])
+        body[FLIGHT_X] = sphere
+        body[FLIGHT_V] = sphere_speed + f_c * h / model.mass_kg
+        counts[FLIGHT_STEP] = counts[STEP] + 1
+        counts[CONTACT_STEPS] += 1
+        state.balance[CONTACT_IMPULSE] += f_c * h
+        state.balance[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
     speed = v + model.speed_gain_ca * f_a - model.speed_gain_cc * f_c
-    body[pk.V_P_OF_STEP] = body[pk.V_P]
+    body[V_P_OF_STEP] = body[V_P]
     actuator = y + model.gain_aa * f_a - model.gain_ac * f_c
-    state.balance[pk.INJECTED] += f_a * (actuator - body[pk.XI_A])
-    body[pk.A_P] = (speed - body[pk.V_P]) / h
-    body[pk.XI] = sphere - plate
-    body[pk.XI_S] = sphere
-    body[pk.XI_P] = plate
-    body[pk.V_P] = speed
-    body[pk.XI_A] = actuator
-    pk.withdraw(model.hand, model, state)
-    body[pk.F_C] = f_c
-    body[pk.F_A] = f_a
-    counts[pk.STEP] += 1
+    state.balance[INJECTED] += f_a * (actuator - body[XI_A])
+    body[A_P] = (speed - body[V_P]) / h
+    body[XI] = sphere - plate
+    body[XI_S] = sphere
+    body[XI_P] = plate
+    body[V_P] = speed
+    body[XI_A] = actuator
+    state_kernels.withdraw(model.hand, model, state)
+    body[F_C] = f_c
+    body[F_A] = f_a
+    counts[STEP] += 1
     return f_c

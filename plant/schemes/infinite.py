@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.plant import NO_MODES, Plant, PlantSpec, common_fields
-from hertzloop.plant.schemes import infinite_kernels as infinite_k
+from hertzloop.plant.schemes import infinite_kernels
+from hertzloop.plant.schemes.infinite_kernels import BODY_SIZE
+from hertzloop.plant.state_kernels import BALANCE_SIZE, COUNTS_SIZE
 from hertzloop.plant.structures.plate import Plate
 
 
@@ -24,7 +25,7 @@ def impedance_n_s_m(plate: Plate) -> float:
     return plate.infinite_plate_impedance_n_s_m * 0.5 * math.pi * c / math.atan2(2.0 * c, plate.eta)
 
 
-def build_model(spec: PlantSpec) -> infinite_k.InfiniteModel:
+def build_model(spec: PlantSpec) -> infinite_kernels.InfiniteModel:
     """Coefficients of one step. Raises ValueError when the actuator is not at the contact."""
     if not spec.same_point:
         raise ValueError("the infinite plate knows a force at the contact point only")
@@ -36,7 +37,7 @@ def build_model(spec: PlantSpec) -> infinite_k.InfiniteModel:
     gains[elastic.PM0], gains[elastic.PM1] = h / (2.0 * z), -h / (6.0 * z)
     gains[elastic.CA], gains[elastic.VA], gains[elastic.MA] = h / z, 1.0 / z, h / (2.0 * z)
     elastic.add_sphere(gains, h, m)
-    return infinite_k.InfiniteModel(
+    return infinite_kernels.InfiniteModel(
         step_s=h,
         flexibility_m_n=0.0,
         same_point=True,
@@ -53,7 +54,7 @@ class InfinitePlant(Plant):
     Raises ValueError when the actuator is not at the contact.
     """
 
-    kernels: Any = infinite_k
+    kernels: Any = infinite_kernels
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
@@ -61,12 +62,12 @@ class InfinitePlant(Plant):
         self.model = self._build_model()
         self.state = self._initial_state()
 
-    def _build_model(self) -> infinite_k.InfiniteModel:
+    def _build_model(self) -> infinite_kernels.InfiniteModel:
         return build_model(self.spec)
 
-    def _empty_state(self) -> infinite_k.InfiniteState:
-        return infinite_k.InfiniteState(
-            body=np.zeros(infinite_k.BODY_SIZE),
-            balance=np.zeros(pk.BALANCE_SIZE),
-            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+    def _empty_state(self) -> infinite_kernels.InfiniteState:
+        return infinite_kernels.InfiniteState(
+            body=np.zeros(BODY_SIZE),
+            balance=np.zeros(BALANCE_SIZE),
+            counts=np.zeros(COUNTS_SIZE, np.int64),
         )

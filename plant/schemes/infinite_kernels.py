@@ -11,11 +11,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.state_kernels import (
+    A_P,
+    AWAY_M,
+    F_A,
+    F_C,
+    F_C1,
+    INJECTED,
+    MODAL_DISSIPATED,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    STEP,
+    V_P,
+    V_P_OF_STEP,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
 
-STORED = pk.BODY_SIZE  # further index into the state's body: energy in the contact, J
-BODY_SIZE = pk.BODY_SIZE + 1
+STORED = state_kernels.BODY_SIZE  # further index into the state's body: energy in the contact, J
+BODY_SIZE = state_kernels.BODY_SIZE + 1
 
 
 class InfiniteModel(NamedTuple):
@@ -59,13 +77,13 @@ def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the mean contact force (N)."""
     body, counts, balance, g = state.body, state.counts, state.balance, model.gains
     h, gravity = model.step_s, model.gravity_m_s2
-    sphere_0, before_v, sphere, sphere_v = pk.flight(model, body, counts)
-    plate_0 = body[pk.XI_P]
+    sphere_0, before_v, sphere, sphere_v = state_kernels.flight(model, body, counts)
+    plate_0 = body[XI_P]
     plate = plate_0 + g[elastic.CA] * f_a
     gap_0 = sphere_0 - plate_0
     free = sphere - plate
-    if pk.withdrawn(model.hand, counts):
-        gap_0 = free = pk.AWAY_M
+    if state_kernels.withdrawn(model.hand, counts):
+        gap_0 = free = AWAY_M
     # The plate's velocity follows the force at once: at the start it is that under the new F_a.
     slope_0 = h * (before_v - plate_speed(model, gap_0, before_v, f_a))
     slope = h * (sphere_v - g[elastic.VA] * f_a)
@@ -74,12 +92,12 @@ def step(model, state, f_a):
     f_c1 = 0.0
     lost = 0.0
     touches = gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope)
-    if pk.withdrawn(model.hand, counts):
+    if state_kernels.withdrawn(model.hand, counts):
         touches = False
     if touches:
         sphere_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0
         free_mean = sphere_mean - plate_0 - g[elastic.MA] * f_a
-        guess1 = body[pk.F_C1]
+        guess1 = body[F_C1]
         f_c, f_c1, lost, evaluations, _ = elastic.solve_contact(
             contact,
             gap_0,
@@ -88,36 +106,34 @@ def step(model, state, f_a):
             slope,
             free_mean,
             body[STORED],
-            body[pk.F_C] + 2.0 * guess1,
+            body[F_C] + 2.0 * guess1,
             guess1,
         )
-        counts[pk.NEWTON_TOTAL] += evaluations
-        counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], evaluations)
+        counts[NEWTON_TOTAL] += evaluations
+        counts[NEWTON_MAX] = max(counts[NEWTON_MAX], evaluations)
     if f_c != 0.0 or f_c1 != 0.0:
         plate -= g[elastic.PX0] * f_c + g[elastic.PX1] * f_c1
-        sphere, sphere_v = pk.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
+        sphere, sphere_v = state_kernels.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
     driven = f_a - f_c
-    balance[pk.MODAL_DISSIPATED] += (
-        h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
-    )
-    balance[pk.INJECTED] += f_a * (plate - plate_0)
+    balance[MODAL_DISSIPATED] += h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
+    balance[INJECTED] += f_a * (plate - plate_0)
     gap = sphere - plate
-    if pk.withdrawn(model.hand, counts):
-        gap = pk.AWAY_M
+    if state_kernels.withdrawn(model.hand, counts):
+        gap = AWAY_M
     body[STORED] = elastic.elastic(contact, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
-    body[pk.V_P_OF_STEP] = body[pk.V_P]
-    body[pk.A_P] = (speed - body[pk.V_P]) / h
-    body[pk.XI] = sphere - plate
-    body[pk.XI_S] = sphere
-    body[pk.XI_P] = plate
-    body[pk.XI_A] = plate
-    body[pk.V_P] = speed
-    pk.withdraw(model.hand, model, state)
-    body[pk.F_C] = f_c
-    body[pk.F_C1] = f_c1
-    body[pk.F_A] = f_a
-    counts[pk.STEP] += 1
+    body[V_P_OF_STEP] = body[V_P]
+    body[A_P] = (speed - body[V_P]) / h
+    body[XI] = sphere - plate
+    body[XI_S] = sphere
+    body[XI_P] = plate
+    body[XI_A] = plate
+    body[V_P] = speed
+    state_kernels.withdraw(model.hand, model, state)
+    body[F_C] = f_c
+    body[F_C1] = f_c1
+    body[F_A] = f_a
+    counts[STEP] += 1
     return f_c
 
 
@@ -144,5 +160,5 @@ def pulse(model, state, force, gap):
     """Step without control; force up on the plate (N) and gap (m) after every step."""
     for i in range(force.size):
         step(model, state, 0.0)
-        force[i] = model.impedance_n_s_m * state.body[pk.V_P]
-        gap[i] = state.body[pk.XI]
+        force[i] = model.impedance_n_s_m * state.body[V_P]
+        gap[i] = state.body[XI]

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from hertzloop.common.jit.by_type import by_type, no
-from hertzloop.plant.schemes import infinite_kernels as infinite_k
+from hertzloop.plant.schemes import infinite_kernels
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def supporting(capability: str) -> str:
 
 
 _MODELS = {row.model_class: row.kernels for row in SCHEMES.values()}
-_MODELS[infinite_k.InfiniteModel] = infinite_k
+_MODELS[infinite_kernels.InfiniteModel] = infinite_kernels
 # Advance one step: model, state, commanded actuator force (N) -> contact force (N).
 step = by_type({model: kernels.step for model, kernels in _MODELS.items()})
 

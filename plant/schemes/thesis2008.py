@@ -10,12 +10,35 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import Contact, Damping
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance
-from hertzloop.plant.schemes import thesis2008_kernels as thesis_k
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.schemes import thesis2008_kernels
+from hertzloop.plant.schemes.thesis2008_kernels import (
+    ADVANCE,
+    BETA,
+    COUNTS_SIZE,
+    GAMMA,
+    MOTION_SIZE,
+    NEXT_IMPACT,
+    REL_V,
+    RELAXATION,
+    RELAXATION_STATE,
+    TOUCHING,
+    VISCOUS,
+)
+from hertzloop.plant.state_kernels import (
+    BALANCE_SIZE,
+    BODY_SIZE,
+    FLIGHT_STEP,
+    FLIGHT_V,
+    FLIGHT_X,
+    GRAVITY_M_S2,
+    STEP,
+    V_P,
+    XI,
+    XI_S,
+)
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
@@ -76,9 +99,9 @@ def relative_speed_m_s(xi: np.ndarray, impact_speed_m_s: float, step_s: float) -
     """
     v, a = -impact_speed_m_s, -GRAVITY_M_S2
     for change in np.diff(xi).tolist():
-        advanced = change / (thesis_k.ADVANCE * step_s) - v
-        a1 = (advanced / step_s - (0.5 - thesis_k.BETA) * a) / thesis_k.BETA
-        v += thesis_k.ADVANCE * step_s * ((1.0 - thesis_k.GAMMA) * a + thesis_k.GAMMA * a1)
+        advanced = change / (ADVANCE * step_s) - v
+        a1 = (advanced / step_s - (0.5 - BETA) * a) / BETA
+        v += ADVANCE * step_s * ((1.0 - GAMMA) * a + GAMMA * a1)
         a = a1
     return v
 
@@ -90,7 +113,7 @@ class ThesisPlant(Plant):
     damping is Hunt-Crossley's: the published scheme has neither.
     """
 
-    kernels: Any = thesis_k
+    kernels: Any = thesis2008_kernels
 
     def __init__(self, spec: PlantSpec, steps: int, most_iterations: int = NEWTON_ALLOWED) -> None:
         if not spec.same_point:
@@ -106,10 +129,10 @@ class ThesisPlant(Plant):
         self.model = self._build_model()
         self.state = self._initial_state()
 
-    def _build_model(self) -> thesis_k.ThesisModel:
+    def _build_model(self) -> thesis2008_kernels.ThesisModel:
         spec, contact = self.spec, self.spec.contact
         green_x, green_v, green_a = self._green
-        return thesis_k.ThesisModel(
+        return thesis2008_kernels.ThesisModel(
             step_s=spec.step_s,
             mass_kg=spec.sphere.mass_kg,
             gravity_m_s2=GRAVITY_M_S2,
@@ -125,48 +148,48 @@ class ThesisPlant(Plant):
             green_a=green_a,
         )
 
-    def _empty_state(self) -> thesis_k.ThesisState:
+    def _empty_state(self) -> thesis2008_kernels.ThesisState:
         steps = self._steps
-        memory = steps + 2 if self.model.damping != thesis_k.VISCOUS else 0
+        memory = steps + 2 if self.model.damping != VISCOUS else 0
         decay_s = self.model.relaxation_s or 1.0
-        return thesis_k.ThesisState(
-            body=np.zeros(pk.BODY_SIZE),
-            balance=np.zeros(pk.BALANCE_SIZE),
-            counts=np.zeros(thesis_k.COUNTS_SIZE, np.int64),
-            motion=np.zeros(thesis_k.MOTION_SIZE),
+        return thesis2008_kernels.ThesisState(
+            body=np.zeros(BODY_SIZE),
+            balance=np.zeros(BALANCE_SIZE),
+            counts=np.zeros(COUNTS_SIZE, np.int64),
+            motion=np.zeros(MOTION_SIZE),
             total=np.zeros(steps + 2),
             undamped=np.zeros(steps + 2),
             depth=np.zeros(steps + 2),
             decay=np.exp(-np.arange(memory) * self.model.step_s / decay_s),
         )
 
-    def _initial_state(self) -> thesis_k.ThesisState:
+    def _initial_state(self) -> thesis2008_kernels.ThesisState:
         state = self._empty_state()
         speed, h = self.spec.sphere.impact_speed_m_s, self.model.step_s
         lead = round(min(self.spec.lead_in_s, speed / GRAVITY_M_S2) / h)
-        state.counts[thesis_k.NEXT_IMPACT] = lead
-        state.body[pk.FLIGHT_V] = -speed
+        state.counts[NEXT_IMPACT] = lead
+        state.body[FLIGHT_V] = -speed
         if lead:
-            state.body[pk.FLIGHT_X] = lead * h * (speed - 0.5 * GRAVITY_M_S2 * lead * h)
-            state.body[pk.FLIGHT_V] = GRAVITY_M_S2 * lead * h - speed
-            state.body[pk.XI] = state.body[pk.XI_S] = state.body[pk.FLIGHT_X]
+            state.body[FLIGHT_X] = lead * h * (speed - 0.5 * GRAVITY_M_S2 * lead * h)
+            state.body[FLIGHT_V] = GRAVITY_M_S2 * lead * h - speed
+            state.body[XI] = state.body[XI_S] = state.body[FLIGHT_X]
         else:
-            thesis_k.begin_impact(self.model, state, 0, speed)
-        self._start = state.body[[pk.FLIGHT_X, pk.FLIGHT_V]].copy()
+            thesis2008_kernels.begin_impact(self.model, state, 0, speed)
+        self._start = state.body[[FLIGHT_X, FLIGHT_V]].copy()
         return state
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""
-        penetration = max(-float(self.state.body[pk.XI]), 0.0)
+        penetration = max(-float(self.state.body[XI]), 0.0)
         return float(0.4 * self.model.stiffness * penetration**2.5)
 
     def sphere_speed_m_s(self) -> float:
         """Speed of the sphere at the present step, up positive."""
         body, counts = self.state.body, self.state.counts
-        if counts[thesis_k.TOUCHING]:
-            return float(self.state.motion[thesis_k.REL_V] + body[pk.V_P])
-        flight_s = (counts[pk.STEP] - counts[pk.FLIGHT_STEP]) * self.model.step_s
-        return float(body[pk.FLIGHT_V] - GRAVITY_M_S2 * flight_s)
+        if counts[TOUCHING]:
+            return float(self.state.motion[REL_V] + body[V_P])
+        flight_s = (counts[STEP] - counts[FLIGHT_STEP]) * self.model.step_s
+        return float(body[FLIGHT_V] - GRAVITY_M_S2 * flight_s)
 
     def close_balance(self) -> Balance:
         """Balance of the run. `modal_dissipated_j` is all work on the plate: the published
@@ -184,9 +207,9 @@ class ThesisPlant(Plant):
 def _damping(contact: Contact) -> int:
     """Kernel's number of a contact damping."""
     if contact.damping in (Damping.NONE, Damping.VISCOUS):
-        return thesis_k.VISCOUS
+        return VISCOUS
     if contact.damping is Damping.RELAXATION:
-        return thesis_k.RELAXATION_STATE if contact.extra_state else thesis_k.RELAXATION
+        return RELAXATION_STATE if contact.extra_state else RELAXATION
     raise ValueError(
         f"contact damping {contact.damping.name.lower()} is not part of the scheme thesis2008; "
         "take none, viscous or relaxation"

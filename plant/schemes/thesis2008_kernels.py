@@ -21,7 +21,29 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
+from hertzloop.plant.state_kernels import (
+    A_P,
+    CONTACT_DISSIPATED,
+    CONTACT_IMPULSE,
+    CONTACT_STEPS,
+    F_A,
+    F_C,
+    FLIGHT_STEP,
+    FLIGHT_V,
+    FLIGHT_X,
+    INJECTED,
+    MODAL_DISSIPATED,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    STEP,
+    V_P,
+    V_P_OF_STEP,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
 
 ALPHA = -1.0 / 3.0
 ADVANCE = -ALPHA
@@ -36,8 +58,10 @@ VISCOUS, RELAXATION, RELAXATION_STATE = range(3)
 REL_V, REL_A, MEMORY, ELASTIC, DAMPING = range(5)
 MOTION_SIZE = 5
 # Further indices into ThesisState.counts, after those of the modal scheme.
-BEGAN, TOUCHING, NEXT_IMPACT, GAVE_UP = range(pk.COUNTS_SIZE, pk.COUNTS_SIZE + 4)
-COUNTS_SIZE = pk.COUNTS_SIZE + 4
+BEGAN, TOUCHING, NEXT_IMPACT, GAVE_UP = range(
+    state_kernels.COUNTS_SIZE, state_kernels.COUNTS_SIZE + 4
+)
+COUNTS_SIZE = state_kernels.COUNTS_SIZE + 4
 _HALVINGS = 200
 _NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
 _ROUNDING = 1e-15
@@ -207,9 +231,9 @@ def begin_impact(model, state, step, speed):
     motion[REL_V] = -speed
     motion[REL_A] = -model.gravity_m_s2
     state.depth[0] = 0.0
-    body[pk.XI] = body[pk.XI_S] = body[pk.XI_P] = body[pk.XI_A] = 0.0
-    body[pk.V_P] = body[pk.A_P] = 0.0
-    body[pk.FLIGHT_V] = -speed
+    body[XI] = body[XI_S] = body[XI_P] = body[XI_A] = 0.0
+    body[V_P] = body[A_P] = 0.0
+    body[FLIGHT_V] = -speed
 
 
 @kernel
@@ -221,9 +245,9 @@ def _end_impact(model, state, n, step):
         plate += model.green_v[j] * state.undamped[n - j]
     speed = state.motion[REL_V] + model.step_s * plate
     counts[TOUCHING] = 0
-    counts[pk.FLIGHT_STEP] = step
-    body[pk.FLIGHT_X] = body[pk.XI]
-    body[pk.FLIGHT_V] = speed
+    counts[FLIGHT_STEP] = step
+    body[FLIGHT_X] = body[XI]
+    body[FLIGHT_V] = speed
     # It falls back on a plate at rest; one that does not rise at all is hit at once.
     fall_steps = math.ceil(2.0 * speed / (model.gravity_m_s2 * model.step_s))
     counts[NEXT_IMPACT] = step + max(fall_steps, 1)
@@ -233,16 +257,16 @@ def _end_impact(model, state, n, step):
 def _fly(model, state):
     """One step without contact, over a plate at rest."""
     body, counts = state.body, state.counts
-    step = counts[pk.STEP] + 1
+    step = counts[STEP] + 1
     if step >= counts[NEXT_IMPACT]:
-        fall = 2.0 * model.gravity_m_s2 * body[pk.FLIGHT_X]
-        speed = math.sqrt(body[pk.FLIGHT_V] * body[pk.FLIGHT_V] + fall)
+        fall = 2.0 * model.gravity_m_s2 * body[FLIGHT_X]
+        speed = math.sqrt(body[FLIGHT_V] * body[FLIGHT_V] + fall)
         begin_impact(model, state, step, speed)
         return
-    t = (step - counts[pk.FLIGHT_STEP]) * model.step_s
-    height = body[pk.FLIGHT_X] + t * (body[pk.FLIGHT_V] - 0.5 * model.gravity_m_s2 * t)
-    body[pk.XI] = body[pk.XI_S] = max(height, _TOUCH_M)
-    body[pk.XI_P] = body[pk.XI_A] = body[pk.V_P] = body[pk.A_P] = 0.0
+    t = (step - counts[FLIGHT_STEP]) * model.step_s
+    height = body[FLIGHT_X] + t * (body[FLIGHT_V] - 0.5 * model.gravity_m_s2 * t)
+    body[XI] = body[XI_S] = max(height, _TOUCH_M)
+    body[XI_P] = body[XI_A] = body[V_P] = body[A_P] = 0.0
 
 
 @kernel
@@ -257,7 +281,7 @@ def _touch(model, state, n):
         plate_v += model.green_v[j] * state.undamped[n - j]
         plate_x += model.green_x[j] * state.undamped[n - j]
     a0, v0 = motion[REL_A], motion[REL_V]
-    x = body[pk.XI] + ADVANCE * (dt * v0 + dt * dt * (0.5 - BETA) * a0)
+    x = body[XI] + ADVANCE * (dt * v0 + dt * dt * (0.5 - BETA) * a0)
     w = v0 + ADVANCE * dt * (1.0 - GAMMA) * a0
     push = -model.gravity_m_s2 - dt * plate_a
     memory = 0.0
@@ -270,9 +294,9 @@ def _touch(model, state, n):
     if iterations < 0:
         counts[GAVE_UP] += 1
         iterations = -iterations
-    counts[pk.NEWTON_TOTAL] += iterations
-    counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], iterations)
-    counts[pk.CONTACT_STEPS] += 1
+    counts[NEWTON_TOTAL] += iterations
+    counts[NEWTON_MAX] = max(counts[NEWTON_MAX], iterations)
+    counts[CONTACT_STEPS] += 1
     _, _, xi, v, elastic, damping = _residual(model, a, x, w, push, memory)
     motion[REL_A] = a
     motion[REL_V] = v
@@ -281,21 +305,21 @@ def _touch(model, state, n):
     motion[ELASTIC] = elastic if touching else 0.0
     motion[DAMPING] = damping if touching else 0.0
     state.depth[n] = -xi if touching else 0.0
-    body[pk.XI] = xi
-    body[pk.XI_P] = body[pk.XI_A] = dt * plate_x
-    body[pk.XI_S] = xi + dt * plate_x
-    body[pk.V_P] = dt * (plate_v - model.green_v[0] * motion[ELASTIC])
-    body[pk.A_P] = dt * plate_a
+    body[XI] = xi
+    body[XI_P] = body[XI_A] = dt * plate_x
+    body[XI_S] = xi + dt * plate_x
+    body[V_P] = dt * (plate_v - model.green_v[0] * motion[ELASTIC])
+    body[A_P] = dt * plate_a
 
 
 @kernel
 def _book(model, state, f_a):
     """What the present sample's forces do over a step, at the velocities of the sample."""
     body, balance, motion, h = state.body, state.balance, state.motion, model.step_s
-    balance[pk.CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
-    balance[pk.CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
-    balance[pk.INJECTED] += f_a * body[pk.V_P_OF_STEP] * h
-    balance[pk.MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[pk.V_P_OF_STEP] * h
+    balance[CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
+    balance[CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
+    balance[INJECTED] += f_a * body[V_P_OF_STEP] * h
+    balance[MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[V_P_OF_STEP] * h
 
 
 @kernel
@@ -308,24 +332,24 @@ def step(model, state, f_a):
     on the plate.
     """
     body, counts, motion = state.body, state.counts, state.motion
-    present = counts[pk.STEP]
+    present = counts[STEP]
     force = 0.0
-    body[pk.V_P_OF_STEP] = body[pk.V_P]
+    body[V_P_OF_STEP] = body[V_P]
     if counts[TOUCHING] == 1:
-        body[pk.V_P_OF_STEP] += model.step_s * model.green_v[0] * f_a
+        body[V_P_OF_STEP] += model.step_s * model.green_v[0] * f_a
         n = present - counts[BEGAN]
         force = motion[ELASTIC] + motion[DAMPING]
         state.total[n] = f_a - force
         state.undamped[n] = f_a - motion[ELASTIC]
         _book(model, state, f_a)
-        if body[pk.XI] > 0.0:
+        if body[XI] > 0.0:
             _end_impact(model, state, n, present)
             _fly(model, state)
         else:
             _touch(model, state, n + 1)
     else:
         _fly(model, state)
-    body[pk.F_C] = force
-    body[pk.F_A] = f_a
-    counts[pk.STEP] = present + 1
+    body[F_C] = force
+    body[F_A] = f_a
+    counts[STEP] = present + 1
     return force

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hertzloop.controller import kernels as line_k
 from hertzloop.controller.controller import Controller, LineSpec, mean_latency_steps
+from hertzloop.controller.kernels import EMITTED
 from tests.controller.specs import LawSpec
 
 STEPS = 20_000
@@ -16,7 +16,7 @@ def simulated(line: LineSpec, every_steps: int, seed: int) -> float:
     bound = LawSpec("force_feedback", 1.0, gain=1.0).bound(1e-6)
     controller = Controller(bound, line, 1e-6, STEPS, every_steps, seed)
     controller.process(1.0 + np.arange(samples) * every_steps, look_ahead=False)
-    acting = controller.forces[: int(controller.line_state.counts[line_k.EMITTED])]
+    acting = controller.forces[: int(controller.line_state.counts[EMITTED])]
     step = np.arange(len(acting))
     begun = acting > 0.0
     age = step - (acting - 1.0) - 1.0 - 0.5 * (every_steps - 1)

@@ -158,7 +158,7 @@ from hertzloop.scene.loading import load
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES, step
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant.structures.registry import Description, structure
 from tests.plant.rigs import spec
 
@@ -180,8 +180,8 @@ for scheme, row in SCHEMES.items():
         plant = plant_at_start(each, scheme, 200)
         for _ in range(200):
             step(plant.model, plant.state, 0.0)
-        gaps.append(plant.state.body[pk.XI])
-        assert plant.state.counts[pk.CONTACT_STEPS] > 0
+        gaps.append(plant.state.body[state_kernels.XI])
+        assert plant.state.counts[state_kernels.CONTACT_STEPS] > 0
         assert abs(plant.close_balance().energy_residual) < 1e-12
     assert gaps[0] == gaps[1]
 """
@@ -191,7 +191,7 @@ from tests.hertzloop.with_lines import with_line
 
 with_line(
     "hertzloop.scene.quantities", '    "v_p": Sensed(',
-    '    "xi_p": Sensed("m", "sampled place of the plate", pk.XI_P, '
+    '    "xi_p": Sensed("m", "sampled place of the plate", state_kernels.XI_P, '
     'lambda e: _either_way(e.rigid_m), lambda t: -0.1 * t.gap_m),\\n',
 )
 from pathlib import Path

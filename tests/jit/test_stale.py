@@ -40,8 +40,8 @@ PUSHED = """
 from hertzloop.common.jit import kernel
 @kernel
 def pushed(model, state, f_a):
-    return infinite_k.step(model, state, f_a + 1.0)
-step = by_type({infinite_k.InfiniteModel: pushed})
+    return infinite_kernels.step(model, state, f_a + 1.0)
+step = by_type({infinite_kernels.InfiniteModel: pushed})
 """
 
 

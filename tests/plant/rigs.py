@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import discrete_gradient_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.state_kernels import BODY_SIZE, FLIGHT_V, FLIGHT_X, V_P, XI, XI_A, XI_P, XI_S
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.plant.structures.plate import Plate
 
@@ -63,12 +63,12 @@ def spec(
 def run(plant: Plant, steps: int, force: np.ndarray | None = None) -> Rows:
     """Step `plant` under the actuator forces `force` (none: zero)."""
     force = np.zeros(steps) if force is None else force
-    body, places = plant.state.body, np.empty((steps, pk.BODY_SIZE))
+    body, places = plant.state.body, np.empty((steps, BODY_SIZE))
     contact_force = np.empty(steps)
     for i in range(steps):
         places[i] = body
         contact_force[i] = k.step(plant.model, plant.state, force[i])
-    columns = (places[:, c] for c in (pk.XI, pk.XI_S, pk.XI_P, pk.V_P, pk.XI_A))
+    columns = (places[:, c] for c in (XI, XI_S, XI_P, V_P, XI_A))
     return Rows(*columns, contact_force, force[:steps])
 
 
@@ -81,6 +81,6 @@ def rigid(
     )
     plant.model = plant.model._replace(gravity_m_s2=0.0)
     body = plant.state.body
-    body[pk.FLIGHT_V] = -speed_m_s
-    body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 0.5 * step_s * speed_m_s
+    body[FLIGHT_V] = -speed_m_s
+    body[[FLIGHT_X, XI, XI_S]] = 0.5 * step_s * speed_m_s
     return plant

@@ -10,11 +10,11 @@ import pytest
 from scipy.linalg import eigh
 
 from hertzloop.plant import actuator_kernels as act
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import IDEAL, Actuator, build_model
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import ACTUATOR_F, BODY_SIZE, XI, XI_A
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 
@@ -36,7 +36,7 @@ def step_response(t: np.ndarray, bandwidth_hz: float, zeta: float) -> np.ndarray
 @pytest.mark.parametrize("bandwidth_hz", [1e3, 3e4, 3e5, 3e6])
 def test_step_response_is_the_closed_form(bandwidth_hz: float, zeta: float) -> None:
     model = build_model(Actuator(bandwidth_hz, zeta), H)
-    body = np.zeros(pk.BODY_SIZE)
+    body = np.zeros(BODY_SIZE)
     nodes, weights = np.polynomial.legendre.leggauss(60)
     for k in range(40):
         mean, slope = act.force(model, body, 1.0)
@@ -45,12 +45,12 @@ def test_step_response_is_the_closed_form(bandwidth_hz: float, zeta: float) -> N
         assert mean == pytest.approx(0.5 * weights @ exact, abs=1e-12)
         assert slope == pytest.approx(1.5 * weights @ (nodes * exact), abs=1e-12)
         end = step_response(np.array([H * (k + 1)]), bandwidth_hz, zeta)[0]
-        assert body[pk.ACTUATOR_F] == pytest.approx(end, abs=1e-12)
+        assert body[ACTUATOR_F] == pytest.approx(end, abs=1e-12)
 
 
 def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest() -> None:
     model = build_model(Actuator(1e5, force_limit_n=50.0), H)
-    body = np.zeros(pk.BODY_SIZE)
+    body = np.zeros(BODY_SIZE)
     assert act.force(model, body, 0.0) == (0.0, 0.0)
     act.force(model, body, 80.0)
     found = [act.force(model, body, 0.0) for _ in range(200)]
@@ -60,7 +60,7 @@ def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest() -> None:
 
 def test_force_is_limited_at_both_ends_of_every_step() -> None:
     random = np.random.default_rng(5)
-    model, body = build_model(Actuator(2e5, 0.3, force_limit_n=10.0), H), np.zeros(pk.BODY_SIZE)
+    model, body = build_model(Actuator(2e5, 0.3, force_limit_n=10.0), H), np.zeros(BODY_SIZE)
     found = np.array([act.force(model, body, c) for c in 30.0 * random.standard_normal(500)])
     ends = np.concatenate([found[:, 0] - found[:, 1], found[:, 0] + found[:, 1]])
     assert abs(ends).max() == pytest.approx(10.0, rel=1e-15)
@@ -74,7 +74,7 @@ def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
     found = np.empty(len(push))
     for i, command in enumerate(push):
         step(plant.model, plant.state, command)
-        found[i] = plant.state.body[pk.XI]
+        found[i] = plant.state.body[XI]
     return plant, found
 
 
@@ -143,7 +143,7 @@ def test_a_large_mass_pins_the_point() -> None:
     push = np.zeros(200)
     free, _ = gaps(what, push)
     pinned, _ = gaps(replace(what, actuator=Actuator(mass_kg=1e3)), push)
-    assert abs(pinned.state.body[pk.XI_A]) < 1e-4 * abs(free.state.body[pk.XI_A])
+    assert abs(pinned.state.body[XI_A]) < 1e-4 * abs(free.state.body[XI_A])
 
 
 FORCES = {

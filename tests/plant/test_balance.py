@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED, MODAL_DISSIPATED
 from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
 
@@ -78,11 +78,11 @@ def none(plant: Plant) -> None:
 
 
 def stronger_force(plant: Plant) -> None:
-    plant.state.body[pk.F_C] *= 1.0 + FAULT  # the plate feels another force than the sphere
+    plant.state.body[F_C] *= 1.0 + FAULT  # the plate feels another force than the sphere
 
 
 def moved_sphere(plant: Plant) -> None:
-    plant.state.body[pk.FLIGHT_V] *= 1.0 + FAULT
+    plant.state.body[FLIGHT_V] *= 1.0 + FAULT
 
 
 def moved_plate(plant: Plant) -> None:
@@ -98,11 +98,11 @@ def weaker_plate(plant: Plant) -> None:
 
 
 def less_dissipation(plant: Plant) -> None:
-    plant.state.balance[pk.MODAL_DISSIPATED] *= 1.0 - FAULT
+    plant.state.balance[MODAL_DISSIPATED] *= 1.0 - FAULT
 
 
 def forgotten_injection(plant: Plant) -> None:
-    plant.state.balance[pk.INJECTED] -= FAULT * abs(plant.state.balance[pk.INJECTED])
+    plant.state.balance[INJECTED] -= FAULT * abs(plant.state.balance[INJECTED])
 
 
 FAULTS = [
@@ -117,7 +117,7 @@ def test_a_fault_in_mid_contact_opens_the_balance(fault: Callable[[Plant], None]
     plant = DiscreteGradientPlant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)
     run(plant, 15, force[:15])
-    assert plant.state.body[pk.F_C] > 10.0
+    assert plant.state.body[F_C] > 10.0
     fault(plant)
     run(plant, 185, force[15:])
     balance = plant.close_balance()

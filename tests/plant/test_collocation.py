@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as hertz
 from hertzloop.plant.contact import elastic_kernels as solve
 from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
@@ -20,6 +19,7 @@ from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.collocation import CollocationPlant, flexibility_m_n
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import F_C, F_C1, V_P, XI
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
@@ -49,7 +49,7 @@ def gaps(plant: Plant, force: Callable[[int], float], steps: int) -> np.ndarray:
     found = np.empty(steps)
     for i in range(steps):
         step(plant.model, plant.state, force(i))
-        found[i] = plant.state.body[pk.XI]
+        found[i] = plant.state.body[XI]
     return found
 
 
@@ -162,7 +162,7 @@ def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
     plant = CollocationPlant(spec(loss_factor=0.05, lead_in_s=0.0))
     model, state = plant.model, plant.state
     gaps(plant, lambda _: push, 10)
-    f0, f1 = push - state.body[pk.F_C], -state.body[pk.F_C1]
+    f0, f1 = push - state.body[F_C], -state.body[F_C1]
     assert f0 != 0.0
     z, n = state.z.copy(), state.z.shape[1]
     swing = modes.propagate_same_point(model.slow, n, z, model.table, model.rho, f0, f1)[2]
@@ -218,8 +218,8 @@ def test_discrete_gradient_and_collocation_agree() -> None:
         step(one.model, one.state, 0.0)
         step(other.model, other.state, 0.0)
     a, b = one.state.body, other.state.body
-    assert a[pk.XI] == pytest.approx(b[pk.XI], abs=2e-5 * 1e-5)
-    assert a[pk.V_P] == pytest.approx(b[pk.V_P], abs=1e-4)
+    assert a[XI] == pytest.approx(b[XI], abs=2e-5 * 1e-5)
+    assert a[V_P] == pytest.approx(b[V_P], abs=1e-4)
 
 
 def test_phi_functions() -> None:

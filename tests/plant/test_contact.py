@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
@@ -18,6 +17,7 @@ from hertzloop.plant.contact.hertz import (
 )
 from hertzloop.plant.figures.impacts import impacts
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.scene.setup import load
 from tests.plant.rigs import rigid, run, spec
@@ -72,7 +72,7 @@ def rebound(restitution: float, step_s: float) -> float:
         step_s, Contact(STIFFNESS, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d), speed_m_s=SPEED
     )
     run(plant, round(120e-6 / step_s))  # the longest contact lasts 50 us
-    return float(plant.state.body[pk.FLIGHT_V] / SPEED)
+    return float(plant.state.body[FLIGHT_V] / SPEED)
 
 
 @pytest.mark.parametrize("restitution", RESTITUTIONS)
@@ -145,7 +145,7 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
 def test_the_faintest_touch_is_a_contact() -> None:
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
     plant = DiscreteGradientPlant(spec(loss_factor=0.0))
-    plant.state.body[[pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]] = 0.0
+    plant.state.body[[FLIGHT_X, FLIGHT_V, XI, XI_S]] = 0.0
     rows = run(plant, 50)
     assert np.all(np.diff(rows.xi) < 0.0)
     assert np.all(rows.f_c > 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError
@@ -61,7 +61,7 @@ def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
         x, v = x + v * H + 0.5 * a * H * H, v + a * H
     sphere = np.array(xs)
     held = np.array(forces[:-1])
-    found = [rows_k._sphere_speed(sphere, held, 0.0 * held, i, MASS, GRAVITY_M_S2, H)
+    found = [rows_kernels._sphere_speed(sphere, held, 0.0 * held, i, MASS, GRAVITY_M_S2, H)
              for i in range(len(held))]  # fmt: skip
     np.testing.assert_allclose(found, speeds[:-1], rtol=1e-13)
     plate = np.array([0.0, 0.0, 5.0, 2.0, 1.0])

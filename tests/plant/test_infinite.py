@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
@@ -19,7 +18,7 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.infinite import InfinitePlant, impedance_n_s_m
 from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.state_kernels import F_C, FLIGHT_V, GRAVITY_M_S2, V_P, XI
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -39,7 +38,7 @@ def run(plant, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]: 
     for i, f_a in enumerate(force):
         step(plant.model, plant.state, f_a)
         found[:, i] = (
-            plant.state.body[pk.XI], plant.sphere_speed_m_s(), plant.state.body[pk.V_P]
+            plant.state.body[XI], plant.sphere_speed_m_s(), plant.state.body[V_P]
         )  # fmt: skip
     return found[0], found[1], found[2]
 
@@ -113,7 +112,7 @@ def test_the_balance_closes_at_any_step(name: str, step_us: float) -> None:
 def test_a_fault_in_mid_contact_opens_the_balance(fault: str) -> None:
     plant = InfinitePlant(spec())
     run(plant, np.full(15, 10.0))
-    assert plant.state.body[pk.F_C] > 10.0
+    assert plant.state.body[F_C] > 10.0
     plant.model = plant.model._replace(**{fault: getattr(plant.model, fault) * 1.0001})
     run(plant, np.full(30, 10.0))
     assert abs(plant.close_balance().energy_residual) > 1e-8
@@ -129,7 +128,7 @@ def test_an_immovable_plate_is_rigid() -> None:
     out = int(np.flatnonzero(gap > 0.0)[0])
     crossing = out - gap[out] / (gap[out] - gap[out - 1])
     assert (crossing + 1.0) * 1e-7 == pytest.approx(lasts_s, rel=1e-5)
-    rebound = float(plant.state.body[pk.FLIGHT_V])
+    rebound = float(plant.state.body[FLIGHT_V])
     assert rebound == pytest.approx(sphere.impact_speed_m_s, rel=1e-9)
     assert abs(plate).max() < 1e-20
 

@@ -7,13 +7,22 @@ from itertools import product
 import numpy as np
 import pytest
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import (
+    DEEPEST,
+    DENT,
+    FLIGHT_STEP,
+    FLIGHT_V,
+    FLIGHT_X,
+    STEP,
+    XI,
+    XI_S,
+)
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -67,7 +76,7 @@ def test_restitution_of_a_massive_body(pressure_pa: float, restitution: float) -
     formula = math.sqrt(1.2 * math.sqrt(3.0)) * math.sqrt(1.0 - q * q / 6.0)
     formula *= (q / (q + 2.0 * math.sqrt(1.2 - q * q / 5.0))) ** 0.25
     assert formula == pytest.approx(restitution, abs=1e-5)
-    found = plant.state.body[pk.FLIGHT_V] / speed
+    found = plant.state.body[FLIGHT_V] / speed
     assert found == pytest.approx(restitution, abs=1e-4)
     balance = plant.close_balance()
     assert balance.dent_m > 0.0
@@ -86,14 +95,14 @@ def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, dampi
         places.append(np.empty(12))
         for i in range(12 * every):
             step(plant.model, plant.state, 0.0)
-            places[-1][i // every] = plant.state.body[pk.XI]
+            places[-1][i // every] = plant.state.body[XI]
     deepest = -places[-1].min()
     errors = [abs(p - places[-1]).max() / deepest for p in places[:-1]]
     orders = np.log2(np.divide(errors[:-1], errors[1:])) / 2.0
     print(errors, orders)
     assert orders.mean() > 3.6
     assert errors[1] < 5e-6
-    assert places[-1][-1] > -plant.state.body[pk.DENT]  # a whole contact
+    assert places[-1][-1] > -plant.state.body[DENT]  # a whole contact
 
 
 @pytest.mark.full
@@ -126,20 +135,20 @@ def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
     contact = soft(0.7e9)
     plant = moved(spec(contact=contact, material=IMMOVABLE, step_s=2.5e-7), 320)
     body, model = plant.state.body, plant.model
-    deepest, dent, taken = body[pk.DEEPEST], body[pk.DENT], plant.state.balance[4]
+    deepest, dent, taken = body[DEEPEST], body[DENT], plant.state.balance[4]
     assert dent > 1e-6
     # Sent down again, with less than what the first impact gave back.
-    sent = -0.9 * body[pk.FLIGHT_V]
+    sent = -0.9 * body[FLIGHT_V]
     counts = plant.state.counts
-    body[[pk.FLIGHT_X, pk.XI_S]] = 1e-7 - dent
-    body[pk.FLIGHT_V], counts[pk.FLIGHT_STEP] = sent, counts[pk.STEP]
+    body[[FLIGHT_X, XI_S]] = 1e-7 - dent
+    body[FLIGHT_V], counts[FLIGHT_STEP] = sent, counts[STEP]
     lowest, most = 0.0, 0.0
     for _ in range(400):
         most = max(most, step(model, plant.state, 0.0))
-        lowest = min(lowest, body[pk.XI])
-    assert body[pk.DEEPEST] == deepest
+        lowest = min(lowest, body[XI])
+    assert body[DEEPEST] == deepest
     assert plant.state.balance[4] == taken
-    assert body[pk.FLIGHT_V] == pytest.approx(-sent, rel=2e-5)
+    assert body[FLIGHT_V] == pytest.approx(-sent, rel=2e-5)
     law = yielding(Limit(0.7e9, RADIUS), STIFFNESS)
     at = force_n(law, STIFFNESS, np.array([-lowest]), np.array([deepest]))[0]
     assert most == pytest.approx(at, rel=5e-4)  # the mean of a step, not its peak
@@ -154,7 +163,7 @@ def test_twice_the_radius_at_the_same_speed_is_four_times_the_force() -> None:
         )
         plant = CollocationPlant(what)
         most = max(step(plant.model, plant.state, 0.0) for _ in range(80))
-        return most, plant.state.body[pk.DENT], plant.state.body[pk.FLIGHT_V]
+        return most, plant.state.body[DENT], plant.state.body[FLIGHT_V]
 
     one, two = found(1.0), found(2.0)
     assert two[0] == pytest.approx(4.0 * one[0], rel=2e-3)
@@ -170,5 +179,5 @@ def test_a_pressure_that_is_never_reached_is_hertz_to_the_bit() -> None:
         for _ in range(60):
             forces = [step(plant.model, plant.state, 0.0) for plant in (elastic, never)]
             assert forces[0] == forces[1]
-            assert elastic.state.body[pk.XI] == never.state.body[pk.XI]
+            assert elastic.state.body[XI] == never.state.body[XI]
         assert never.close_balance().dent_m == 0.0

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.model_order import expected_error
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.state_kernels import FLIGHT_X, GRAVITY_M_S2, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
@@ -158,7 +157,7 @@ def test_residual_flexibility_is_the_sum_over_the_modes_left_out(
 
 def flying(plant: Plant) -> Plant:
     """The sphere far above, so that the plate is alone."""
-    plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 1e3
+    plant.state.body[[FLIGHT_X, XI, XI_S]] = 1e3
     return plant
 
 

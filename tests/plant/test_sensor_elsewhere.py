@@ -12,10 +12,10 @@ from hertzloop.identification.fit.fit import _placed
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.records.records import Measured, Record, RecordError
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.state_kernels import A_S, F_C, FLIGHT_V, FLIGHT_X, V_P, V_S
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import check_buildable
@@ -37,7 +37,7 @@ def seen(setup: Setup, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     found = np.empty((2, len(forces)))
     for i, force in enumerate(forces):
         k.step(plant.model, plant.state, force)
-        found[:, i] = plant.state.body[[pk.V_S, pk.A_S]]
+        found[:, i] = plant.state.body[[V_S, A_S]]
     return found[0], found[1]
 
 
@@ -52,7 +52,7 @@ def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
     found = np.empty(len(forces))
     for i, force in enumerate(forces):
         k.step(plant.model, plant.state, force)
-        found[i] = plant.state.body[pk.V_P]
+        found[i] = plant.state.body[V_P]
     return found
 
 
@@ -101,7 +101,7 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say() -> None:
         velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
     plant = build_plant(setup)
     ts.series_under(plant, np.zeros(steps))
-    assert plant.state.body[pk.V_S] == pytest.approx(velocity, rel=1e-9)
+    assert plant.state.body[V_S] == pytest.approx(velocity, rel=1e-9)
 
 
 def without_springs(setup: Setup, limit_hz: float) -> PlantSpec:
@@ -215,9 +215,9 @@ def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
     mass = {"sensors.mass_kg": 0.003}
     (velocity, _), (expected, _) = (seen(s.vary(mass), FORCES) for s in (of_file, of_plate))
     assert np.abs(velocity - expected).max() < 5e-3 * np.abs(expected).max()
-    assert of_file.vary({"sensors.quantity": "contact_force"}).sensor.of_state == pk.F_C
+    assert of_file.vary({"sensors.quantity": "contact_force"}).sensor.of_state == F_C
     bare = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'bare.npz'}", *tail])
-    assert bare.sensor.of_state == pk.V_P
+    assert bare.sensor.of_state == V_P
     with pytest.raises(SceneError, match="Remove the key, and give the file a column shape_sensor"):
         of_file.vary({"sensors.point_m": [0.1, 0.1]})
 
@@ -260,9 +260,9 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
     plant, seen_m_s = build_plant(setup), np.empty(setup.steps)
     for i in range(setup.steps):
         k.step(plant.model, plant.state, 0.0)
-        seen_m_s[i] = plant.state.body[pk.V_S]
+        seen_m_s[i] = plant.state.body[V_S]
     after_s = np.linspace(2e-5, 4e-4, 30)
-    height, speed = plant.at_start().state.body[[pk.FLIGHT_X, pk.FLIGHT_V]]
+    height, speed = plant.at_start().state.body[[FLIGHT_X, FLIGHT_V]]
     lead_s = 2.0 * height / (setup.sphere.impact_speed_m_s - speed)  # the mean of both speeds
     at = (after_s + lead_s) / setup.step_s - 1.0  # a value is that at the end of a step
     expected = np.interp(at, np.arange(setup.steps), seen_m_s)

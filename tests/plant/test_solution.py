@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import discrete_gradient_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.state_kernels import FLIGHT_X, GRAVITY_M_S2, ROWS, V_P, XI, XI_P, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
@@ -108,7 +107,7 @@ def test_gap_converges_as_the_step_squared(case: str) -> None:
 def test_steps_without_force_are_one_rotation() -> None:
     plant = DiscreteGradientPlant(spec(loss_factor=0.01, limit_hz=100e3))
     state, steps, h = plant.state, 777, plant.model.step_s
-    state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 10.0
+    state.body[[FLIGHT_X, XI, XI_S]] = 10.0
     noise = np.random.default_rng(5).standard_normal((2, *state.z.shape[1:])) * 1e-6
     state.z[:] = noise * (plant.model.table[k.ENERGY] > 0.0)
     start = (state.z[0] + 1j * state.z[1]).ravel()[: len(plant.modes.omega)]
@@ -118,9 +117,9 @@ def test_steps_without_force_are_one_rotation() -> None:
     end = start * np.exp((-delta + 1j * theta) * h * steps)
     # 777 products of 53-bit numbers, and phases of 6e5 rad/s * 777 us to a rounding.
     size = abs(start).sum()
-    assert state.body[pk.XI_P] == pytest.approx(end.imag.sum(), abs=1e-13 * size)
+    assert state.body[XI_P] == pytest.approx(end.imag.sum(), abs=1e-13 * size)
     speed = np.sum(theta * end.real - delta * end.imag)
-    assert state.body[pk.V_P] == pytest.approx(speed, abs=1e-13 * size * theta.max())
+    assert state.body[V_P] == pytest.approx(speed, abs=1e-13 * size * theta.max())
 
 
 def test_forces_act_from_their_step_on_and_not_before() -> None:
@@ -145,10 +144,10 @@ def test_leaving_out_silent_rows_does_not_change_a_bit() -> None:
     steps = 6000
     optimised, awake = oak(), oak()
     rows = run(optimised, steps)
-    left = int(optimised.state.counts[pk.ROWS])
+    left = int(optimised.state.counts[ROWS])
     # A force of no consequence keeps every row in the sums.
     other = run(awake, steps, np.full(steps, 1e-280))
-    assert awake.state.counts[pk.ROWS] == awake.state.z.shape[1]
+    assert awake.state.counts[ROWS] == awake.state.z.shape[1]
     assert left < 0.6 * awake.state.z.shape[1]  # or nothing was left out
     for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
         assert np.array_equal(getattr(rows, name), getattr(other, name)), name
@@ -157,8 +156,8 @@ def test_leaving_out_silent_rows_does_not_change_a_bit() -> None:
         k.step(plant.model, plant.state, 5.0)
         k.step(plant.model, plant.state, 0.0)
         k.step(plant.model, plant.state, 0.0)
-    assert optimised.state.counts[pk.ROWS] == optimised.state.z.shape[1]
-    assert optimised.state.body[pk.XI_P] == awake.state.body[pk.XI_P]
+    assert optimised.state.counts[ROWS] == optimised.state.z.shape[1]
+    assert optimised.state.body[XI_P] == awake.state.body[XI_P]
 
 
 SHORT = """

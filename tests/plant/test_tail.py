@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact import elastic_kernels as solve
 from hertzloop.plant.contact.hertz import (
@@ -21,6 +20,7 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import collocation as tail
 from hertzloop.plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
 from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import TAIL_IM
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import series_under
 from tests.plant.rigs import spec
@@ -126,7 +126,7 @@ def test_a_wrong_tail_opens_the_balance() -> None:
     for i in range(200):
         step(plant.model, plant.state, 20.0 * (i > 10))
         if i == 15:
-            plant.state.body[pk.TAIL_IM] *= 1.001
+            plant.state.body[TAIL_IM] *= 1.001
     assert abs(plant.close_balance().energy_residual) > 1e-8
 
 

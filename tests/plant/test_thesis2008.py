@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
@@ -16,6 +15,7 @@ from hertzloop.plant.schemes.thesis2008 import (
     green_functions,
     relative_speed_m_s,
 )
+from hertzloop.plant.state_kernels import NEWTON_MAX, STEP, XI
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from paper.restitution import (
@@ -106,7 +106,7 @@ def test_against_a_plain_loop(push: float) -> None:
     plant = ThesisPlant(published(), 200)
     got = []
     for n in range(len(xi)):
-        got.append(float(plant.state.body[pk.XI]))
+        got.append(float(plant.state.body[XI]))
         if n + 1 < len(xi):
             k.step(plant.model, plant.state, float(f_a[n]))
     assert len(xi) > 30
@@ -140,7 +140,7 @@ def test_newton_takes_two_or_three_iterations_with_viscous_damping() -> None:
     for material in THICKNESS:
         plant = ThesisPlant(published(material), 2000)
         first_contact(plant, 2000)
-        assert plant.state.counts[pk.NEWTON_MAX] <= 3
+        assert plant.state.counts[NEWTON_MAX] <= 3
 
 
 def test_calibration_reaches_its_targets() -> None:
@@ -183,9 +183,9 @@ def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
     for extra_state in (False, True):
         plant = ThesisPlant(relaxing(tau_s, 0.4, extra_state=extra_state), 100)
         gaps.append([])
-        while not plant.state.body[pk.XI] > 0.0:
+        while not plant.state.body[XI] > 0.0:
             k.step(plant.model, plant.state, 0.0)
-            gaps[-1].append(float(plant.state.body[pk.XI]))
+            gaps[-1].append(float(plant.state.body[XI]))
     np.testing.assert_allclose(gaps[0], gaps[1], rtol=0, atol=1e-12 * np.abs(gaps[0]).max())
     assert len(gaps[0]) >= 34  # without damping 33
 
@@ -193,9 +193,9 @@ def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
 def test_relative_speed_follows_from_the_gaps() -> None:
     plant = ThesisPlant(published(), 100)
     gaps = [0.0]
-    while not plant.state.body[pk.XI] > 0.0:
+    while not plant.state.body[XI] > 0.0:
         k.step(plant.model, plant.state, 0.0)
-        gaps.append(float(plant.state.body[pk.XI]))
+        gaps.append(float(plant.state.body[XI]))
     speed = relative_speed_m_s(np.array(gaps), plant.spec.sphere.impact_speed_m_s, 1e-6)
     assert speed == pytest.approx(float(plant.state.motion[k.REL_V]), rel=1e-9)
 
@@ -207,7 +207,7 @@ def test_flight_and_next_impact() -> None:
         k.step(plant.model, plant.state, 0.0)
         now = bool(plant.state.counts[k.TOUCHING])
         if now and not touching:
-            starts.append((int(plant.state.counts[pk.STEP]), -float(plant.state.motion[k.REL_V])))
+            starts.append((int(plant.state.counts[STEP]), -float(plant.state.motion[k.REL_V])))
         touching = now
     assert starts[0] == (100, pytest.approx(0.99045444, rel=1e-8))
     speed = starts[1][1]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import build_model
 from hertzloop.plant.contact.hertz import Contact, rigid_impact
@@ -384,7 +384,7 @@ def _lead(spec: PlantSpec, speed_m_s: float) -> tuple[float, float]:
     """Flight before the touch, s, as the plant rounds it, and the fall, s."""
     g = spec.sphere.gravity_m_s2
     fall_s = speed_m_s / g if g else math.inf
-    height, _ = pk.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
+    height, _ = state_kernels.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
     # Height = lead (v - g lead/2); the smaller root is the lead.
     root = math.sqrt(max(speed_m_s**2 - 2.0 * g * float(height), 0.0))
     return min(2.0 * float(height) / (speed_m_s + root), fall_s), fall_s

@@ -10,7 +10,21 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.actuator import LinearActuator, linear_form
-from hertzloop.plant.schemes import collocation_kernels as modal_k
+from hertzloop.plant.schemes import collocation_kernels
+from hertzloop.plant.schemes.collocation_kernels import (
+    A1_IM,
+    A1_RE,
+    A_IM,
+    A_RE,
+    B_C,
+    C0_IM,
+    C0_RE,
+    C1_IM,
+    C1_RE,
+    OUT,
+    ROT_IM,
+    ROT_RE,
+)
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -178,25 +192,25 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     return form.difference(model.step_s) if quantity == "acceleration" else form
 
 
-def linear_model(setup: Setup) -> modal_k.CollocationModel:
+def linear_model(setup: Setup) -> collocation_kernels.CollocationModel:
     """Return the compiled plant with its modes. Raises SceneError for another scheme."""
     model = build_plant(setup.with_plate_model("modal"), flight=True).model
-    if not isinstance(model, modal_k.CollocationModel):
+    if not isinstance(model, collocation_kernels.CollocationModel):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
         )
     return model
 
 
-def by_command(model: modal_k.CollocationModel, gap: bool) -> PoleForm:
+def by_command(model: collocation_kernels.CollocationModel, gap: bool) -> PoleForm:
     """Return the response to a command of the gap, or of the plate velocity where the sensor is."""
     t = model.table
-    poles = t[modal_k.ROT_RE] + 1j * t[modal_k.ROT_IM]
+    poles = t[ROT_RE] + 1j * t[ROT_IM]
     rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
     probe = None if gap else model.probe
-    at_sensor = t[modal_k.B_C] if probe is None else probe.weight
-    weight = 1j * t[modal_k.OUT] if gap else at_sensor * (1.0 + 1j * rho)
-    by = [t[modal_k.A_RE] + 1j * t[modal_k.A_IM], t[modal_k.A1_RE] + 1j * t[modal_k.A1_IM]]
+    at_sensor = t[B_C] if probe is None else probe.weight
+    weight = 1j * t[OUT] if gap else at_sensor * (1.0 + 1j * rho)
+    by = [t[A_RE] + 1j * t[A_IM], t[A1_RE] + 1j * t[A1_IM]]
     residues = [0.5 * weight * b for b in by]
     fir = [0.0, 0.0]
     tail = model.tail
@@ -220,13 +234,13 @@ def by_command(model: modal_k.CollocationModel, gap: bool) -> PoleForm:
     return _through_actuator(forms[0], forms[1], actuator)
 
 
-def by_contact(model: modal_k.CollocationModel) -> tuple[PoleForm, PoleForm]:
+def by_contact(model: collocation_kernels.CollocationModel) -> tuple[PoleForm, PoleForm]:
     """Return the responses of the gap to a contact force, without the sphere: to its mean over a
     step, and to half its rise over the step. A spring of omitted modes is not part of them."""
     t = model.table
-    poles = t[modal_k.ROT_RE] + 1j * t[modal_k.ROT_IM]
-    by = [t[modal_k.C0_RE] + 1j * t[modal_k.C0_IM], t[modal_k.C1_RE] + 1j * t[modal_k.C1_IM]]
-    residues = [-0.5j * t[modal_k.OUT] * b for b in by]
+    poles = t[ROT_RE] + 1j * t[ROT_IM]
+    by = [t[C0_RE] + 1j * t[C0_IM], t[C1_RE] + 1j * t[C1_IM]]
+    residues = [-0.5j * t[OUT] * b for b in by]
     if model.tail is not None:
         poles, residues = _with_tail(poles, residues, model.tail, -1j)
     none = np.zeros(2)

@@ -7,7 +7,7 @@ are set aside at the start.
 
 import numpy as np
 
-from hertzloop.studies.margin import sums_kernels as sums_k
+from hertzloop.studies.margin import sums_kernels
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 
@@ -43,7 +43,7 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
     filters = np.concatenate([[law.direct], law.taps])
     if not (np.all(np.isfinite(own_residues)) and np.all(np.isfinite(filters))):
         return None  # a law without partial fractions
-    sums_k.shifts(
+    sums_kernels.shifts(
         at, np.where(which < n, which, -1), np.where(which >= n, which - n, -1), rows, own_rows,
         plant.fir, filters, delay, shift,
     )  # fmt: skip
@@ -60,7 +60,7 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
     for i in range(_ROUNDS):
         # A zero of poor condition turns about in its own rounding.
         tolerance = _ROUNDINGS[min(i // _PATIENCE, len(_ROUNDINGS) - 1)]
-        if not sums_k.aberth_round(
+        if not sums_kernels.aberth_round(
             z_re, z_im, rows, own_rows, plant.fir, filters, delay, late, done, tolerance
         ):
             found = np.concatenate([fixed, z_re + 1j * z_im])

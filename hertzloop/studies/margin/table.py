@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.studies.margin import sums_kernels as sums_k
+from hertzloop.studies.margin import sums_kernels
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 
@@ -106,7 +106,7 @@ class OnCircle:
         self._poles = np.array([poles.real, poles.imag])
         self._residues = np.array([residues.real, residues.imag])
         value, slope = np.empty((2, *nodes.shape)), np.empty((2, *nodes.shape))
-        sums_k.far_sums(
+        sums_kernels.far_sums(
             nodes, self._first, self._last, self._poles, self._residues, count, value, slope
         )
         terms = np.cos(np.outer(np.arange(_NODES), np.arccos(at))) * 2.0 / _NODES
@@ -119,7 +119,7 @@ class OnCircle:
         box = np.searchsorted(self._edges, theta, side="right") - 1
         box = np.clip(box, 0, len(self._edges) - 2)
         value, slope = np.empty((2, len(theta))), np.empty((2, len(theta)))
-        sums_k.circle_sums(
+        sums_kernels.circle_sums(
             theta, box, self._edges, self._first, self._last, self._poles, self._residues,
             self._far, value, slope,
         )  # fmt: skip
