@@ -77,11 +77,11 @@ def ways() -> Iterator[dict[str, Meets]]:
 
 def _certified(folder: Path, ports: list[int]) -> dict[str, Path]:
     """Configurations with certificates of an authority that is forgotten at once."""
-    from hertzloop.certificates import Authority, configurations
+    from hertzloop.certificates import CertificateAuthority, configurations
 
     places = {role: (LOOPBACK, port) for role, port in zip(ROLES, ports, strict=True)}
     files = {role: folder / f"{role}.json5" for role in ROLES}
-    for role, configuration in configurations(Authority(days=1), places).items():
+    for role, configuration in configurations(CertificateAuthority(days=1), places).items():
         files[role].touch(mode=0o600)
         files[role].write_text(json.dumps(configuration))
     return files

@@ -30,7 +30,7 @@ from hertzloop.studies.budget.goal import all_met, parse_goal
 from hertzloop.studies.budget.probability import FIRST, probability, wilson
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.sweeps.uncertain import Uncertain, uncertain_of
+from hertzloop.studies.sweeps.uncertain import UncertainInputs, uncertain_of
 
 # A small scene whose every case has the same plant.
 _SETTINGS = ["run.duration_s=0.0013", "run.accuracy=0.1", "controller.v_thr_m_s=-0.6"]
@@ -78,7 +78,7 @@ def exact_coverage(truth: float, within: float, most: int = 4096) -> float:
 
 
 def coverage(
-    pool: Pool, uncertain: Uncertain, goal: str, repetitions: int, cases: int, within: float
+    pool: Pool, uncertain: UncertainInputs, goal: str, repetitions: int, cases: int, within: float
 ) -> Coverage:
     """Compare the intervals of so many seeds with the share of `cases` other draws."""
     setup, goals = load("aluminium-3mm", _SETTINGS), [parse_goal(goal)]

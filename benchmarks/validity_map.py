@@ -33,7 +33,7 @@ from hertzloop.plant.contact.hertz import (
     hertz_stiffness,
     tangent_stiffness_n_m,
 )
-from hertzloop.plant.contact.yielding import Strength, dent_m, force_n, yielding
+from hertzloop.plant.contact.yielding import YieldPressure, dent_m, force_n, yielding
 from hertzloop.plant.estimates import plate_theory as criteria
 from hertzloop.plant.estimates.plate_theory import (
     kirchhoff_error,
@@ -65,7 +65,7 @@ class MapPlace:
     sphere: Sphere
     plate: Plate
     contact: Contact
-    strength: Strength | None
+    strength: YieldPressure | None
     inelasticity: float
     contact_s: float
     peak_n: float
@@ -202,7 +202,7 @@ def _from_table(table: np.ndarray, number: float, column: int) -> float:
 
 def _bodies(
     sphere: Sphere, plate: Plate, radius_m: float, thickness_m: float,
-    strength: Strength | None, table: np.ndarray,
+    strength: YieldPressure | None, table: np.ndarray,
 ) -> MapPlace:  # fmt: skip
     ball, sheet, contact = _at(sphere, plate, float(radius_m), float(thickness_m))
     number, unit_s = zener_inelasticity(ball, sheet, contact), _unit_s(ball, contact)

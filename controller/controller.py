@@ -17,7 +17,7 @@ _BLOCK = 50  # latencies of a trace that stay together when it is resampled
 
 
 @dataclass(frozen=True)
-class LineSpec:
+class SignalPath:
     """What lies between law and actuator.
 
     The command of the sample at step j acts from step j + 1 + latency_steps + jitter on,
@@ -64,7 +64,13 @@ class Controller:
     """Law and line for a run of `steps` steps, sampled every `every_steps` steps."""
 
     def __init__(
-        self, law: BoundLaw, line: LineSpec, step_s: float, steps: int, every_steps: int, seed: int
+        self,
+        law: BoundLaw,
+        line: SignalPath,
+        step_s: float,
+        steps: int,
+        every_steps: int,
+        seed: int,
     ) -> None:
         samples = -(-steps // every_steps)
         self.bound = law
@@ -142,7 +148,7 @@ class Controller:
             raise LawFault(self.bound.explain(seen, self.failed_at))
 
 
-def mean_latency_steps(line: LineSpec, steps: int, every_steps: int, seed: int) -> float:
+def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int) -> float:
     """Mean latency of the force that acts, in steps.
 
     Commands keep their order, so that under jitter and traces this is more than the mean of the
@@ -174,7 +180,7 @@ def mean_latency_steps(line: LineSpec, steps: int, every_steps: int, seed: int) 
 
 
 def _delays(
-    line: LineSpec, samples: int, every_steps: int, seed: int
+    line: SignalPath, samples: int, every_steps: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Latency of each command beyond `latency_steps`, in steps, and whether it is lost; empty
     arrays where none has any."""
@@ -193,7 +199,7 @@ def _delays(
     return jitter, dropped
 
 
-def _traced(line: LineSpec, samples: int, seed: int) -> np.ndarray:
+def _traced(line: SignalPath, samples: int, seed: int) -> np.ndarray:
     """Latency of each sample beyond the least one by the trace of a line, in steps; zeros without
     a trace."""
     trace = np.array(line.trace or (0,), np.int64)

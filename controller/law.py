@@ -55,7 +55,7 @@ def _nothing() -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class About:
+class LawContext:
     """Facts on a run that a law may use before the run starts.
 
     Attributes:
@@ -132,7 +132,7 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Reach:
+class ForceBound:
     """Bound of the force of a law, which may allow a cheaper plate model.
 
     Attributes:

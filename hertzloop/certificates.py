@@ -15,7 +15,7 @@ from hertzloop.bus.zenoh_config import common_name, secured
 _EARLIER = datetime.timedelta(days=1)  # hosts' clocks differ
 
 
-class Authority:
+class CertificateAuthority:
     """Signs certificates, valid for `days` from now."""
 
     def __init__(self, days: int) -> None:
@@ -67,7 +67,7 @@ class Authority:
 
 
 def configurations(
-    authority: Authority, places: Mapping[str, tuple[str, int]]
+    authority: CertificateAuthority, places: Mapping[str, tuple[str, int]]
 ) -> dict[str, dict[str, object]]:
     """A zenoh configuration for every role at its host and port, each with a certificate."""
     endpoints = {role: f"tls/{_joined(*place)}" for role, place in places.items()}

@@ -116,7 +116,7 @@ _FREE_STEPS = 2.0  # after a contact, in which the rebound is seen
 _LEAST_GAP_M = 1e-15
 
 
-class Hand(NamedTuple):
+class HammerWithdrawal(NamedTuple):
     """Withdraws a striker after its first contact, at least as fast as it came (m/s)."""
 
     speed_m_s: float
@@ -141,5 +141,5 @@ def _withdraw(hand, model, state):
 
 # Whether a striker was withdrawn, so that it touches nothing more; and let a hand move it, before
 # the count of steps goes on. Balances keep the speed with which it left: they end at the hand.
-withdrawn = by_type({type(None): no, Hand: _is_withdrawn})
-withdraw = by_type({type(None): nothing, Hand: _withdraw})
+withdrawn = by_type({type(None): no, HammerWithdrawal: _is_withdrawn})
+withdraw = by_type({type(None): nothing, HammerWithdrawal: _withdraw})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.controller.law import ACTING, IDLE, WATCHING, About, LawError, kernel
+from hertzloop.controller.law import ACTING, IDLE, WATCHING, LawContext, LawError, kernel
 
 
 class State:
@@ -33,7 +33,7 @@ class Constants(NamedTuple):
     exponent: float = 1.5  # of the contact force
 
 
-def refuse_without_hertz(about: About, law: str) -> None:
+def refuse_without_hertz(about: LawContext, law: str) -> None:
     """Raise LawError for a contact that is not Hertz's, on a law whose model is."""
     if about.exponent != 1.5:
         raise LawError(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from hertzloop.controller.law import ACTING, IDLE, About, Response
+from hertzloop.controller.law import ACTING, IDLE, LawContext, Response
 from hertzloop.controller.laws import force_feedback
 from hertzloop.controller.laws.force_feedback import reach  # noqa: F401
 
@@ -34,7 +34,7 @@ class Constants(NamedTuple):
     sample_s: float
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: LawContext) -> Constants:
     """Constants of the function."""
     keep = math.exp(-2.0 * math.pi * keys.leak_hz * about.sample_s)
     gain = -keys.kappa * about.impedance_n_s_m
@@ -47,7 +47,7 @@ def transfer_function(keys, p) -> Response:
     return Response(scale, (p.keep,), (scale * p.keep,))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return force_feedback.tune(about) | {"leak_hz": (1.0, 2000.0)}
 

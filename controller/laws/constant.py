@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hertzloop.controller.law import About, Force, Reach, StepsUs
+from hertzloop.controller.law import Force, ForceBound, LawContext, StepsUs
 from hertzloop.controller.laws import profile
 from hertzloop.controller.laws.profile import (  # noqa: F401
     State,
@@ -33,11 +33,11 @@ class Parameters(profile.Timing):
         return self
 
 
-def prepare(keys, about: About) -> profile.Constants:
+def prepare(keys, about: LawContext) -> profile.Constants:
     """Constants of a profile of one value."""
     return profile.played(np.full(about.samples(keys.duration_us), keys.force_n), keys, about)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """The force itself."""
-    return Reach(force_n=abs(keys.force_n))
+    return ForceBound(force_n=abs(keys.force_n))

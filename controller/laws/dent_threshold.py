@@ -9,7 +9,7 @@ force is that of `slope_threshold`.
 import math
 from typing import Any
 
-from hertzloop.controller.law import ACTING, IDLE, NO_PROMISE, WATCHING, About, kernel
+from hertzloop.controller.law import ACTING, IDLE, NO_PROMISE, WATCHING, LawContext, kernel
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws._threshold import refuse_without_hertz
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
@@ -44,7 +44,7 @@ class State:
 Constants = constants_with("yield_depth_m")
 
 
-def prepare(keys, about: About) -> Any:
+def prepare(keys, about: LawContext) -> Any:
     """Constants of the published law and of the contact. Raises LawError as `predicted`."""
     refuse_without_hertz(about, "dent_threshold")
     return Constants(*slope_threshold.prepare(keys, about), about.yield_depth_m)

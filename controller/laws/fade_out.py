@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import Field
 
-from hertzloop.controller.law import ACTING, IDLE, WATCHING, About, Reach, StepsUs, kernel
+from hertzloop.controller.law import ACTING, IDLE, WATCHING, ForceBound, LawContext, StepsUs, kernel
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
@@ -30,17 +30,17 @@ class Parameters(slope_threshold.Parameters):
 Constants = constants_with("fade_samples")
 
 
-def prepare(keys, about: About) -> Any:
+def prepare(keys, about: LawContext) -> Any:
     """Constants of the published law and of the fading."""
     return Constants(*slope_threshold.prepare(keys, about), about.samples(keys.fade_us))
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return ForceBound(share=abs(keys.kappa))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return slope_threshold.tune(about) | {"fade_us": (0.0, 50.0)}
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from hertzloop.controller.law import ACTING, IDLE, About, Gain, Keys, Reach, Response
+from hertzloop.controller.law import ACTING, IDLE, ForceBound, Gain, Keys, LawContext, Response
 
 senses = "contact_force"
 
@@ -28,7 +28,7 @@ class Constants(NamedTuple):
     gain: float
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: LawContext) -> Constants:
     """Constants of the function."""
     return Constants(keys.kappa)
 
@@ -38,12 +38,12 @@ def transfer_function(keys, p) -> Response:
     return Response(p.gain)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return ForceBound(share=abs(keys.kappa))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return {"kappa": (-0.5, 1.2)}
 

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from hertzloop.controller.law import About, Reach
+from hertzloop.controller.law import ForceBound, LawContext
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
@@ -21,16 +21,16 @@ class Parameters(slope_threshold.Parameters):
     window_samples: int = Field(4, ge=2, le=1000, description="samples that the line goes through")
 
 
-def prepare(keys, about: About) -> slope_threshold.Constants:
+def prepare(keys, about: LawContext) -> slope_threshold.Constants:
     """Constants of the published law, with a longer window."""
     return slope_threshold.prepare(keys, about, keys.window_samples)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return ForceBound(share=abs(keys.kappa))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return slope_threshold.tune(about) | {"window_samples": (2, 12)}

@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hertzloop.controller.law import ACTING, IDLE, About, Keys, LawError, Response
+from hertzloop.controller.law import ACTING, IDLE, Keys, LawContext, LawError, Response
 
 senses = "v_p, acceleration, xi, contact_force"  # the first is the default
 
@@ -138,7 +138,7 @@ def note(keys: Any) -> str:
     )
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: LawContext) -> Constants:
     """Constants of the function; the gain is part of the last stage. Raises LawError."""
     if keys.designed_us and abs(keys.designed_us - 1e6 * about.sample_s) > 1e-6 * keys.designed_us:
         raise LawError(
@@ -157,7 +157,7 @@ def transfer_function(keys, p) -> Response:
     return Response(keys.gain, stages=tuple(stages(keys)))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return {"gain": (0.0, 2.0)}
 

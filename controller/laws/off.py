@@ -2,15 +2,15 @@
 
 import math
 
-from hertzloop.controller.law import Reach
+from hertzloop.controller.law import ForceBound
 
 senses = "any"
 open_loop = True
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """Never a force."""
-    return Reach(force_n=0.0)
+    return ForceBound(force_n=0.0)
 
 
 def command(p, s, samples, i):

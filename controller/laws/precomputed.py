@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from hertzloop.controller.law import About, Gain, Reach
+from hertzloop.controller.law import ForceBound, Gain, LawContext
 from hertzloop.controller.laws import profile
 from hertzloop.controller.laws.profile import (  # noqa: F401
     State,
@@ -43,7 +43,7 @@ class Parameters(profile.Timing):
     kappa: Gain = Field(0.8, description="its factor")
 
 
-def prepare(keys, about: About) -> profile.Constants:
+def prepare(keys, about: LawContext) -> profile.Constants:
     """Constants of a profile."""
     if keys.precomputed == "F_mobility":
         force = keys.kappa * mobility_force_n(about)
@@ -52,12 +52,12 @@ def prepare(keys, about: About) -> profile.Constants:
     return profile.played(force[:: about.every_steps], keys, about)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return ForceBound(share=abs(keys.kappa))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return {"kappa": (-1.0, 2.0), "delay_us": (0.0, 50.0)}
 
@@ -76,7 +76,7 @@ def shaped(shape: str, kappa: float, contact_n: np.ndarray) -> np.ndarray:
     return np.asarray(kappa * contact_n * window)
 
 
-def mobility_force_n(about: About) -> np.ndarray:
+def mobility_force_n(about: LawContext) -> np.ndarray:
     """Contact force of a simplified mobility model of the impact; shape (steps,), N.
 
     Our derivation of the idea of appendix A.1, whose own formula is not at hand: sphere of mass

@@ -40,7 +40,7 @@ class Parameters(law.Keys):
 Constants = constants_with("watch_level", "mass_kg", "impedance_n_s_m")
 
 
-def prepare(keys, about: law.About) -> Any:
+def prepare(keys, about: law.LawContext) -> Any:
     """Constants for the run's latency. Raises LawError for a contact that is not Hertz's."""
     refuse_without_hertz(about, "predicted")
     return Constants(
@@ -55,12 +55,12 @@ def prepare(keys, about: law.About) -> Any:
     )  # fmt: skip
 
 
-def reach(keys) -> law.Reach:
+def reach(keys) -> law.ForceBound:
     """A share of the contact force."""
-    return law.Reach(share=abs(keys.kappa))
+    return law.ForceBound(share=abs(keys.kappa))
 
 
-def tune(about: law.About) -> dict[str, tuple[float, float]]:
+def tune(about: law.LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return slope_threshold.tune(about) | {"window_samples": (2, 12)}
 

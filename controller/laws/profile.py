@@ -49,20 +49,20 @@ class Constants(NamedTuple):
     contact_level: float = 0.0  # samples up to here are in contact
 
 
-def played(forces, keys, about: law.About) -> Constants:
+def played(forces, keys, about: law.LawContext) -> Constants:
     """Constants for forces (N) one a sample, after the delay that the keys ask for."""
     late = np.zeros(about.samples(keys.delay_us) if len(forces) else 0)
     return Constants(np.concatenate([late, forces]), about.samples(keys.lead_us))
 
 
-def prepare(keys, about: law.About) -> Constants:
+def prepare(keys, about: law.LawContext) -> Constants:
     """Constants for the forces of the scene."""
     return played(keys.profile_n, keys, about)
 
 
-def reach(keys) -> law.Reach:
+def reach(keys) -> law.ForceBound:
     """The largest of the forces."""
-    return law.Reach(force_n=max(map(abs, keys.profile_n)))
+    return law.ForceBound(force_n=max(map(abs, keys.profile_n)))
 
 
 @law.kernel

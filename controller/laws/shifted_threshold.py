@@ -4,7 +4,7 @@ import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from hertzloop.controller.law import About, Reach
+from hertzloop.controller.law import ForceBound, LawContext
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws._local_model import acceleration
 from hertzloop.controller.laws._threshold import refuse_without_hertz
@@ -28,7 +28,7 @@ class _Impact(NamedTuple):
     contact_level: float = 0.0
 
 
-def prepare(keys, about: About) -> slope_threshold.Constants:
+def prepare(keys, about: LawContext) -> slope_threshold.Constants:
     """Constants of the published law with another threshold. Raises LawError as `predicted`."""
     refuse_without_hertz(about, "shifted_threshold")
     v_thr = shifted_threshold_m_s(
@@ -38,9 +38,9 @@ def prepare(keys, about: About) -> slope_threshold.Constants:
     return slope_threshold.prepare(keys, about)._replace(v_thr_m_s=v_thr)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> ForceBound:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return ForceBound(share=abs(keys.kappa))
 
 
 @lru_cache(maxsize=1024)

@@ -31,7 +31,7 @@ class Parameters(law.Keys):
     lead_us: law.StepsUs = Field(0.0, description="commands what is due so much later")
 
 
-def prepare(keys, about: law.About, window: int = 2) -> Constants:
+def prepare(keys, about: law.LawContext, window: int = 2) -> Constants:
     """Constants for a slope over `window` samples."""
     weights = slope_weights(window, about.sample_s)
     lead = about.samples(keys.lead_us)
@@ -41,12 +41,12 @@ def prepare(keys, about: law.About, window: int = 2) -> Constants:
     )  # fmt: skip
 
 
-def reach(keys) -> law.Reach:
+def reach(keys) -> law.ForceBound:
     """A share of the contact force, as smooth as that unless it starts in its midst."""
-    return law.Reach(share=abs(keys.kappa), copies=keys.lead_us == 0.0)
+    return law.ForceBound(share=abs(keys.kappa), copies=keys.lead_us == 0.0)
 
 
-def tune(about: law.About) -> dict[str, tuple[float, float]]:
+def tune(about: law.LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     speed = about.impact_speed_m_s
     return {"kappa": (-1.0, 2.0), "v_thr_m_s": (-1.05 * speed, 0.5 * speed)}

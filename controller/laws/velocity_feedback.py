@@ -1,6 +1,6 @@
 """Against the plate's velocity at the struck point, in shares of the plate's impedance."""
 
-from hertzloop.controller.law import About
+from hertzloop.controller.law import LawContext
 from hertzloop.controller.laws.force_feedback import (  # noqa: F401
     Constants,
     Parameters,
@@ -14,6 +14,6 @@ from hertzloop.controller.laws.force_feedback import (  # noqa: F401
 senses = "v_p"
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: LawContext) -> Constants:
     """Constants of the function."""
     return Constants(-keys.kappa * about.impedance_n_s_m)

@@ -146,13 +146,13 @@ def _hear_of(call: Any, ended: list[BaseException]) -> None:
 PATIENCE_S = 20.0
 
 
-class Overdue(BaseException):
+class LawTimeout(BaseException):
     """Raised in whatever is overdue; no Exception, which a law might catch."""
 
 
 @contextmanager
 def given_up_in_time(patience_s: float | None = None) -> Iterator[None]:
-    """Raise Overdue out of the Python code inside when it takes longer than `patience_s`."""
+    """Raise LawTimeout out of the Python code inside when it takes longer than `patience_s`."""
     thread, over, lock = ctypes.c_ulong(threading.get_ident()), False, threading.Lock()
     interrupt = ctypes.pythonapi.PyThreadState_SetAsyncExc
 
@@ -161,7 +161,7 @@ def given_up_in_time(patience_s: float | None = None) -> Iterator[None]:
         # in circles for whoever traces it (a debugger, a measurement of coverage).
         with lock:
             if not over:
-                interrupt(thread, ctypes.py_object(Overdue))
+                interrupt(thread, ctypes.py_object(LawTimeout))
 
     timer = threading.Timer(patience_s or PATIENCE_S, give_up)
     timer.daemon = True

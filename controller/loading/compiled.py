@@ -167,7 +167,7 @@ class LawCode(NamedTuple):
     dispatchers: tuple[Dispatcher, ...] = ()
 
 
-class Entries:
+class CompiledLaw:
     """A law's functions as C functions for records of these layouts, each compiled, or loaded from
     the disk, when it is first asked for.
 
@@ -361,13 +361,13 @@ def state_of(home: Any) -> PackedRecord:
 
 
 # By name and digest of the law and by the layouts, which are kept and thus known by identity.
-_ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = {}
+_ENTRIES: dict[tuple[str, str, int, int], tuple[CompiledLaw, np.dtype, np.dtype]] = {}
 compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
 
 
-def entries_of(law: LawCode, parameters: np.dtype, state: np.dtype) -> Entries:
+def entries_of(law: LawCode, parameters: np.dtype, state: np.dtype) -> CompiledLaw:
     """The entries of a law for these layouts, made once; to be called with `compiling` held."""
     key = (law.name, law.digest, id(parameters), id(state))
     if key not in _ENTRIES:
-        _ENTRIES[key] = Entries(law, parameters, state), parameters, state
+        _ENTRIES[key] = CompiledLaw(law, parameters, state), parameters, state
     return _ENTRIES[key][0]

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
-from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach, Response
+from hertzloop.controller.law import WHOLE_STEPS, ForceBound, Keys, LawContext, LawError, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
 from hertzloop.controller.loading.compiled import LawCode
 from hertzloop.controller.loading.identity import Identity, identify
@@ -94,18 +94,18 @@ class Law:
             "Use numbers, strings, arrays or tuples of these as globals."
         )
 
-    def reach(self, keys: Any) -> Reach:
+    def reach(self, keys: Any) -> ForceBound:
         """How far its force can go; without limit if it does not say. Raises LawError."""
-        found = self._asked("reach", keys) if hasattr(self.home, "reach") else Reach()
-        if not isinstance(found, Reach):
-            raise LawError(f"law {self.name}: reach returned {found!r}. Return a Reach.")
+        found = self._asked("reach", keys) if hasattr(self.home, "reach") else ForceBound()
+        if not isinstance(found, ForceBound):
+            raise LawError(f"law {self.name}: reach returned {found!r}. Return a ForceBound.")
         return found
 
     def response(self, keys: Any, constants: Any) -> Response | None:
         """Its transfer function; None if it does not declare one. Raises LawError."""
         return self._asked("transfer_function", keys, constants)
 
-    def ranges(self, about: About) -> dict[str, tuple[float, float]]:
+    def ranges(self, about: LawContext) -> dict[str, tuple[float, float]]:
         """Ranges that a search takes for its keys: what it says, else their bounds. Raises
         LawError."""
         if hasattr(self.home, "tune"):
@@ -124,7 +124,7 @@ class Law:
                 found[name] = (low, high)
         return found
 
-    def constants(self, keys: Any, about: About) -> Any:
+    def constants(self, keys: Any, about: LawContext) -> Any:
         """What its functions see as `p`. Raises LawError."""
         if hasattr(self.home, "prepare"):
             found = self._asked("prepare", keys, about)
@@ -164,7 +164,7 @@ class Law:
             said = said_of(error, self.path)
             raise LawError(f"law {self.name}: {function} failed: {said}") from error
 
-    def bind(self, keys: Any, about: About, ahead: bool = True) -> BoundLaw:
+    def bind(self, keys: Any, about: LawContext, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises LawError."""
         return self.bound_to(self.constants(keys, about), ahead)
 

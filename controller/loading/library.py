@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field, create_model
 
-from hertzloop.controller.law import ACTING, WATCHING, About, Keys
+from hertzloop.controller.law import ACTING, WATCHING, Keys, LawContext
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.callbacks import addresses_of, python_functions
 from hertzloop.controller.loading.compiled import FUNCTIONS, PackedRecord, pack, state_of
@@ -65,7 +65,7 @@ class LibraryLaw(Law):
         senses = (self._description.senses or b"").decode()
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
-    def constants(self, keys: Any, about: About) -> Mapping[str, float]:
+    def constants(self, keys: Any, about: LawContext) -> Mapping[str, float]:
         """What is known of the run and the keys, in the order of the record."""
         own = {name: getattr(keys, name) for name in self.keys.model_fields}
         return {name: float(getattr(about, name)) for name in ABOUT_FIELDS} | own
@@ -212,7 +212,7 @@ class UnitLaw(Law):
             fields[key] = _field(variable.start or 0.0, variable.min, variable.max, said)
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
-    def constants(self, keys: Any, about: About) -> Any:
+    def constants(self, keys: Any, about: LawContext) -> Any:
         """What is known of the run and its keys. Raises LawError for another sampling interval than
         the unit can take."""
         unit, sample_s = self.home.coSimulation, about.sample_s

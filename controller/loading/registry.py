@@ -23,7 +23,7 @@ from pydantic.fields import FieldInfo
 
 from hertzloop.common.text_files import python_text
 from hertzloop.controller.loading import callbacks
-from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
 from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 from hertzloop.controller.loading.library import library_law, unit_law
@@ -255,7 +255,7 @@ def _loading(law: str, path: Path) -> Iterator[None]:
             yield
     except LawError:
         raise
-    except Overdue:
+    except LawTimeout:
         raise LawError(
             f"law {law}: was not loaded within {callbacks.PATIENCE_S:g} s. Check it for an endless "
             "loop."

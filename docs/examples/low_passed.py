@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from hertzloop.law import ACTING, IDLE, About, Gain, Keys
+from hertzloop.law import ACTING, IDLE, Gain, Keys, LawContext
 
 senses = "contact_force"
 
@@ -38,13 +38,13 @@ class Constants(NamedTuple):
     limit_n: float
 
 
-def prepare(keys: Parameters, about: About) -> Constants:
+def prepare(keys: Parameters, about: LawContext) -> Constants:
     """Once before a run, in plain Python."""
     share = 1.0 - math.exp(-2.0 * math.pi * keys.corner_hz * about.sample_s)
     return Constants(keys.kappa, share, about.limit_n)
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: LawContext) -> dict[str, tuple[float, float]]:
     """Ranges that `hertzloop tune` searches; without this the bounds of the keys."""
     return {"kappa": (-1.0, 2.0), "corner_hz": (1e3, 100e3)}
 

@@ -34,7 +34,7 @@ def keys(
     """
     places = _places(hosts)
     need("cryptography")
-    from hertzloop.certificates import Authority, configurations
+    from hertzloop.certificates import CertificateAuthority, configurations
 
     if os.path.isdir(folder) and any(folder.iterdir()):
         fail(
@@ -42,7 +42,7 @@ def keys(
             "Choose another folder."
         )
     options.make_folder(folder)
-    authority = Authority(days)
+    authority = CertificateAuthority(days)
     texts = {
         f"{role}.json5": json.dumps(configuration, indent=1)
         for role, configuration in configurations(authority, places).items()

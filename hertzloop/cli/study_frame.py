@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
-from hertzloop.studies.sweeps.journal import Kept, kept
+from hertzloop.studies.sweeps.journal import JournalEntries, kept
 from hertzloop.studies.sweeps.pool import SweepFailed
 
 
 @contextmanager
-def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Kept]:
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
     on = "no case is finished"

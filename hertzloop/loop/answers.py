@@ -45,7 +45,7 @@ from hertzloop.scene.setup import Setup
 _NOTICE_S = 1.0  # in which a controller that fails says so
 
 
-class Answers:
+class ForceBuffer:
     """Forces by step, what they reach to, and the lane that may bring them, closed at first."""
 
     def __init__(
@@ -54,7 +54,7 @@ class Answers:
         """`held`: by how many steps the command of a step was too old, where it may be."""
         self.forces = np.zeros(setup.steps)
         self.lane = lane.closed()
-        self.grant = loop_kernels.Grant(
+        self.grant = loop_kernels.TimeGrant(
             counts=np.zeros(GRANT_COUNTS, np.int64),
             level=np.full(1, math.inf),  # no promise is known yet: any sample breaks it
             lead_steps=1 + setup.line.latency_steps,
@@ -163,7 +163,7 @@ def controllers_fault(
     return None
 
 
-def refusal(said: int, answers: Answers) -> str:
+def refusal(said: int, answers: ForceBuffer) -> str:
     """What is wrong with an answer in the lane, in a sentence."""
     record, step = int(answers.lane.own[TAKEN]) - 1, answers.end
     what = {
@@ -227,7 +227,7 @@ class LaneOffer:
     offered."""
 
     def __init__(
-        self, hello: Hello, run_id: int, every_steps: int, answers: Answers, timeout_s: float
+        self, hello: Hello, run_id: int, every_steps: int, answers: ForceBuffer, timeout_s: float
     ) -> None:
         self.became = ""
         self._answers, self._timeout_s = answers, timeout_s
@@ -284,7 +284,7 @@ class LaneOffer:
 _ROOM = 16_000  # samples between two calls of reply
 
 
-class LaneAnswers:
+class LaneController:
     """Answers through one end of a lane, kept until they are published, too."""
 
     def __init__(self, controller: Controller, end: lane_kernels.Lane, look_ahead: bool) -> None:

@@ -15,7 +15,7 @@ from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
-from hertzloop.loop.answers import LaneAnswers
+from hertzloop.loop.answers import LaneController
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.scene.controller import build_controller, build_idle_controller, loaded_law
@@ -57,7 +57,7 @@ class ControllerNode:
         self.fault = ""  # with which the plant ended the run
         self.setup: Setup | None = None  # as the plant has announced it
         self._fast_lane = fast_lane
-        self._lane: LaneAnswers | None = None
+        self._lane: LaneController | None = None
         self._joined: LaneAnswer = LaneAnswer.UNSAID
         self._controller: Controller | None = None
         self._publisher: Publisher | None = None
@@ -66,7 +66,7 @@ class ControllerNode:
         self._next_block_s = 0.0
         self._samples = 0  # of which the answers are published
         # Loads the kernels before anybody waits for an answer.
-        LaneAnswers(build_idle_controller(), lane.closed(), look_ahead).serve(0)
+        LaneController(build_idle_controller(), lane.closed(), look_ahead).serve(0)
 
     @property
     def samples(self) -> int:
@@ -166,7 +166,7 @@ class ControllerNode:
         self._publish(reply, self._joined)
         self._joined = LaneAnswer.UNSAID  # said once
         if self._offered is not None:
-            self._lane = LaneAnswers(self._controller, self._offered, self.look_ahead)
+            self._lane = LaneController(self._controller, self._offered, self.look_ahead)
             lane.sleep_precisely()
 
     def _publish_served(self) -> None:

@@ -46,7 +46,7 @@ class Window(NamedTuple):
     counts: np.ndarray
 
 
-class Grant(NamedTuple):
+class TimeGrant(NamedTuple):
     """What the controller allowed: forces known before step GRANTED_END, and, while
     PROMISED is 1, zero for as long as samples stay above `level`. BROKEN_AT: number of
     samples taken when a sample last fell to the level; FORCES_END: steps whose force has come,
@@ -125,7 +125,7 @@ def _hear(step, samples, force, level, forces, window, grant):
     if level == math.inf:
         return NO_NUMBER
     promises = not math.isnan(level)
-    # As in Answers: a promise speaks of samples after those seen.
+    # As in ForceBuffer: a promise speaks of samples after those seen.
     if samples == taken or (
         samples >= counts[BROKEN_AT] and (not promises or level == grant.level[0])
     ):
@@ -145,7 +145,7 @@ def take_answer(lane, step, forces, window, grant):
 
 
 @kernel(inline=True)
-def weigh_promise(step, value, window, grant):
+def check_threshold(step, value, window, grant):
     """End a promise with a sample of `step`, taken just now, that fell to its level."""
     counts = grant.counts
     if value <= grant.level[0]:
@@ -198,7 +198,7 @@ def advance(
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             if in_lane:
                 lane_kernels.put_sample(lane, window.counts[SAMPLES_END] - 1, window.values[at])
-            weigh_promise(step, window.values[at], window, grant)
+            check_threshold(step, window.values[at], window, grant)
         if counts[PROMISED] == 0 and step >= counts[GRANTED_END]:
             if not in_lane:
                 return MUST_WAIT

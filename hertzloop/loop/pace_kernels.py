@@ -160,7 +160,7 @@ def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane
             pace.values[index & (pace.values.size - 1)] = value
             pace.taken_ns[index & (pace.values.size - 1)] = now
             latest = now
-            loop_kernels.weigh_promise(step, value, window, grant)
+            loop_kernels.check_threshold(step, value, window, grant)
             if in_lane:
                 _put(window, grant, lane, pace)
         held = 0

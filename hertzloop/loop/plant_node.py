@@ -12,7 +12,7 @@ from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
+from hertzloop.loop.answers import ForceBuffer, LaneOffer, Repeat, controllers_fault
 from hertzloop.loop.kernels import EXCHANGES, MUST_WAIT, SAMPLES_FIRST, SILENT
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.scene.setup import Setup
@@ -57,7 +57,7 @@ class PlantNode:
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
         self.streams = PlantStreams(setup, publisher, repeat.held if repeat else held, every_s)
-        self.answers = Answers(setup, self.streams.window, held)
+        self.answers = ForceBuffer(setup, self.streams.window, held)
         self._repeat, self._commands = repeat, self.answers.forces
         if repeat:
             self._commands, self.streams.hello.repeats = repeat.commands, repeat.run_id

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from hertzloop.bus.sockets import own_folder
-from hertzloop.controller.controller import Controller, LineSpec
-from hertzloop.controller.law import About
+from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
-from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.compiled import compiled_abreast
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import load_anew, shipped
@@ -43,7 +43,7 @@ def try_law(setup: Setup) -> str:
     try:
         with given_up_in_time(_PREPARED_S):
             _check_prepared(law, setup, about)
-    except Overdue:
+    except LawTimeout:
         raise SceneError(
             f"law {law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an endless "
             "loop."
@@ -68,7 +68,7 @@ def try_law(setup: Setup) -> str:
     return "\n".join(filter(None, notes))
 
 
-def _check_prepared(law: Law, setup: Setup, about: About) -> None:
+def _check_prepared(law: Law, setup: Setup, about: LawContext) -> None:
     """Refuse a law that is not the same, or prepares other constants, a second time. Raises
     SceneError."""
     remedy = "Use no random numbers and no clock there."
@@ -131,7 +131,7 @@ def _unrepeatable(one: bytes | str, bound: BoundLaw, samples: np.ndarray, step_s
     )
 
 
-def impact_samples(setup: Setup, about: About) -> np.ndarray:
+def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
     """What the law would sense of an impact on a rigid plate."""
     contact = max(int(about.rigid_contact_s / about.sample_s), 4)
     before = min(_SAMPLES // 4, 200)
@@ -159,7 +159,7 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
         return by_zero
     if said := _unrepeatable(by_zero, bound, samples, step_s):
         return said
-    with suppress(Overdue), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
+    with suppress(LawTimeout), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
         said = bound.reads_unknown(samples)
         if said:
             return said
@@ -174,7 +174,7 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
 def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) -> bytes | str:
     """The forces of a law, where it finds the number `beyond` before and after the samples that it
     is given; or one sentence on how it failed."""
-    controller = Controller(bound, LineSpec(), step_s, _SAMPLES + 1, 1, 0)
+    controller = Controller(bound, SignalPath(), step_s, _SAMPLES + 1, 1, 0)
     history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
     controller.law_state = controller.law_state._replace(history=history)
     try:

@@ -14,7 +14,7 @@ from hertzloop.common.atomic_files import write_whole
 from hertzloop.plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
 from hertzloop.plant.figures.sound import (
     FADE_FROM,
-    Drive,
+    Excitation,
     Grid,
     Products,
     Radiator,
@@ -158,7 +158,7 @@ def _widths(x: np.ndarray) -> np.ndarray:
     return np.diff(np.concatenate([[first], inner, [last]]))
 
 
-def drive_of(setup: Setup, blocks: Iterable[Block]) -> Drive:
+def drive_of(setup: Setup, blocks: Iterable[Block]) -> Excitation:
     """Forces on the plate from rows of truth in blocks. Raises SceneError for a run that
     explodes, and for a mass at a point that is neither the contact's nor the actuator's."""
     refuse_third_mass(setup.plant, "what the plate radiates is not known")
@@ -170,7 +170,7 @@ def drive_of(setup: Setup, blocks: Iterable[Block]) -> Drive:
         at = end
     if not (np.isfinite(contact).all() and np.isfinite(actuator).all()):
         raise SceneError("the run has numbers that are not finite; there is nothing to hear")
-    return Drive(contact[:at], actuator[:at], setup.step_s)
+    return Excitation(contact[:at], actuator[:at], setup.step_s)
 
 
 def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
@@ -183,7 +183,7 @@ def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
     return Grid(steps, step_s, up_to)
 
 
-def listen(setup: Setup, drive: Drive, listener_m: np.ndarray, grid: Grid) -> SoundPressure:
+def listen(setup: Setup, drive: Excitation, listener_m: np.ndarray, grid: Grid) -> SoundPressure:
     """Sound pressure of a run at a point."""
     found = pressure_pa(radiator_of(setup), drive, listener_m, grid)
     return SoundPressure(found, 1.0 / grid.step_s)
@@ -201,7 +201,7 @@ class Radiated:
     until_rest_j: float
 
 
-def radiated(setup: Setup, drive: Drive, grid: Grid) -> Radiated | None:
+def radiated(setup: Setup, drive: Excitation, grid: Grid) -> Radiated | None:
     """The sound energy of a run; None for what is no simply supported plate."""
     spec = setup.plant
     plate = spec.plate.separable

@@ -205,7 +205,7 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
 
     Returns:
         `pressure_pa`; `given`, whether the scene states it; and `by`, otherwise the `body` that
-        yields with the fields of `Strength`.
+        yields with the fields of `YieldPressure`.
     """
     limit = setup.contact.limit
     if limit is None:
@@ -233,7 +233,7 @@ def parts_of(setup: Setup, books: Books) -> PlantParts:
 
 def structure_summary(setup: Setup) -> dict[str, Any]:
     """Return `name` and `closed_form` of the structure, and the quality of its modes as in
-    `Reached` and `ModalStructure.mobility_ratio`."""
+    `RitzAccuracy` and `ModalStructure.mobility_ratio`."""
     what = setup.structure
     if what.quality is None:
         plain = what.simply_supported is not None

@@ -4,7 +4,7 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from hertzloop.plant.contact.yielding import Strength
+from hertzloop.plant.contact.yielding import YieldPressure
 from hertzloop.plant.estimates import plate_theory as criteria
 from hertzloop.plant.estimates.plate_theory import KirchhoffError
 from hertzloop.plant.plant import PlantSpec
@@ -29,7 +29,7 @@ class StaticContext(NamedTuple):
     """Quantities of a setup that no run changes; nan or None if unknown."""
 
     local: Plate | None  # the plate at the contact point; None for another structure
-    weaker: tuple[str, Strength] | None  # the body that yields first, and its strength
+    weaker: tuple[str, YieldPressure] | None  # the body that yields first, and its strength
     zener: float  # Zener's lambda
     revival_s: float  # when a square plate's modes are in phase again; zero if never
     air_share: float  # loss factor by air over that of the plate

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.controller import Controller, LineSpec, mean_latency_steps
-from hertzloop.controller.law import About, Keys
+from hertzloop.controller.controller import Controller, SignalPath, mean_latency_steps
+from hertzloop.controller.law import Keys, LawContext
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import NO_CONTROL, find
@@ -41,7 +41,7 @@ def mean_latency_us(setup: Setup) -> float:
     return 1e6 * setup.step_s * steps
 
 
-def law_context(setup: Setup) -> About:
+def law_context(setup: Setup) -> LawContext:
     """Return what a law may know of the run.
 
     A law that is computed beforehand asks for the contact force without control, which is a
@@ -94,7 +94,7 @@ def law_flight_m(setup: Setup) -> float:
 def _bound(
     law: Law,
     table: ControllerTable,
-    about: About,
+    about: LawContext,
     mechanics: Mechanics,
     free: Hashable,
     ahead: bool,
@@ -115,7 +115,7 @@ def _bound(
         raise SceneError(str(error)) from error
 
 
-def _constants(table: ControllerTable, about: About, mechanics: Mechanics) -> Any:
+def _constants(table: ControllerTable, about: LawContext, mechanics: Mechanics) -> Any:
     """Return what the functions of the law know. Raises SceneError if it refuses the run."""
     law = _loaded_law(table)
     try:
@@ -129,7 +129,7 @@ def _constants(table: ControllerTable, about: About, mechanics: Mechanics) -> An
 _TRIED_N_S_M = (100.0, 1000.0)  # impedances, to see whether a law takes any
 
 
-def _needs_impedance(law: Law, keys: Any, about: About) -> bool:
+def _needs_impedance(law: Law, keys: Any, about: LawContext) -> bool:
     """Whether the law's constants follow from it: whether they differ for two of them."""
     if not hasattr(getattr(law, "home", None), "prepare"):
         return False  # it has all that is known as it is
@@ -150,6 +150,6 @@ def _loaded_law(table: ControllerTable) -> Law:
 def build_idle_controller() -> Controller:
     """A controller without a law, whose kernels are loaded, or compiled, once it is there: before
     anybody waits for an answer."""
-    found = Controller(find(NO_CONTROL).bind(Keys(), About()), LineSpec(), 1e-6, 1, 1, 0)
+    found = Controller(find(NO_CONTROL).bind(Keys(), LawContext()), SignalPath(), 1e-6, 1, 1, 0)
     found.process(np.empty(0))
     return found

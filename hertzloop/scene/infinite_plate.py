@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-from hertzloop.controller.law import Reach
+from hertzloop.controller.law import ForceBound
 from hertzloop.plant.estimates.reflections import Actuation, Reflections, looks_until_s, reflections
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scene.mechanics import Mechanics
@@ -27,7 +27,7 @@ _LEAST_HORIZON = -12  # power of two, 0.24 ms: most first impacts are over then
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 
 
-def infinite_plate_possible(mechanics: Mechanics, scheme: str, reach: Reach) -> bool:
+def infinite_plate_possible(mechanics: Mechanics, scheme: str, reach: ForceBound) -> bool:
     """Whether the infinite plate can stand for the modes at all: reflections are known of simply
     supported edges, and a force of more than the contact's own has no known limit."""
     bounded = reach.force_n < math.inf or reach.share <= 1.0
@@ -47,7 +47,12 @@ def _horizon_s(until_s: float) -> float:
 
 @lru_cache(maxsize=16)
 def infinite_plate_error(
-    mechanics: Mechanics, scheme: str, reach: Reach, line: Smoothness, step_s: float, until_s: float
+    mechanics: Mechanics,
+    scheme: str,
+    reach: ForceBound,
+    line: Smoothness,
+    step_s: float,
+    until_s: float,
 ) -> float:
     """Error that an infinite plate is expected to have at `until_s` after the first touch, relative
     to the penetration or the plate energy; inf where that is not known."""
@@ -68,7 +73,7 @@ def infinite_plate_error(
 def infinite_plate_lasts_s(
     mechanics: Mechanics,
     scheme: str,
-    reach: Reach,
+    reach: ForceBound,
     line: Smoothness,
     step_s: float,
     accuracy: float,
@@ -87,7 +92,7 @@ def infinite_plate_lasts_s(
 
 
 def _actuation(
-    mechanics: Mechanics, reach: Reach, line: Smoothness, found: Reflections
+    mechanics: Mechanics, reach: ForceBound, line: Smoothness, found: Reflections
 ) -> Actuation:
     """What the actuator may do.
 

@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 
-from hertzloop.controller.controller import LineSpec
-from hertzloop.controller.law import About, Reach
+from hertzloop.controller.controller import SignalPath
+from hertzloop.controller.law import ForceBound, LawContext
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import yield_depth_m
@@ -22,18 +22,18 @@ def law_models_yield(table: ControllerTable) -> bool:
         return False
 
 
-def law_reach(table: ControllerTable) -> Reach:
+def law_reach(table: ControllerTable) -> ForceBound:
     """How far the force of the law can go; without limit if the law is not there any more, as that
     of a recording may be. Raises SceneError."""
     try:
         law = table.loaded_law
     except LawError:
-        return Reach()
+        return ForceBound()
     return _law_reach(table, law)
 
 
 @lru_cache(maxsize=16)
-def _law_reach(table: ControllerTable, law: Law) -> Reach:
+def _law_reach(table: ControllerTable, law: Law) -> ForceBound:
     try:
         return law.reach(table.keys)
     except LawError as error:
@@ -41,14 +41,14 @@ def _law_reach(table: ControllerTable, law: Law) -> Reach:
 
 
 @lru_cache(maxsize=16)
-def about_impact(mechanics: Mechanics, s: float) -> About:
+def about_impact(mechanics: Mechanics, s: float) -> LawContext:
     """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^exponent."""
     m, v = mechanics.sphere.mass_kg, mechanics.sphere.impact_speed_m_s
     local = mechanics.structure.local_plate
     rigid = mechanics.rigid
     if s != mechanics.contact.stiffness:
         rigid = rigid_impact(mechanics.sphere, replace(mechanics.contact, stiffness=s))
-    return About(
+    return LawContext(
         stiffness=s,
         exponent=mechanics.contact.exponent,
         sphere_mass_kg=m,
@@ -62,8 +62,8 @@ def about_impact(mechanics: Mechanics, s: float) -> About:
 
 @lru_cache(maxsize=16)
 def about_mechanics(
-    mechanics: Mechanics, stiffness: float, line: LineSpec, step_ns: int, every_steps: int
-) -> About:
+    mechanics: Mechanics, stiffness: float, line: SignalPath, step_ns: int, every_steps: int
+) -> LawContext:
     """What a law may know without a simulation and without the range of the converter."""
     limit_n = line.full_scale_n
     return replace(

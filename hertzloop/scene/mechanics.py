@@ -18,7 +18,7 @@ from hertzloop.plant.contact.hertz import (
     hunt_crossley_parameter,
     rigid_impact,
 )
-from hertzloop.plant.contact.yielding import Strength, softer
+from hertzloop.plant.contact.yielding import YieldPressure, softer
 from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
@@ -58,7 +58,7 @@ class Mechanics:
     sensor_point_m: Point | None
     sensor_mass_kg: float
     radiating_faces: int
-    weaker: tuple[str, Strength] | None
+    weaker: tuple[str, YieldPressure] | None
     theory: str
     rigid: RigidImpact = field(compare=False)
     """the same impact on a rigid plate"""
@@ -183,7 +183,7 @@ def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> D
 
 def _impact(
     striker: Striker, table: ContactTable, own: Material, plate: Material
-) -> tuple[Sphere, Contact, tuple[str, Strength] | None]:  # fmt: skip
+) -> tuple[Sphere, Contact, tuple[str, YieldPressure] | None]:  # fmt: skip
     """What strikes the plate, of a material of its `own`; its contact: stiffness, damping,
     exponent, and where it yields; and the body that yields first, see `Mechanics`."""
     weaker = softer(plate, own)

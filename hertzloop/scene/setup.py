@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.controller import LineSpec
-from hertzloop.controller.law import About, Reach
+from hertzloop.controller.controller import SignalPath
+from hertzloop.controller.law import ForceBound, LawContext
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
@@ -70,11 +70,11 @@ class Setup:
     mechanics: Mechanics = field(compare=False)
     why_not_solid: str | None = field(compare=False)
     """why the plate cannot be in three dimensions; None if it can"""
-    line: LineSpec = field(compare=False)
+    line: SignalPath = field(compare=False)
     latency_us: float = field(compare=False)
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
     line_smoothness: Smoothness = field(compare=False)
-    reach: Reach = field(compare=False)
+    reach: ForceBound = field(compare=False)
     """bound on the law's force"""
     law_models_yield: bool = field(compare=False)
     """whether the law declares that it allows for a permanent dent; false if it is missing"""
@@ -84,7 +84,7 @@ class Setup:
     """model of the plate, "modal" or "infinite", that `run.plate_model` comes to"""
     plant: PlantSpec = field(compare=False)
     sensor: SensorSpec = field(compare=False)
-    about_mechanics: About = field(compare=False)
+    about_mechanics: LawContext = field(compare=False)
     """what a law may know without a simulation and without the range of the converter"""
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.infinite_plate import Smoothness
 from hertzloop.scene.tables import ActuatorTable, SensorsTable
@@ -10,7 +10,7 @@ from hertzloop.scene.tables import ActuatorTable, SensorsTable
 
 @lru_cache(maxsize=16)
 def resolve_smoothness(
-    control: ControllerTable, sensors: SensorsTable, line: LineSpec, latency_us: float
+    control: ControllerTable, sensors: SensorsTable, line: SignalPath, latency_us: float
 ) -> Smoothness:
     """What sensor and line do to the smoothness of a law's force."""
     return Smoothness(
@@ -27,7 +27,7 @@ def resolve_smoothness(
 
 
 @lru_cache(maxsize=16)
-def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> LineSpec:
+def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> SignalPath:
     """The line from the law to the actuator."""
 
     def steps(time_us: float) -> int:
@@ -35,7 +35,7 @@ def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) 
 
     least_us = min(table.latency_trace) if table.latency_trace else table.latency_us
     least, stuck_s = steps(least_us), actuator.stuck_from_s
-    return LineSpec(
+    return SignalPath(
         trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
         resampled=table.latency_trace_use == "resample",
         dead_steps=steps(actuator.dead_time_us or 0.0),

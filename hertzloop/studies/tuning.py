@@ -20,7 +20,7 @@ from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from hertzloop.common.atomic_files import write_whole
-from hertzloop.controller.law import About
+from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.results.cases import Span
@@ -131,7 +131,7 @@ def header_of(
 
 def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
     """What is varied of a law if nothing else is asked for. Raises SceneError."""
-    about = About(impact_speed_m_s=impact_speed_m_s)
+    about = LawContext(impact_speed_m_s=impact_speed_m_s)
     try:
         ranges = find(resolve(law)).ranges(about).items()
     except LawError as error:

@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import scipy
 
 from hertzloop.plant.contact.elastic_kernels import Power
-from hertzloop.plant.state_kernels import GRAVITY_M_S2, Hand
+from hertzloop.plant.state_kernels import GRAVITY_M_S2, HammerWithdrawal
 from hertzloop.plant.structures.materials import Material
 
 
@@ -35,7 +35,9 @@ class Sphere:
     noun: ClassVar[str] = "sphere"
     touches: ClassVar[str] = "sphere"  # what the contact is between, as a sentence names it
     gravity_m_s2: ClassVar[float] = GRAVITY_M_S2  # that acts on it
-    hand: Hand | None = field(init=False, repr=False, compare=False)  # that withdraws it
+    hand: HammerWithdrawal | None = field(
+        init=False, repr=False, compare=False
+    )  # that withdraws it
     ball_radius_m: float = field(init=False, repr=False, compare=False)
     """radius of the body as a whole, m; nan of one that is no ball"""
     mass_kg: float = field(init=False, repr=False, compare=False)
@@ -67,7 +69,7 @@ class Hammer(Sphere):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        hand = None if self.bounces else Hand(self.impact_speed_m_s)
+        hand = None if self.bounces else HammerWithdrawal(self.impact_speed_m_s)
         vars(self).update(hand=hand, ball_radius_m=math.nan)
 
 

@@ -107,7 +107,7 @@ FULLY_PLASTIC = 2.8  # hardness over yield strength
 
 
 @dataclass(frozen=True)
-class Strength:
+class YieldPressure:
     """Limiting pressure of one body: `factor` times its `measure`, "hardness" or "yield strength"
     of `value_pa`; `first_yield_pa`: centre pressure at which yield begins, Pa."""
 
@@ -119,7 +119,7 @@ class Strength:
     spread: float
 
 
-def strength(material: Material) -> Strength | None:
+def strength(material: Material) -> YieldPressure | None:
     """Strength of a material by its hardness, or if that is not known by its yield strength; None
     where neither is."""
     hardness, yields = material.hardness_pa, material.yield_pa
@@ -129,15 +129,15 @@ def strength(material: Material) -> Strength | None:
     if hardness is None:
         assert yields is not None
         limit = FULLY_PLASTIC * yields
-        return Strength(
+        return YieldPressure(
             limit, FULLY_PLASTIC, "yield strength", yields, FIRST_YIELD * yields, spread
         )
     first = FIRST_YIELD * (hardness / FULLY_PLASTIC if yields is None else yields)
-    return Strength(hardness, 1.0, "hardness", hardness, first, spread)
+    return YieldPressure(hardness, 1.0, "hardness", hardness, first, spread)
 
 
 @lru_cache(maxsize=16)
-def softer(plate: Material, sphere: Material) -> tuple[str, Strength] | None:
+def softer(plate: Material, sphere: Material) -> tuple[str, YieldPressure] | None:
     """Which of the two, "plate" or "sphere", yields first, and its strength. None where the plate's
     is not known: that of the sphere alone says nothing about it."""
     of_plate, of_sphere = strength(plate), strength(sphere)

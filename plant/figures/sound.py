@@ -41,7 +41,7 @@ class Radiator:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Excitation:
     """Forces up on the plate, held over each step of `step_s`, N, both (steps,)."""
 
     contact_n: np.ndarray
@@ -109,7 +109,7 @@ def _groups(radiator: Radiator, grid: Grid) -> Iterator[Radiator]:
         yield replace(radiator, **{name: getattr(radiator, name)[some] for name in parts})
 
 
-def _transforms(drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _transforms(drive: Excitation, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Of the forces at the contact and at the actuator, (bins,)."""
     return (
         transform(drive.contact_n, drive.step_s, grid),
@@ -162,7 +162,9 @@ def _between(coarse: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
     return np.asarray(scipy.interpolate.CubicSpline(at, coarse, axis=1)(np.arange(bins)))
 
 
-def pressure_pa(radiator: Radiator, drive: Drive, listener_m: np.ndarray, grid: Grid) -> np.ndarray:
+def pressure_pa(
+    radiator: Radiator, drive: Excitation, listener_m: np.ndarray, grid: Grid
+) -> np.ndarray:
     """Sound pressure at a listener's point (x, y, z above the plate), (count,), Pa."""
     total, forces = np.zeros(len(grid.s), complex), _transforms(drive, grid)
     for some in _groups(radiator, grid):
@@ -192,7 +194,7 @@ class Products:
 
 
 def radiated_j(
-    radiator: Radiator, products: Products, drive: Drive, grid: Grid, count: int = DIRECTIONS
+    radiator: Radiator, products: Products, drive: Excitation, grid: Grid, count: int = DIRECTIONS
 ) -> float:
     """Energy that goes through a half sphere far away within the grid's time, J."""
     s = grid.s
@@ -236,7 +238,7 @@ def _far_pressures(
     return total * (AIR_DENSITY_KG_M3 / (2.0 * math.pi))
 
 
-def rung_j(radiator: Radiator, drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def rung_j(radiator: Radiator, drive: Excitation, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Of every mode the energy that a loss factor of one would have taken of its motion within the
     grid's time, and the energy that it has at the end, J, both (modes,)."""
     forces = _transforms(drive, grid)

@@ -601,7 +601,7 @@ def shape_along(
 
 
 @dataclass(frozen=True)
-class Reached:
+class RitzAccuracy:
     """What the modes of an edged plate are worth: how many come from Ritz's method, their largest
     change against a smaller basis, and by how much the modes beyond, without the corners' share,
     are off where both are known; both relative, of the frequency."""
@@ -632,7 +632,7 @@ class EdgedPlate(SizedPlate):
 
     @cached_property
     def quality(self) -> Mapping[str, Any]:  # type: ignore[override]
-        """Fields of `Reached`."""
+        """Fields of `RitzAccuracy`."""
         return asdict(self.reached)
 
     def beside(self, other: Structure) -> Structure:
@@ -687,10 +687,10 @@ class EdgedPlate(SizedPlate):
         return np.asarray(self._unit * np.concatenate(groups)[order])
 
     @property
-    def reached(self) -> Reached:
+    def reached(self) -> RitzAccuracy:
         """How far the modes are converged."""
         low, count, error = _joint(self._form.alone())
-        return Reached(count, 0.5 * float(low.change[:count].max()), 0.5 * error)
+        return RitzAccuracy(count, 0.5 * float(low.change[:count].max()), 0.5 * error)
 
     @property
     def _nu(self) -> float:

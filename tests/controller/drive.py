@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from hertzloop.controller import kernels as k
-from hertzloop.controller.controller import Controller, LineSpec, Reply
+from hertzloop.controller.controller import Controller, Reply, SignalPath
 from tests.controller.specs import LawSpec
 
 # kappa s = 4: the command of a penetration p = 1, 4, 9 is exactly 4, 32, 108 N.
@@ -35,7 +35,12 @@ class Driven:
 
 
 def make(
-    law: LawSpec, line: LineSpec, samples: int, every_steps: int = 1, seed: int = 1, after: int = 60
+    law: LawSpec,
+    line: SignalPath,
+    samples: int,
+    every_steps: int = 1,
+    seed: int = 1,
+    after: int = 60,
 ) -> Controller:
     """A controller sampling once a second, for `samples` samples and `after` steps more."""
     steps = samples * every_steps + after
@@ -46,7 +51,7 @@ def make(
 
 def drive(
     law: LawSpec,
-    line: LineSpec,
+    line: SignalPath,
     samples: Sequence[float],
     *,
     every_steps: int = 1,
@@ -75,7 +80,7 @@ def drive(
 
 def commands(law: LawSpec, samples: Sequence[float]) -> np.ndarray:
     """What the law commands after each sample: with an ideal line, the force a step later."""
-    return drive(law, LineSpec(), samples).forces[1:]
+    return drive(law, SignalPath(), samples).forces[1:]
 
 
 def fingerprint() -> str:
@@ -84,9 +89,9 @@ def fingerprint() -> str:
     random = np.random.Generator(np.random.Philox(key=[1, 1]))
     samples = np.concatenate([np.sin(np.arange(150) / 9.0), 0.5 * random.standard_normal(150)])
     lines = [
-        LineSpec(),
-        LineSpec(latency_steps=3, jitter_steps=4, drop_out_probability=0.2),
-        LineSpec(bits=5, full_scale_n=3.0, slew_n_s=0.7),
+        SignalPath(),
+        SignalPath(latency_steps=3, jitter_steps=4, drop_out_probability=0.2),
+        SignalPath(bits=5, full_scale_n=3.0, slew_n_s=0.7),
     ]
     laws = [
         SLOPE,

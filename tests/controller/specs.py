@@ -17,7 +17,7 @@ from hertzloop.controller.laws import (
 from hertzloop.controller.laws._threshold import slope_weights
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.registry import find
-from hertzloop.law import About
+from hertzloop.law import LawContext
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class LawSpec:
     def constants(self, sample_s: float) -> Any:
         """What the law sees as `p`."""
         if self.law == "off":
-            return find("off").constants(find("off").keys(), About())
+            return find("off").constants(find("off").keys(), LawContext())
         kind = {
             "fade_out": fade_out,
             "predicted": predicted,

@@ -5,7 +5,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from tests.controller.specs import LawSpec
 
 # Few distinct values make long contacts, repeated values and short gaps likely; the others
@@ -66,7 +66,7 @@ LAWS = st.one_of(
 # All that a line can do, except latency, which tests want to choose.
 _CONVERTERS = st.sampled_from([(None, None), (None, 2.0), (4, 2.0), (12, 9.0)])
 LINES = st.builds(
-    lambda jitter, loss, converter, slew: LineSpec(
+    lambda jitter, loss, converter, slew: SignalPath(
         jitter_steps=jitter,
         drop_out_probability=loss,
         bits=converter[0],

@@ -16,7 +16,7 @@ from numba.core import caching, event
 from hertzloop.common.jit import storage
 from hertzloop.controller.loading.compiled import FUNCTIONS
 from hertzloop.controller.loading.registry import SHIPPED, find
-from hertzloop.law import About, Keys
+from hertzloop.law import Keys, LawContext
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -53,7 +53,7 @@ def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(
 ) -> None:
     """With their helpers, which a process compiles once."""
     law = unseen(tmp_path / "new.py", (SHIPPED / "slope_threshold.py").read_text())
-    keys, about = law.keys(), About(sphere_mass_kg=1e-4, impact_speed_m_s=1.0)
+    keys, about = law.keys(), LawContext(sphere_mass_kg=1e-4, impact_speed_m_s=1.0)
     bound = law.bind(keys, about, ahead=False)
     assert [name for name in heard.names if name in FUNCTIONS] == ["command"]
     assert bound.model.command
@@ -77,12 +77,12 @@ def test_a_law_may_call_what_calls_itself(tmp_path: Path) -> None:
         "    return doubled(2.0 * x, times - 1)\n"
         "def command(p, s, samples, i):\n    return doubled(samples[i], 3)\n",
     )
-    assert not law.bind(Keys(), About()).trouble
+    assert not law.bind(Keys(), LawContext()).trouble
 
 
 def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -> None:
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
-    law.bind(law.keys(), About())
+    law.bind(law.keys(), LawContext())
     assert heard.names
     heard.names.clear()
     (tmp_path / "other").mkdir()
@@ -90,7 +90,7 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     from hertzloop.controller.loading import compiled
 
     compiled._ENTRIES.clear()
-    again.bind(again.keys(), About())
+    again.bind(again.keys(), LawContext())
     assert not heard.names
 
 
@@ -108,7 +108,7 @@ def test_a_disk_that_takes_nothing_ends_nothing(
     monkeypatch.setattr(owners.get(broken, storage), broken, full)
     monkeypatch.setattr(storage, "_not_written", [])
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
-    bound = law.bind(law.keys(), About())
+    bound = law.bind(law.keys(), LawContext())
     assert bound.model.command
     assert not bound.trouble
     assert not storage.all_written()
@@ -120,7 +120,7 @@ def test_a_disk_that_takes_nothing_ends_nothing(
 
 def test_what_numba_refuses_is_told_by_its_line(tmp_path: Path) -> None:
     law = unseen(tmp_path / "new.py", "def command(p, s, samples, i):\n    return {}.get(open)\n")
-    said = law.bind(law.keys(), About()).trouble
+    said = law.bind(law.keys(), LawContext()).trouble
     assert said.startswith("Untyped global name 'open'")
     assert said.endswith("(line 2)")
     assert "\x1b" not in said
@@ -132,7 +132,7 @@ def test_threads_may_meet_a_law_at_once(tmp_path: Path, heard: Heard) -> None:
 
     def bound(gain: float) -> Any:
         together.wait(60)
-        return law.bind(law.keys(), About(stiffness=gain), ahead=False)
+        return law.bind(law.keys(), LawContext(stiffness=gain), ahead=False)
 
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(bound, range(8)))

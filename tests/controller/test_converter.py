@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hertzloop.controller import kernels as k
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from tests.controller.drive import make
 from tests.controller.specs import LawSpec
 
@@ -15,7 +15,7 @@ OFF = LawSpec("off", 1.0)
 
 
 def line_of(bits: int | None, full_scale: float | None) -> k.LineModel:
-    return make(OFF, LineSpec(bits=bits, full_scale_n=full_scale), 1).line
+    return make(OFF, SignalPath(bits=bits, full_scale_n=full_scale), 1).line
 
 
 BITS = st.integers(2, 24)

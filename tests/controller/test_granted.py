@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hertzloop.controller import law_kernels as laws
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from tests.controller.drive import SLOPE, drive, make
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
 from tests.controller.test_law import CONSTANT, PROFILE
 
 WITH_LATENCY = st.builds(
-    lambda line, latency: LineSpec(**{**vars(line), "latency_steps": latency}), LINES, LATENCIES
+    lambda line, latency: SignalPath(**{**vars(line), "latency_steps": latency}), LINES, LATENCIES
 )
 ONE_BY_ONE = range(1, 200)
 
@@ -24,7 +24,7 @@ ONE_BY_ONE = range(1, 200)
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS)
 @settings(max_examples=400, deadline=None)
 def test_forces_granted_ahead_are_those_computed_later(
-    law: LawSpec, line: LineSpec, samples: list[float], cuts: list[int], every_steps: int
+    law: LawSpec, line: SignalPath, samples: list[float], cuts: list[int], every_steps: int
 ) -> None:
     """The forces of each reply are kept as granted, so one that changes later would show."""
     later = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE)
@@ -52,7 +52,7 @@ def test_forces_granted_ahead_are_those_computed_later(
 )
 def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list[int]) -> None:
     """After each sample: how many commands of samples to come the reply has settled."""
-    line = LineSpec(latency_steps=5)
+    line = SignalPath(latency_steps=5)
     replies = drive(law, line, samples, cuts=ONE_BY_ONE, look_ahead=True).replies
     settled = [r.first_step + len(r.forces) - (r.samples_seen + 1 + 5) for r in replies]
     # The line shows what the law grants only while the run still has samples to come.
@@ -62,7 +62,7 @@ def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list
 
 @pytest.mark.parametrize("samples", [[-1.0] * 6, [1, -1, -4, -9, -9, -9]])
 def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> None:
-    line = LineSpec(latency_steps=1, jitter_steps=2)
+    line = SignalPath(latency_steps=1, jitter_steps=2)
     controller = make(SLOPE, line, len(samples), after=0)
     reply = controller.process(np.array(samples), look_ahead=True)
     assert len(reply.forces) == len(samples)
@@ -70,7 +70,7 @@ def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> N
 
 
 def test_nothing_is_granted_ahead_unless_asked() -> None:
-    driven = drive(SLOPE, LineSpec(), [1, -1, -4, -9, -9], cuts=ONE_BY_ONE, look_ahead=False)
+    driven = drive(SLOPE, SignalPath(), [1, -1, -4, -9, -9], cuts=ONE_BY_ONE, look_ahead=False)
     assert [r.first_step + len(r.forces) for r in driven.replies] == [2, 3, 4, 5, 6]
 
 
@@ -78,7 +78,7 @@ def test_nothing_is_granted_ahead_unless_asked() -> None:
 @settings(max_examples=400, deadline=None)
 def test_the_promise_of_no_force_is_kept(
     law: LawSpec,
-    line: LineSpec,
+    line: SignalPath,
     samples: list[float],
     cuts: list[int],
     every_steps: int,
@@ -102,8 +102,8 @@ def test_the_promise_of_no_force_is_kept(
 
 
 @pytest.mark.parametrize("force", [5.0, -5.0])
-@pytest.mark.parametrize("chance", [LineSpec(jitter_steps=6), LineSpec(0, 6, 0.3)])
-def test_no_promise_while_a_late_force_is_on_its_way(force: float, chance: LineSpec) -> None:
+@pytest.mark.parametrize("chance", [SignalPath(jitter_steps=6), SignalPath(0, 6, 0.3)])
+def test_no_promise_while_a_late_force_is_on_its_way(force: float, chance: SignalPath) -> None:
     """A force of one sample, silence before and after: with jitter it acts when law and
     output have long been at zero."""
     law, promised = LawSpec(CONSTANT.law, 1.0, profile_n=(force,)), 0
@@ -116,7 +116,7 @@ def test_no_promise_while_a_late_force_is_on_its_way(force: float, chance: LineS
     assert promised > 100
 
 
-def promises(law: LawSpec, line: LineSpec, samples: list[float]) -> str:
+def promises(law: LawSpec, line: SignalPath, samples: list[float]) -> str:
     """One letter a sample: whether the reply to it promises zero."""
     replies = drive(law, line, samples, cuts=ONE_BY_ONE).replies
     return "".join("y" if r.promise_zero else "." for r in replies)
@@ -125,22 +125,22 @@ def promises(law: LawSpec, line: LineSpec, samples: list[float]) -> str:
 def test_when_a_promise_is_given() -> None:
     contact = [1, -1, -4, -4, 1, 1, 1, 1, 1, 1]
     # Acting until sample 5; the reply to sample 6 holds its zero as the last force.
-    assert promises(SLOPE, LineSpec(), contact) == "y.....yyyy"
+    assert promises(SLOPE, SignalPath(), contact) == "y.....yyyy"
     # Forces that are on their way are in the reply, too: latency changes nothing.
-    assert promises(SLOPE, LineSpec(latency_steps=2), contact) == "y.....yyyy"
+    assert promises(SLOPE, SignalPath(latency_steps=2), contact) == "y.....yyyy"
     # A slew limit of 20 N a step takes 32 N down in two steps.
-    assert promises(SLOPE, LineSpec(slew_n_s=20.0), contact) == "y......yyy"
+    assert promises(SLOPE, SignalPath(slew_n_s=20.0), contact) == "y......yyy"
     # A profile that is over, in a contact that is not: no promise until it ends.
-    assert promises(CONSTANT, LineSpec(), [1, -1, -1, -1, -1, 1]) == "y....y"
+    assert promises(CONSTANT, SignalPath(), [1, -1, -1, -1, -1, 1]) == "y....y"
 
 
 def test_the_law_off_promises_zero_whatever_comes() -> None:
     law = LawSpec("off", 1.0)
-    reply = drive(law, LineSpec(), [1, -1, -4], look_ahead=True).replies[-1]
+    reply = drive(law, SignalPath(), [1, -1, -4], look_ahead=True).replies[-1]
     assert reply.promise_zero
     assert reply.promise_level == -math.inf
 
 
 def test_the_level_of_the_promise_is_the_law_s_contact_level() -> None:
     law = LawSpec(SLOPE.law, 1.0, 0.5, -0.25, contact_level=-0.5)
-    assert drive(law, LineSpec(), [1]).replies[-1].promise_level == -0.5
+    assert drive(law, SignalPath(), [1]).replies[-1].promise_level == -0.5

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hertzloop.bus.events import MODES
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, SignalPath
 from tests.controller import reference
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec
@@ -139,7 +139,7 @@ ROWS = {
 @pytest.mark.parametrize("name", ROWS)
 def test_mode_delay_and_command_after_every_sample(name: str) -> None:
     law, samples, modes, delays, forces = ROWS[name]
-    driven = drive(law, LineSpec(), samples)
+    driven = drive(law, SignalPath(), samples)
     assert driven.modes.tolist() == [LETTERS[letter] for letter in modes]
     assert driven.delays.tolist() == delays
     assert commands(law, samples).tolist() == forces
@@ -149,7 +149,9 @@ def test_mode_delay_and_command_after_every_sample(name: str) -> None:
 def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
     """Samples half a second apart: the slopes are twice the differences."""
     law = replace(SLOPE, v_thr_m_s=-3.0)
-    controller = Controller(law.bound(every_steps * step_s), LineSpec(), step_s, 20, every_steps, 0)
+    controller = Controller(
+        law.bound(every_steps * step_s), SignalPath(), step_s, 20, every_steps, 0
+    )
     modes = controller.process(np.array([1.0, -1.0, -3.0, -4.0, -4.0])).modes
     assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
 
@@ -164,7 +166,7 @@ def test_slope_threshold_against_plain_python(
     rows = reference.slope_threshold(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
     for i in range(len(samples)):
         delays.append(latched.get(i, delays[-1] if delays else 0))
-    driven = drive(law, LineSpec(), samples)
+    driven = drive(law, SignalPath(), samples)
     assert driven.modes.tolist() == [mode for mode, _ in rows]
     assert driven.delays.tolist() == delays
     # p sqrt(p) and p ** 1.5 differ by a few roundings of 1.1e-16.
@@ -180,5 +182,5 @@ def test_profile_against_plain_python(
 ) -> None:
     law = LawSpec("profile", 1.0, profile_n=forces, contact_level=level)
     rows = reference.profile(samples, forces, level)
-    assert drive(law, LineSpec(), samples).modes.tolist() == [mode for mode, _ in rows]
+    assert drive(law, SignalPath(), samples).modes.tolist() == [mode for mode, _ in rows]
     assert commands(law, samples).tolist() == [force for _, force in rows]

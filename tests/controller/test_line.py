@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from tests.controller.drive import commands, drive, make
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
@@ -25,7 +25,7 @@ def newest_command(forces: np.ndarray) -> np.ndarray:
 @given(LAWS, LINES, SEQUENCES, st.integers(1, 20), EVERY_STEPS)
 @settings(max_examples=200, deadline=None)
 def test_latency_is_a_pure_shift(
-    law: LawSpec, line: LineSpec, samples: list[float], latency: int, every_steps: int
+    law: LawSpec, line: SignalPath, samples: list[float], latency: int, every_steps: int
 ) -> None:
     at_once = drive(law, line, samples, every_steps=every_steps)
     late = drive(law, replace(line, latency_steps=latency), samples, every_steps=every_steps)
@@ -41,7 +41,7 @@ def test_sample_k_acts_from_the_step_after_it_plus_latency(
     law: LawSpec, samples: list[float], latency: int, every_steps: int
 ) -> None:
     """Step by step: the command in force is that of the newest sample that may act by then."""
-    line = LineSpec(latency_steps=latency)
+    line = SignalPath(latency_steps=latency)
     forces = drive(law, line, samples, every_steps=every_steps).forces
     by_sample = commands(law, samples)
     assert len(forces) == len(samples) * every_steps + 1 + latency
@@ -63,7 +63,7 @@ def test_sample_k_acts_from_the_step_after_it_plus_latency(
 def test_two_commands_through_the_line(
     every_steps: int, latency: int, expected: list[float]
 ) -> None:
-    line = LineSpec(latency_steps=latency)
+    line = SignalPath(latency_steps=latency)
     driven = drive(CONSTANT, line, [1, -1, -1, -1, 1], every_steps=every_steps)
     assert driven.forces.tolist() == expected
 
@@ -85,16 +85,18 @@ def test_chance_does_not_depend_on_the_cutting(
     look_ahead: bool,
     seed: int,
 ) -> None:
-    line = LineSpec(jitter_steps=chance[0], drop_out_probability=chance[1])
+    line = SignalPath(jitter_steps=chance[0], drop_out_probability=chance[1])
     whole = drive(law, line, samples, seed=seed)
     cut = drive(law, line, samples, seed=seed, cuts=cuts, look_ahead=look_ahead)
     assert cut.same_as(whole)
 
 
 @pytest.mark.parametrize(
-    "line", [LineSpec(jitter_steps=3), LineSpec(drop_out_probability=0.2)], ids=["jitter", "drop"]
+    "line",
+    [SignalPath(jitter_steps=3), SignalPath(drop_out_probability=0.2)],
+    ids=["jitter", "drop"],
 )
-def test_chance_is_a_function_of_the_seed(line: LineSpec) -> None:
+def test_chance_is_a_function_of_the_seed(line: SignalPath) -> None:
     runs = [drive(COUNTING, line, ALWAYS_TOUCHING, seed=seed).forces for seed in (7, 7, 8)]
     assert runs[0].tobytes() == runs[1].tobytes()
     assert runs[0].tobytes() != runs[2].tobytes()
@@ -102,25 +104,25 @@ def test_chance_is_a_function_of_the_seed(line: LineSpec) -> None:
 
 def test_chance_is_a_function_of_the_step() -> None:
     """A longer run starts like a shorter one, and jitter knows nothing of drop-outs."""
-    both = LineSpec(jitter_steps=6, drop_out_probability=0.2)
+    both = SignalPath(jitter_steps=6, drop_out_probability=0.2)
     long, short = make(COUNTING, both, 500).line, make(COUNTING, both, 200).line
     count = len(short.jitter_steps)
     assert np.array_equal(short.jitter_steps, long.jitter_steps[:count])
     assert np.array_equal(short.dropped, long.dropped[:count])
-    alone = make(COUNTING, LineSpec(jitter_steps=6), 500).line
+    alone = make(COUNTING, SignalPath(jitter_steps=6), 500).line
     assert np.array_equal(alone.jitter_steps, long.jitter_steps)
 
 
 def test_chance_of_a_seed_is_the_same_in_every_version() -> None:
     """Recordings are repeated by later versions: a seed has to mean what it meant."""
-    line = make(COUNTING, LineSpec(jitter_steps=6, drop_out_probability=0.2), 12, seed=7).line
+    line = make(COUNTING, SignalPath(jitter_steps=6, drop_out_probability=0.2), 12, seed=7).line
     assert line.jitter_steps[:12].tolist() == [0, 2, 6, 2, 6, 5, 3, 4, 5, 1, 1, 4]
     assert np.flatnonzero(line.dropped[:12]).tolist() == [2, 5]
 
 
 @pytest.mark.parametrize("latency", [0, 4])
 def test_jitter_stays_in_range_and_keeps_the_order(latency: int) -> None:
-    line = LineSpec(latency_steps=latency, jitter_steps=3)
+    line = SignalPath(latency_steps=latency, jitter_steps=3)
     newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)
     assert np.all(np.diff(newest) >= 0)
     steps = np.arange(len(newest))
@@ -132,7 +134,7 @@ def test_jitter_stays_in_range_and_keeps_the_order(latency: int) -> None:
 
 
 def test_a_lost_command_leaves_the_last_force() -> None:
-    line = LineSpec(drop_out_probability=0.25)
+    line = SignalPath(drop_out_probability=0.25)
     newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)[1:]
     arrived = newest == np.arange(len(newest))
     held = np.maximum.accumulate(np.where(arrived, np.arange(len(newest)), -1))
@@ -152,18 +154,18 @@ def test_a_lost_command_leaves_the_last_force() -> None:
 def test_slew_limit(wanted: tuple[float, ...], slew: float, expected: list[float]) -> None:
     law = replace(PROFILE, profile_n=wanted)
     samples = [-1.0] * (len(expected) - 1)
-    assert drive(law, LineSpec(slew_n_s=slew), samples).forces.tolist() == expected
+    assert drive(law, SignalPath(slew_n_s=slew), samples).forces.tolist() == expected
 
 
 def test_slew_is_per_second_not_per_sample() -> None:
     """Two steps a second, a sample every second: half the rate in a step."""
     law = replace(PROFILE, profile_n=(4.0, 4.0, 4.0))
-    driven = drive(law, LineSpec(slew_n_s=2.0), [-1.0] * 4, every_steps=2)
+    driven = drive(law, SignalPath(slew_n_s=2.0), [-1.0] * 4, every_steps=2)
     assert driven.forces.tolist() == [0, 1, 2, 3, 4, 4, 4, 3, 2]
 
 
 def test_the_run_ends_before_the_last_commands_act() -> None:
-    controller = make(CONSTANT, LineSpec(latency_steps=50, jitter_steps=9), 10, after=0)
+    controller = make(CONSTANT, SignalPath(latency_steps=50, jitter_steps=9), 10, after=0)
     reply = controller.process(np.full(10, -1.0))
     assert len(reply.forces) == 10
     assert not reply.forces.any()

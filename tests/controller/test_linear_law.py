@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 import scipy.signal as sg
 
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.loop import compiled
 from hertzloop.plant.time_series import F_A
 from hertzloop.scene.controller import bound_law, law_context, loaded_law
@@ -25,7 +25,7 @@ def setup_of(*keys: str) -> Setup:
 
 def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     count = len(samples)
-    controller = Controller(bound_law(setup, False), LineSpec(), setup.step_s, count + 2, 1, 0)
+    controller = Controller(bound_law(setup, False), SignalPath(), setup.step_s, count + 2, 1, 0)
     return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
 
 

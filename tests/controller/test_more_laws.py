@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.laws._local_model import look_ahead
 from hertzloop.controller.laws._threshold import slope
 from hertzloop.controller.laws.shifted_threshold import shifted_threshold_m_s
@@ -39,7 +39,7 @@ def gap(impedance: float = IMPEDANCE, lead_in_s: float = 20e-6, steps: int = 80)
 
 def acts(law: LawSpec, samples: np.ndarray) -> tuple[int, int, np.ndarray]:
     """First sample with a command, latched delay, commands by sample."""
-    controller = Controller(law.bound(STEP_S), LineSpec(), STEP_S, len(samples) + 1, 1, 0)
+    controller = Controller(law.bound(STEP_S), SignalPath(), STEP_S, len(samples) + 1, 1, 0)
     reply = controller.process(samples)
     command = controller.forces[1 : len(samples) + 1]
     return int(np.flatnonzero(command)[0]), int(reply.delays[-1]), command
@@ -120,7 +120,7 @@ def test_a_sphere_that_passes_by_is_left_alone() -> None:
     """Near the plate, but rising: nothing is due."""
     rising = 1e-6 * np.arange(5, 60) ** 1.0
     law = replace(IMPACT, lead_samples=10)
-    controller = Controller(law.bound(STEP_S), LineSpec(), STEP_S, 60, 1, 0)
+    controller = Controller(law.bound(STEP_S), SignalPath(), STEP_S, 60, 1, 0)
     controller.process(rising)
     assert not controller.forces.any()
 
@@ -156,4 +156,4 @@ def test_integral_feedback_integrates_and_leaks() -> None:
 
 def test_feedback_never_promises_silence() -> None:
     law = LawSpec("force_feedback", 1.0, gain=1.0)
-    assert not any(r.promise_zero for r in drive(law, LineSpec(), [0.0, 0.0], cuts=[1]).replies)
+    assert not any(r.promise_zero for r in drive(law, SignalPath(), [0.0, 0.0], cuts=[1]).replies)

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 
 # Traced code hangs in CPython 3.11 while an exception from another thread is on its way for ever.
 TRACED = """
@@ -37,7 +37,7 @@ def endless() -> None:
 
 def test_a_loop_without_end_is_given_up() -> None:
     began = time.monotonic()
-    with pytest.raises(Overdue):
+    with pytest.raises(LawTimeout):
         endless()
     assert time.monotonic() - began < 60.0
 
@@ -47,13 +47,13 @@ def test_at_the_last_moment_it_is_over_or_overdue_once(late_s: float) -> None:
     """Whichever comes first, what follows is not interrupted any more."""
     patience_s, interrupted = 0.003, 0
     for _ in range(50):
-        with suppress(Overdue), given_up_in_time(patience_s):
+        with suppress(LawTimeout), given_up_in_time(patience_s):
             until = time.perf_counter() + patience_s + late_s
             while time.perf_counter() < until:
                 pass
         try:
             for _ in range(1000):
                 pass
-        except Overdue:
+        except LawTimeout:
             interrupted += 1
     assert interrupted == 0

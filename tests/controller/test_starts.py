@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.controller import SignalPath
 from hertzloop.controller.loading.compiled import state_of
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.sensors.acquisition import Sensor, SensorSpec
@@ -36,13 +36,13 @@ def test_random_numbers_are_those_of_all_earlier_runs() -> None:
 
     noise = Sensor(SensorSpec(noise_rms=2.0), 1e-6, 50, seed=7).model.noise
     assert np.array_equal(noise, 2.0 * numbers(1).standard_normal(50))
-    both = LineSpec(jitter_steps=5, drop_out_probability=0.3)
+    both = SignalPath(jitter_steps=5, drop_out_probability=0.3)
     line = make(CONSTANT, both, 50, seed=7, after=0).line
     assert np.array_equal(line.jitter_steps, numbers(2).integers(0, 6, 50))
     assert np.array_equal(line.dropped, numbers(3).random(50) < 0.3)
 
 
 def test_a_line_is_ideal_unless_told() -> None:
-    line = make(CONSTANT, LineSpec(), 3).line
+    line = make(CONSTANT, SignalPath(), 3).line
     assert (line.latency_steps, len(line.jitter_steps), len(line.dropped)) == (0, 0, 0)
     assert (line.ideal, line.limited, line.slew_n) == (True, False, np.inf)

@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop.controller.laws.dent_threshold import contact_force, dent
 from hertzloop.controller.loading.registry import find
-from hertzloop.law import About
+from hertzloop.law import LawContext
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import Limit
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
@@ -24,7 +24,7 @@ STIFFNESS, LIMIT = 4.5e9, Limit(1.05e9, 0.003)
 def law_of(limit: Limit | None) -> Any:
     depth = math.inf if limit is None else yielding(limit, STIFFNESS).delta_m
     home = find("dent_threshold")
-    return home.constants(home.keys(), About(stiffness=STIFFNESS, yield_depth_m=float(depth)))
+    return home.constants(home.keys(), LawContext(stiffness=STIFFNESS, yield_depth_m=float(depth)))
 
 
 def test_its_forces_are_those_of_a_contact_that_yields() -> None:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
 from scipy.integrate import solve_ivp
 
-from hertzloop.controller.controller import Controller, LineSpec
-from hertzloop.controller.law import WHOLE_STEPS, About
+from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.controller.law import WHOLE_STEPS, LawContext
 from hertzloop.controller.laws._local_model import acceleration, look_ahead
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
@@ -42,7 +42,7 @@ def values_of(field: FieldInfo) -> st.SearchStrategy[Any]:
 
 
 @cache
-def known(scene: Setup) -> tuple[float, About]:
+def known(scene: Setup) -> tuple[float, LawContext]:
     """The contact's stiffness, and what a law may know."""
     stiffness = scene.plant.contact.stiffness
     pulse = np.sin(np.linspace(0.0, np.pi, 40))
@@ -61,7 +61,7 @@ def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     """What the scene's law commands after each sample. Raises LawFault."""
     law = loaded_law(scene)
     bound = law.bind(scene.scene.controller.keys, known(scene)[1])
-    made = Controller(bound, LineSpec(), scene.step_s, len(samples) + 1, 1, 1)
+    made = Controller(bound, SignalPath(), scene.step_s, len(samples) + 1, 1, 1)
     return made.process(samples).forces
 
 

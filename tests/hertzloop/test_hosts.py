@@ -13,7 +13,7 @@ pytest.importorskip("cryptography")
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_config import common_name, secured
-from hertzloop.certificates import Authority, in_base64
+from hertzloop.certificates import CertificateAuthority, in_base64
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -163,7 +163,7 @@ class Paper:
     """An authority that signed what the roles have, and other configurations."""
 
     def __init__(self, hosts: Network, folder: Path) -> None:
-        self.folder, self.authority = folder, Authority(2)
+        self.folder, self.authority = folder, CertificateAuthority(2)
         self.endpoints = {
             role: f"tls/{hosts.address(role)}:{7450 + n}" for n, role in enumerate(ROLES)
         }
@@ -196,9 +196,12 @@ def paper(hosts: Network, tmp_path: Path) -> Paper:
 def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: Path) -> None:
     """A certificate of another authority, one of ours for another name, one without its key."""
     certificates = {
-        "other authority": Authority(2).certificate(common_name(RECORDER), "10.77.0.4"),
+        "other authority": CertificateAuthority(2).certificate(common_name(RECORDER), "10.77.0.4"),
         "other name": paper.authority.certificate("stranger", "10.77.0.5"),
-        "replayed": (paper.pairs[CONTROLLER][0], Authority(2).certificate("mine", "10.77.0.6")[1]),
+        "replayed": (
+            paper.pairs[CONTROLLER][0],
+            CertificateAuthority(2).certificate("mine", "10.77.0.6")[1],
+        ),
     }
     intruders = {
         host: Intruder(hosts, host, paper.of_intruder(host, *pair))

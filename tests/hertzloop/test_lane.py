@@ -15,7 +15,7 @@ import pytest
 from hertzloop.bus import codec, lane, lane_kernels
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
-from hertzloop.loop.answers import LaneAnswers
+from hertzloop.loop.answers import LaneController
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import Transport
 from hertzloop.recordings.compare import first_difference
@@ -241,9 +241,9 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) ->
     timeout_s, delay_s = 3.0, 0.002
     scene = load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.003"])
     pair, told = Pair(scene, timeout_s=timeout_s), list[int]()
-    serve, publish = LaneAnswers.serve, pair.ports[PLANT].publish
+    serve, publish = LaneController.serve, pair.ports[PLANT].publish
 
-    def slow(answers: LaneAnswers, limit: int) -> None:
+    def slow(answers: LaneController, limit: int) -> None:
         if limit > answers.samples:
             time.sleep(delay_s)
         serve(answers, min(limit, answers.samples + 1))
@@ -252,7 +252,7 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) ->
         told.append(pair.controller.samples)
         publish(envelope)
 
-    monkeypatch.setattr(LaneAnswers, "serve", slow)
+    monkeypatch.setattr(LaneController, "serve", slow)
     pair.ports[PLANT].publish = tell  # type: ignore[method-assign]
     pair.run()
     assert pair.fault == pair.controller_fault == ""

@@ -11,7 +11,7 @@ import pytest
 
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.law import Reach
+from hertzloop.law import ForceBound
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
@@ -340,11 +340,15 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_law(here)
-    says = "def reach(keys):\n    from hertzloop.law import Reach\n    return Reach(force_n=7.0)\n"
-    path.write_text(path.read_text() + says)
+    bound = (
+        "def reach(keys):\n"
+        "    from hertzloop.law import ForceBound\n"
+        "    return ForceBound(force_n=7.0)\n"
+    )
+    path.write_text(path.read_text() + bound)
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording
     path.rename(here / "gone.py")
-    assert resolve(scene.scene).reach == Reach()
+    assert resolve(scene.scene).reach == ForceBound()
     (here / "gone.py").rename(path)
     assert resolve(scene.scene).reach.force_n == 7.0

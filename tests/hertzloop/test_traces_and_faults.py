@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.controller.controller import Controller, LineSpec, _traced
-from hertzloop.controller.law import About, Keys
+from hertzloop.controller.controller import Controller, SignalPath, _traced
+from hertzloop.controller.law import Keys, LawContext
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
@@ -59,9 +59,9 @@ def test_a_trace_is_repeated_or_resampled_by_the_seed(trace):
     resampled = "controller.latency_trace_use=resample"
     assert digest(given, resampled) == digest(given, resampled)
     assert digest(given, resampled) != digest(given, resampled, "run.seed=2")
-    line = LineSpec(trace=tuple(range(1000)))
+    line = SignalPath(trace=tuple(range(1000)))
     assert list(_traced(line, 2002, 1)[998:]) == [998, 999, *range(1000), 0, 1]
-    kept = _traced(LineSpec(trace=tuple(range(1000)), resampled=True), 2000, 1)
+    kept = _traced(SignalPath(trace=tuple(range(1000)), resampled=True), 2000, 1)
     neighbours = np.mean(np.diff(kept) == 1)
     assert 0.95 < neighbours < 1.0  # blocks keep the autocorrelation
     assert np.mean(kept) == pytest.approx(499.5, abs=120)
@@ -183,8 +183,8 @@ def test_faults_of_a_sensor_do_what_they_say():
 
 def test_an_actuator_may_be_late_or_stuck():
     def line(**given):
-        bound = find("off").bind(Keys(), About())
-        return Controller(bound, LineSpec(**given), 1e-6, 20, 1, 1).line
+        bound = find("off").bind(Keys(), LawContext())
+        return Controller(bound, SignalPath(**given), 1e-6, 20, 1, 1).line
 
     assert line().jitter_steps.size == line().dropped.size == 0
     assert list(line(dead_steps=3).jitter_steps[:2]) == [3, 3]

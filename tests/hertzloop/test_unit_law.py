@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -211,7 +211,7 @@ def changed(unit: Path, folder: Path, given: str = "", made: str = "", **texts: 
 def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None:
     def forces(path: Path) -> np.ndarray:
         bound = bound_law(scene_of(path))
-        controller = Controller(bound, LineSpec(), 1e-6, 20, 1, 0)
+        controller = Controller(bound, SignalPath(), 1e-6, 20, 1, 0)
         return np.asarray(controller.process(np.linspace(-1e-3, 0.0, 10)).forces)
 
     plain, other = forces(unit), forces(changed(unit, tmp_path, "mm", "kN"))
@@ -246,7 +246,7 @@ def test_of_several_outputs_only_force_is_the_command(unit: Path, tmp_path: Path
     assert [law.ports[1].name for law in laws] == ["force", "force"]
     samples = np.linspace(-1e-3, 0.0, 10)
     one, other = (
-        np.asarray(Controller(bound_law(scene_of(path)), LineSpec(), 1e-6, 20, 1, 0)
+        np.asarray(Controller(bound_law(scene_of(path)), SignalPath(), 1e-6, 20, 1, 0)
                    .process(samples).forces)
         for path in (unit, two)
     )  # fmt: skip

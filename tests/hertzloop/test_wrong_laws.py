@@ -88,7 +88,7 @@ BEFORE = {
     ),
     "no reach": (
         "def reach(keys):\n    return 5.0\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["law mine.py: reach returned 5.0. Return a Reach."],
+        ["law mine.py: reach returned 5.0. Return a ForceBound."],
     ),
     "name": (
         "def command(p, s, samples, i):\n    return 0.0\n"

@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop.plant.figures import sound
 from hertzloop.plant.figures.sound import (
-    Drive,
+    Excitation,
     Grid,
     Products,
     Radiator,
@@ -38,14 +38,14 @@ def first_mode(shape: np.ndarray | None = None) -> tuple[Radiator, Products]:
     return radiator, Products(along[None, :], NODES, along[None, :], NODES)
 
 
-def push(steps: int = 40_000, step_s: float = 2e-5) -> Drive:
+def push(steps: int = 40_000, step_s: float = 2e-5) -> Excitation:
     """A smooth push of 5 ms."""
     force = np.zeros(steps)
     force[:250] = np.sin(np.pi * np.arange(250) / 250) ** 2
-    return Drive(force, np.zeros(steps), step_s)
+    return Excitation(force, np.zeros(steps), step_s)
 
 
-def motion(drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def motion(drive: Excitation, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and acceleration of the mode by small steps, at the grid's times."""
     omega, h = 2.0 * math.pi * HZ, drive.step_s
     q = v = 0.0
@@ -115,6 +115,6 @@ def test_the_sound_of_five_modes_two_at_a_time(monkeypatch: pytest.MonkeyPatch) 
 
 def test_no_force_no_sound() -> None:
     radiator, products = first_mode()
-    silent = Drive(np.zeros(1000), np.zeros(1000), 2e-5)
+    silent = Excitation(np.zeros(1000), np.zeros(1000), 2e-5)
     assert not pressure_pa(radiator, silent, np.array([0.1, 0.1, 1.0]), GRID).any()
     assert radiated_j(radiator, products, silent, GRID) == 0.0

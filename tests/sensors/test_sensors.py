@@ -38,7 +38,7 @@ def run(scene: Setup, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         clipped=np.zeros(block, np.int64),
         counts=np.zeros(hk.WINDOW_COUNTS, np.int64),
     )
-    grant = hk.Grant(np.zeros(hk.GRANT_COUNTS, np.int64), np.full(1, -np.inf), 1)
+    grant = hk.TimeGrant(np.zeros(hk.GRANT_COUNTS, np.int64), np.full(1, -np.inf), 1)
     grant.counts[hk.GRANTED_END] = steps
     no_force = np.zeros(steps)
     truth, values, flags = [], [], []

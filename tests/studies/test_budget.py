@@ -37,7 +37,12 @@ from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import read_results, sweep
-from hertzloop.studies.sweeps.uncertain import Part, read_uncertain, uncertain_of, with_draws
+from hertzloop.studies.sweeps.uncertain import (
+    UncertainInput,
+    read_uncertain,
+    uncertain_of,
+    with_draws,
+)
 from hertzloop.studies.tuning import LAWS
 from tests.commands import invoke
 
@@ -386,7 +391,7 @@ def test_distributions_have_their_quantiles():
     median = {"uniform": 3.0, "triangular": 4.0 - math.sqrt(6.0), "normal": 1.0,
               "log_normal": 3.0, "values": 5.0}  # fmt: skip
     for kind, given in numbers.items():
-        part = Part(("a.b",), kind, given)
+        part = UncertainInput(("a.b",), kind, given)
         assert part.at([0.5])["a.b"] == pytest.approx(median[kind])
         drawn = [part.at([(i + 0.5) / 500])["a.b"] for i in range(500)]
         assert sorted(drawn) == drawn
@@ -438,7 +443,7 @@ def test_distributions_that_make_no_sense_are_refused(data, word):
 
 def test_sobol_indices_of_the_ishigami_function():
     pytest.importorskip("SALib")
-    parts = [Part((key,), "uniform", (-math.pi, math.pi)) for key in ("a", "b", "c")]
+    parts = [UncertainInput((key,), "uniform", (-math.pi, math.pi)) for key in ("a", "b", "c")]
 
     def run(points):
         x = np.array(points) * 2.0 * math.pi - math.pi

@@ -16,7 +16,7 @@ from benchmarks import latency
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
-from hertzloop.studies.sweeps.journal import Journal, Kept, kept
+from hertzloop.studies.sweeps.journal import Journal, JournalEntries, kept
 from hertzloop.studies.sweeps.pool import local_pool
 from tests.benchmarks.programs import ROOT
 from tests.commands import invoke
@@ -176,7 +176,7 @@ def test_a_chart_cut_short_goes_on_and_runs_every_case_once(
     monkeypatch.setattr(latency, "_SEEDS", (1, 2))
     monkeypatch.setattr(latency, "local_pool", lambda: local_pool(1))
 
-    def chart(folder: Path, finished: Kept, ran: list[str], most: int = 10**9) -> Any:
+    def chart(folder: Path, finished: JournalEntries, ran: list[str], most: int = 10**9) -> Any:
         folder.mkdir(exist_ok=True)
         return latency.run(
             folder, True, through=lambda pool: finished.of(_counted(pool, ran, most))

@@ -43,7 +43,7 @@ NOISE = 1e-4  # rms, of the converter's range, in the real plant
 
 
 @dataclass(frozen=True)
-class Nominal:
+class Baseline:
     """What a law does in a scene as it is: figures against no control at the scene's own touch
     phase, their spread over phases, whether the goals are met at every phase, and whether the loop
     was unstable at one of them."""
@@ -63,7 +63,7 @@ class InPlant:
     scene does not accept."""
 
     span: Span
-    nominal: Nominal
+    nominal: Baseline
     margin: Margin | None
     limits: tuple[BudgetLimit, ...]
     binds_first: str | None
@@ -218,7 +218,7 @@ def nominal_of(
     goals: Sequence[Goal],
     search: Search,
     whole: bool,
-) -> Nominal:
+) -> Baseline:
     """Measure what a law does in a scene as it is; `whole`: simulate the scene's own touch phase as
     long as the scene says, as `hertzloop run` does. Raises SceneError if that cannot be run."""
     lasts = {} if search.long_s is None else {"run.duration_s": search.long_s}
@@ -228,7 +228,7 @@ def nominal_of(
         if row["state"] == CaseState.NOT_RUN:
             raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
-    return Nominal(
+    return Baseline(
         figures={name: float("nan") if own[name] is None else own[name] for name in FIGURES},
         over_phases={
             name: spread_of([float("nan") if row[name] is None else row[name] for row in rows])
@@ -281,7 +281,7 @@ def as_data(found: Budget) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _spreads(nominal: Nominal) -> dict[str, dict[str, float]]:
+def _spreads(nominal: Baseline) -> dict[str, dict[str, float]]:
     return {name: asdict(spread) for name, spread in nominal.over_phases.items()}
 
 

@@ -17,7 +17,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.sweeps.uncertain import Part, Uncertain
+from hertzloop.studies.sweeps.uncertain import UncertainInput, UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
 _NORMAL = NormalDist()
@@ -64,7 +64,7 @@ def probability(
     pool: Pool,
     setup: Setup,
     goals: Sequence[Goal],
-    uncertain: Uncertain,
+    uncertain: UncertainInputs,
     span: Span,
     *,
     within: float = 0.05,
@@ -140,7 +140,7 @@ class Sensitivity:
 
 
 def sobol_indices(
-    parts: Sequence[Part], figures: Sequence[str], base: int,
+    parts: Sequence[UncertainInput], figures: Sequence[str], base: int,
     run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]], seed: int = 1,
 ) -> list[Sensitivity]:  # fmt: skip
     """Return first-order and total Sobol indices.
@@ -190,7 +190,12 @@ def sobol_indices(
 
 
 def sensitivities(
-    pool: Pool, setup: Setup, goals: Sequence[Goal], uncertain: Uncertain, span: Span, base: int
+    pool: Pool,
+    setup: Setup,
+    goals: Sequence[Goal],
+    uncertain: UncertainInputs,
+    span: Span,
+    base: int,
 ) -> list[Sensitivity]:
     """Return the Sobol indices of the figures of the goals. See `sobol_indices`."""
 

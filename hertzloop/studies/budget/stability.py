@@ -13,7 +13,13 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
-from hertzloop.studies.margin.margin import Loops, Margin, loops_of, margin_of, stable_in_flight
+from hertzloop.studies.margin.margin import (
+    Margin,
+    PolyphaseLoop,
+    loops_of,
+    margin_of,
+    stable_in_flight,
+)
 from hertzloop.studies.margin.shown import growth_words
 
 Verdict = Callable[[int], bool]  # whether the loop is stable at a place of the list of values
@@ -95,7 +101,7 @@ def _verdict(setup: Setup, margin: Margin, quantity: BudgetQuantity) -> Verdict:
     """Return the verdict of linear theory; where it has none, the loop counts as stable."""
     if quantity.name == "latency_us":
         loops = loops_of(setup)
-        assert isinstance(loops, Loops)
+        assert isinstance(loops, PolyphaseLoop)
         unstable = loops.unstable(np.arange(len(quantity.values)))
         return lambda place: not unstable[place]
     if quantity.name in _CHANGE_THE_LOOP and margin.stable:

@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 import scipy
 
-from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import Response
 from hertzloop.controller.laws import linear
 from hertzloop.controller.loading.bound import LawFault
@@ -161,7 +161,7 @@ def _probe(setup: Setup, answered: list[int]) -> LawFilter:
 
     def answer(samples: np.ndarray) -> np.ndarray:
         count = len(samples)
-        controller = Controller(bound, LineSpec(), setup.step_s, count + 2, 1, 0)
+        controller = Controller(bound, SignalPath(), setup.step_s, count + 2, 1, 0)
         try:
             forces = controller.process(samples, look_ahead=False).forces
         except LawFault as error:

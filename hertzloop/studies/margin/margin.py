@@ -90,7 +90,7 @@ def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop
 
 
 @dataclass(frozen=True)
-class Loops:
+class PolyphaseLoop:
     """The linear loop of a setup in flight: one `Loop` for each remainder of the latency by the
     sampling interval."""
 
@@ -201,7 +201,7 @@ def _digest(setup: Setup) -> str:
 
 
 @lru_cache(maxsize=16)
-def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
+def _loops(setup: Setup, digest: str) -> PolyphaseLoop | NotLinearError:
     """Return the loops of a setup, or why it has none; `digest` belongs to the key."""
     try:
         law = law_filter(setup)
@@ -209,7 +209,7 @@ def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
         return error
     plant, every = damped(plant_in_flight(setup)), setup.every_steps
     lead = 1 + setup.line.dead_steps
-    return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
+    return PolyphaseLoop(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
 
 
 def damped(plant: PoleForm) -> PoleForm:
@@ -224,7 +224,7 @@ def damped(plant: PoleForm) -> PoleForm:
     return replace(plant, poles=inside)
 
 
-def loops_of(setup: Setup) -> Loops | NotLinearError:
+def loops_of(setup: Setup) -> PolyphaseLoop | NotLinearError:
     """Return the linear loop of a setup, or why it has none.
 
     That of a shipped law serves all latencies; only a user's law may know its own.
@@ -316,7 +316,7 @@ def _fastest_hz(poles: np.ndarray, sample_s: float) -> float:
     return abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
 
 
-def _limit(loops: Loops) -> int | None:
+def _limit(loops: PolyphaseLoop) -> int | None:
     if not any(loop.table.arcs or loop.table.outside for loop in loops.every):
         return None
     first, size = 0, 256
@@ -339,7 +339,7 @@ def _ends(table: NyquistTable) -> tuple[np.ndarray, np.ndarray]:
     return np.array(angles), np.array(phases)
 
 
-def _between(loops: Loops, latency: int, back: bool = False) -> tuple[float, float]:
+def _between(loops: PolyphaseLoop, latency: int, back: bool = False) -> tuple[float, float]:
     """Latency (steps) between `latency` and its neighbour where stability ends, and the angle."""
     table, lead = loops.every[0].table, loops.lead
     angles, phases = _ends(table)
@@ -364,7 +364,7 @@ def _between(loops: Loops, latency: int, back: bool = False) -> tuple[float, flo
     return found[-1]
 
 
-def _windows(loops: Loops, limit: int | None, step_us: float) -> list[list[float | None]]:
+def _windows(loops: PolyphaseLoop, limit: int | None, step_us: float) -> list[list[float | None]]:
     if limit is None:
         return [[0.0, None]]
     stable = loops.unstable(np.arange(max(_WINDOWS, 2 * limit + 200))) == 0

@@ -12,7 +12,7 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_name
-from hertzloop.studies.margin.margin import Loops, Margin, loops_of
+from hertzloop.studies.margin.margin import Margin, PolyphaseLoop, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 _MOST_POLES = 4000
@@ -30,7 +30,7 @@ class _Drawn:
     def __init__(self, setup: Setup, margin: Margin) -> None:
         self.setup, self.margin = setup, margin
         loops = loops_of(setup)
-        assert isinstance(loops, Loops)
+        assert isinstance(loops, PolyphaseLoop)
         self.at = loops.at
         self.sample_s = setup.every_steps * setup.step_s
         self.latency = setup.line.latency_steps

@@ -24,7 +24,7 @@ _IN_BOX, _FAR, _NODES = 12, 3.0, 20  # poles in a box, half widths to far ones, 
 
 
 @dataclass(frozen=True)
-class Arc:
+class GainArc:
     """A stretch of the upper unit circle with |L| > 1: its ends (rad/sample) and phases (rad),
     unwrapped, of L without latency."""
 
@@ -55,11 +55,11 @@ class NyquistTable:
     """Arcs of a loop gain, its open-loop poles outside the circle, the grid with values, and the
     function that evaluates it between them."""
 
-    arcs: tuple[Arc, ...]
+    arcs: tuple[GainArc, ...]
     outside: int
     theta: np.ndarray
     log_gain: np.ndarray  # complex: log |L| and the unwrapped phase
-    log_of: "OnCircle"
+    log_of: "FrequencyResponse"
 
     def gain(self, theta: np.ndarray, delay: int) -> np.ndarray:
         """Return L with a delay in samples at angles from 0 to pi, shape (points,)."""
@@ -76,7 +76,7 @@ class NyquistTable:
         return np.round(found).astype(int)
 
 
-class OnCircle:
+class FrequencyResponse:
     """The loop gain L = -C P without latency on the upper unit circle, fast at many points.
 
     The circle is cut into boxes. Poles near a box are summed one by one, and the sum over the
@@ -164,7 +164,7 @@ def make_table(plant: PoleForm, law: LawFilter) -> NyquistTable:
     An interval is halved until the cubic through log L and its slope at both ends predicts the
     middle. Where this cubic passes |L| = 1 and the ends do not tell, a point is added.
     """
-    log_of = OnCircle(plant, law)
+    log_of = FrequencyResponse(plant, law)
     poles = np.concatenate([plant.poles, law.poles[law.poles.imag >= -1e-14]])
     theta = grid(poles)
     value, slope = log_of(theta)
@@ -209,18 +209,18 @@ def make_table(plant: PoleForm, law: LawFilter) -> NyquistTable:
     start, start_phase = (0.0, float(phase[0])) if above[0] else (math.nan, math.nan)
     for i, j in enumerate(change):
         if above[j]:
-            arcs.append(Arc(start, float(edge[i]), start_phase, float(edge_phase[i])))
+            arcs.append(GainArc(start, float(edge[i]), start_phase, float(edge_phase[i])))
         else:
             start, start_phase = float(edge[i]), float(edge_phase[i])
     if above[-1]:
-        arcs.append(Arc(start, math.pi, start_phase, float(phase[-1])))
+        arcs.append(GainArc(start, math.pi, start_phase, float(phase[-1])))
     outside = poles[np.abs(poles) > 1.0]
     count = int(sum(1 if abs(p.imag) < 1e-15 else 2 for p in outside))
     return NyquistTable(tuple(arcs), count, theta, size + 1j * phase, log_of)
 
 
 def _edges(
-    log_of: OnCircle, theta: np.ndarray, above: np.ndarray, change: np.ndarray
+    log_of: FrequencyResponse, theta: np.ndarray, above: np.ndarray, change: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where |L| = 1 in the intervals `change`, and the phase there, by Newton's method that
     falls back on halving."""

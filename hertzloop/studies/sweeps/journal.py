@@ -23,7 +23,7 @@ from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, chunked
 # run, and the rest follows as if there had been no kill.
 
 
-class Kept:
+class JournalEntries:
     """Finished cases of what one command does, in an open journal.
 
     `found`: how many an earlier start had finished; `ran`: how many were run since.
@@ -59,13 +59,13 @@ class Kept:
 
 
 @contextmanager
-def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Kept]:
+def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
     """The finished cases of a command in FOLDER/NAME-DIGEST.partial, where the digest is that of
     `header`: all that decides which cases are asked for, and their bits. The file goes when the
     work is done. Raises JournalError, OSError."""
     path = folder / f"{name}-{_digest(header)[:8]}.partial"
     with Journal(path, header) as journal:
-        yield Kept(journal)
+        yield JournalEntries(journal)
     path.unlink()
 
 

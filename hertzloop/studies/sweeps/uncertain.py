@@ -34,7 +34,7 @@ _IDENTIFIED, _SAME = "identified", 1e-9
 
 
 @dataclass(frozen=True)
-class Part:
+class UncertainInput:
     """One scene key, or several correlated ones, with a distribution.
 
     Attributes:
@@ -84,10 +84,10 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Uncertain:
+class UncertainInputs:
     """All uncertain keys of a scene."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[UncertainInput, ...]
 
     @property
     def keys(self) -> list[str]:
@@ -112,7 +112,7 @@ class Uncertain:
         return own | self.at([min(max(float(x), 1e-15), 1.0 - 1e-15) for x in point])
 
 
-def read_uncertain(path: Path, setup: Setup) -> Uncertain:
+def read_uncertain(path: Path, setup: Setup) -> UncertainInputs:
     """Read distributions from a TOML file.
 
     Args:
@@ -141,7 +141,7 @@ def read_uncertain(path: Path, setup: Setup) -> Uncertain:
     return _checked(fitted + _parts(data.get("uncertain", {}), setup, name), setup, name)
 
 
-def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain") -> Uncertain:
+def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain") -> UncertainInputs:
     """Return the uncertain keys that a table describes.
 
     Args:
@@ -156,7 +156,7 @@ def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain")
     return _checked(_parts(data, setup, name), setup, name)
 
 
-def _parts(data: Any, setup: Setup, name: str) -> tuple[Part, ...]:
+def _parts(data: Any, setup: Setup, name: str) -> tuple[UncertainInput, ...]:
     if not isinstance(data, Mapping):
         raise SceneError(f"{name}, uncertain = {shown(data)}: must be a table of scene keys")
     if not isinstance(data.get("correlated", []), list):
@@ -173,8 +173,8 @@ def _parts(data: Any, setup: Setup, name: str) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _checked(parts: tuple[Part, ...], setup: Setup, name: str) -> Uncertain:
-    found = Uncertain(parts)
+def _checked(parts: tuple[UncertainInput, ...], setup: Setup, name: str) -> UncertainInputs:
+    found = UncertainInputs(parts)
     if not parts:
         raise SceneError(f"{name}: has no key. Give a distribution for at least one scene key")
     for key in found.keys:
@@ -188,7 +188,7 @@ def _checked(parts: tuple[Part, ...], setup: Setup, name: str) -> Uncertain:
     return found
 
 
-def _part(key: str, given: Any, setup: Setup, name: str) -> Part:
+def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
     table = given if isinstance(given, dict) else {}
     kind = table.get("distribution")
     grains = (setup.resolution_of(key),)
@@ -197,7 +197,7 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> Part:
         numbers = _floats(values if isinstance(values, list) else [], len(values), key, name)
         if not numbers:
             raise SceneError(f"{name}, {key}.values = []: is empty. Give measured values")
-        return Part((key,), "values", numbers, (), grains)
+        return UncertainInput((key,), "values", numbers, (), grains)
     if kind not in _NUMBERS:
         raise SceneError(
             f"{name}, {key}.distribution = {shown(kind)}: is unknown. Choose one of "
@@ -215,10 +215,10 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> Part:
         raise SceneError(f"{name}, {key}: {', '.join(wanted)} must increase. Put them in order")
     if kind in ("normal", "log_normal") and not numbers[1] > 0.0:
         raise SceneError(f"{name}, {key}.{wanted[1]} = {numbers[1]:g}: must be above 0. Change it")
-    return Part((key,), kind, numbers, (), grains)
+    return UncertainInput((key,), kind, numbers, (), grains)
 
 
-def _correlated(given: Any, setup: Setup, name: str) -> Part:
+def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
     table = given if isinstance(given, dict) else {}
     keys = tuple(map(str, table.get("keys", ())))
     mean = _floats(table.get("mean", []), len(keys), "correlated.mean", name)
@@ -234,13 +234,13 @@ def _correlated(given: Any, setup: Setup, name: str) -> Part:
             f"{name}, correlated: needs keys, mean and a symmetric positive definite covariance "
             "with a row and a column a key. Give at least two keys"
         ) from None
-    return Part(
+    return UncertainInput(
         keys, "correlated", mean, tuple(tuple(map(float, row)) for row in factor),
         tuple(setup.resolution_of(key) for key in keys),
     )  # fmt: skip
 
 
-def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
+def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:
     """The keys that a fit identified, with the covariance of their logarithms."""
     n = len(table.keys)
     if not len(table.values) == len(table.verdicts) == n or len(table.covariance_log) != n * n:
@@ -266,7 +266,7 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
     covariance = np.array(table.covariance_log).reshape(n, n)[np.ix_(known, known)]
     sizes, axes = np.linalg.eigh(covariance)
     factor = axes * np.sqrt(np.maximum(sizes, 0.0))
-    return Part(
+    return UncertainInput(
         tuple(table.keys[i] for i in known), "fitted", tuple(table.values[i] for i in known),
         tuple(tuple(map(float, row)) for row in factor), (0.0,) * len(known),
     )  # fmt: skip
@@ -283,7 +283,7 @@ def _floats(values: Any, count: int, key: str, name: str) -> tuple[float, ...]:
     return tuple(float(x) for x in values)
 
 
-def with_draws(setup: Setup, design: Design, uncertain: Uncertain, count: int) -> Design:
+def with_draws(setup: Setup, design: Design, uncertain: UncertainInputs, count: int) -> Design:
     """Return a design whose every case runs with each of `count` draws.
 
     Args:

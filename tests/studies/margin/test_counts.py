@@ -8,7 +8,7 @@ from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
-from hertzloop.studies.margin.table import OnCircle
+from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
 
 
@@ -29,7 +29,7 @@ def test_a_dip_below_one_between_the_points_is_found() -> None:
     plant = PoleForm(poles, np.array([0.5 + 0j, 0.5 + 0j]), np.array([0.3, 0.0]))
     none = np.empty(0, complex)
     theta = np.linspace(0.002001, 0.004499, 200_001)
-    least = np.exp(OnCircle(plant, LawFilter(1.0, none, none))(theta)[0].real.min())
+    least = np.exp(FrequencyResponse(plant, LawFilter(1.0, none, none))(theta)[0].real.min())
     dip = LawFilter(-(1.0 - 1e-5) / least, none, none)
     arcs = loop_of(plant, dip, 1, 0).table.arcs
     assert len(arcs) >= 2
