@@ -46,6 +46,6 @@ def drive(program: Path, forces: np.ndarray) -> Driven:
     said = subprocess.run([program, given, seen], check=True, capture_output=True, text=True)
     data = seen.read_bytes()
     values = np.frombuffer(data, fmu.VALUES, len(forces) + 1)
-    books = np.frombuffer(data, np.float64, offset=values.nbytes)
-    energies = dict(zip(fmu.ENERGIES, map(float, books), strict=True))
+    balance = np.frombuffer(data, np.float64, offset=values.nbytes)
+    energies = dict(zip(fmu.ENERGIES, map(float, balance), strict=True))
     return Driven(values, energies, float(said.stdout))

@@ -38,7 +38,7 @@ _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 
 @dataclass(frozen=True)
 class Run:
-    """First impact of a run, what its tail took (J), the largest residual of its books, and the
+    """First impact of a run, what its tail took (J), the largest residual of its balance, and the
     number of frequencies."""
 
     impact: Impact
@@ -52,10 +52,10 @@ def run(setup: Setup, **changes: Any) -> Run:
     spec = replace(setup.plant, **changes)
     plant = CollocationPlant(spec)
     done = simulate(setup, own_plant=plant)
-    books = done.books
-    residual = max(abs(books.energy_residual), abs(books.momentum_residual))
+    balance = done.balance
+    residual = max(abs(balance.energy_residual), abs(balance.momentum_residual))
     found = impacts_in(spec, done.rows)[0]
-    return Run(found, books.tail_dissipated_j, residual, len(plant.modes.omega))
+    return Run(found, balance.tail_dissipated_j, residual, len(plant.modes.omega))
 
 
 def changes(run: Impact, best: Impact) -> tuple[float, float, float, float]:
@@ -125,7 +125,7 @@ _FINE = ["run.step_ns=250", "sensors.every_steps=4", "controller.latency_us=0.75
 @dataclass(frozen=True)
 class Tail:
     """Errors of plate energy and of rebound over impact speed with a spring and with a damped mode,
-    the share of the plate energy that the mode took, and the largest residual of the books."""
+    the share of the plate energy that the mode took, and the largest residual of the balance."""
 
     case: str
     limit_khz: float

@@ -90,7 +90,7 @@ class Case:
 
 
 def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
-    """Flight over a ringing plate and contact, without damping and with its books."""
+    """Flight over a ringing plate and contact, without damping and with its balance."""
     found = {}
     for what, numbers, settings in (
         ("flight", _FLIGHT, ["plate.loss_factor=0"]),

@@ -255,7 +255,7 @@ def textbook_outcomes(
 def shake(plant: Plant, speed_m_s: float) -> float:
     """Let the plate pass its rest position with a speed at the struck point, up positive, shared
     by its lowest ten oscillators. Returns the energy that this adds, J, which the plant's own
-    books do not know. For a plant at rest at the first touch."""
+    balance do not know. For a plant at rest at the first touch."""
     body, state = plant.state.body, plant.state
     each = speed_m_s / _SHAKEN_MODES
     body[V_P] = speed_m_s
@@ -280,15 +280,15 @@ def plant_outcomes(
             shaken_j = shake(plant, plate_speed_m_s) if plate_speed_m_s else 0.0
             gaps = np.empty(steps)
             ik.plant_gaps(plant.model, plant.state, 1, gaps)
-            books = plant.close_balance()
-            missing_j = books.energy_residual * books.energy_start_j - shaken_j
+            balance = plant.close_balance()
+            missing_j = balance.energy_residual * balance.energy_start_j - shaken_j
             touching = np.concatenate([[False], gaps < 0.0])
             yield Outcome(
                 where,
                 scheme,
                 float(share),
-                missing_j / (books.energy_start_j + shaken_j),
-                books.newton_iterations_max,
+                missing_j / (balance.energy_start_j + shaken_j),
+                balance.newton_iterations_max,
                 int(np.count_nonzero(touching[1:] & ~touching[:-1])),
             )
 
@@ -321,9 +321,9 @@ def thesis_contact(every: int = 1) -> Iterator[tuple[float, float, float, float]
                 raise ValueError(f"the contact does not end within {most} steps")
             tk.step(plant.model, plant.state, 0.0)
             steps += 1
-        books = plant.close_balance()
+        balance = plant.close_balance()
         length = float(share * steps)
-        yield float(share), length, abs(books.energy_residual), abs(books.momentum_residual)
+        yield float(share), length, abs(balance.energy_residual), abs(balance.momentum_residual)
 
 
 @dataclass(frozen=True)
@@ -643,7 +643,7 @@ def loop_map(name: str = "aluminium-3mm", every: int = 1) -> Iterator[LoopPoint]
             yield LoopPoint(
                 float(kappa),
                 float(latency_us),
-                truth.books.injected_j / truth.books.energy_start_j,
+                truth.balance.injected_j / truth.balance.energy_start_j,
                 10.0 * math.log10(first.plate_energy_j / free.plate_energy_j),
                 1e6 * first.duration_s,
             )

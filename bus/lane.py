@@ -148,7 +148,7 @@ def join(
 ) -> tuple[lane_kernels.Lane | None, messages.LaneAnswer]:
     """The controller's end of the lane that a hello offers, if any, and the LaneAnswer to it."""
     if not hello.HasField("lane"):
-        return None, messages.UNSAID
+        return None, messages.NOT_STATED
     if not wanted:
         return None, messages.SWITCHED_OFF
     try:

@@ -12,7 +12,7 @@ DESCRIPTOR: _descriptor.FileDescriptor
 
 class LaneAnswer(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
-    UNSAID: _ClassVar[LaneAnswer]
+    NOT_STATED: _ClassVar[LaneAnswer]
     JOINED: _ClassVar[LaneAnswer]
     OTHER_HOST: _ClassVar[LaneAnswer]
     NOT_ALLOWED: _ClassVar[LaneAnswer]
@@ -20,7 +20,7 @@ class LaneAnswer(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
 
 class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
-    SENTENCE: _ClassVar[EventKind]
+    TEXT: _ClassVar[EventKind]
     CONTACT_BEGAN: _ClassVar[EventKind]
     CONTACT_ENDED: _ClassVar[EventKind]
     RANGE_LEFT: _ClassVar[EventKind]
@@ -28,12 +28,12 @@ class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FORCES_LATE: _ClassVar[EventKind]
     LAW_MODE: _ClassVar[EventKind]
     RUN_FAILED: _ClassVar[EventKind]
-UNSAID: LaneAnswer
+NOT_STATED: LaneAnswer
 JOINED: LaneAnswer
 OTHER_HOST: LaneAnswer
 NOT_ALLOWED: LaneAnswer
 SWITCHED_OFF: LaneAnswer
-SENTENCE: EventKind
+TEXT: EventKind
 CONTACT_BEGAN: EventKind
 CONTACT_ENDED: EventKind
 RANGE_LEFT: EventKind
@@ -43,7 +43,7 @@ LAW_MODE: EventKind
 RUN_FAILED: EventKind
 
 class Hello(_message.Message):
-    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions", "law", "law_digest", "law_source", "lane", "pace", "repeats")
+    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions", "law", "law_digest", "lane", "pace", "repeats")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SCENE_FIELD_NUMBER: _ClassVar[int]
     SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
@@ -54,7 +54,6 @@ class Hello(_message.Message):
     VERSIONS_FIELD_NUMBER: _ClassVar[int]
     LAW_FIELD_NUMBER: _ClassVar[int]
     LAW_DIGEST_FIELD_NUMBER: _ClassVar[int]
-    LAW_SOURCE_FIELD_NUMBER: _ClassVar[int]
     LANE_FIELD_NUMBER: _ClassVar[int]
     PACE_FIELD_NUMBER: _ClassVar[int]
     REPEATS_FIELD_NUMBER: _ClassVar[int]
@@ -68,11 +67,10 @@ class Hello(_message.Message):
     versions: str
     law: str
     law_digest: str
-    law_source: str
     lane: LaneOffer
     pace: float
     repeats: int
-    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., law_source: _Optional[str] = ..., lane: _Optional[_Union[LaneOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., lane: _Optional[_Union[LaneOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
 
 class LawText(_message.Message):
     __slots__ = ("run_id", "source")
@@ -220,7 +218,7 @@ class Event(_message.Message):
     oldest_steps: int
     def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., last_number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ..., from_step: _Optional[int] = ..., to_step: _Optional[int] = ..., late_rows: _Optional[int] = ..., longest_row: _Optional[int] = ..., oldest_steps: _Optional[int] = ...) -> None: ...
 
-class Books(_message.Message):
+class EnergyBalance(_message.Message):
     __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "air_dissipated_j", "tail_dissipated_j")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ENERGY_START_J_FIELD_NUMBER: _ClassVar[int]
@@ -311,7 +309,7 @@ class RunEnd(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ..., set_up: _Optional[_Union[SetUp, _Mapping]] = ...) -> None: ...
 
 class Pacing(_message.Message):
-    __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "lead_steps", "step_ns", "answers")
+    __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "lookahead_steps", "step_ns", "answers")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     PACE_FIELD_NUMBER: _ClassVar[int]
     RESPONSE_MAX_NS_FIELD_NUMBER: _ClassVar[int]
@@ -319,7 +317,7 @@ class Pacing(_message.Message):
     BEHIND_MAX_NS_FIELD_NUMBER: _ClassVar[int]
     WORKING_NS_FIELD_NUMBER: _ClassVar[int]
     CLASSES_AN_OCTAVE_FIELD_NUMBER: _ClassVar[int]
-    LEAD_STEPS_FIELD_NUMBER: _ClassVar[int]
+    LOOKAHEAD_STEPS_FIELD_NUMBER: _ClassVar[int]
     STEP_NS_FIELD_NUMBER: _ClassVar[int]
     ANSWERS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
@@ -329,7 +327,7 @@ class Pacing(_message.Message):
     behind_max_ns: int
     working_ns: int
     classes_an_octave: int
-    lead_steps: int
+    lookahead_steps: int
     step_ns: int
     answers: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., pace: _Optional[float] = ..., response_max_ns: _Optional[int] = ..., late_max_ns: _Optional[int] = ..., behind_max_ns: _Optional[int] = ..., working_ns: _Optional[int] = ..., classes_an_octave: _Optional[int] = ..., lead_steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., answers: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., pace: _Optional[float] = ..., response_max_ns: _Optional[int] = ..., late_max_ns: _Optional[int] = ..., behind_max_ns: _Optional[int] = ..., working_ns: _Optional[int] = ..., classes_an_octave: _Optional[int] = ..., lookahead_steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., answers: _Optional[_Iterable[float]] = ...) -> None: ...

@@ -46,7 +46,7 @@ STREAMS = {
             compared=True,
             recorded_as=Log,
         ),
-        Stream("books", PLANT, messages.Books, "/books", once=True),
+        Stream("balance", PLANT, messages.EnergyBalance, "/balance", once=True),
         Stream("end/plant", PLANT, messages.RunEnd, "/end", CONTROLLER, once=True),
         Stream("end/controller", CONTROLLER, messages.RunEnd, "/end", PLANT, once=True),
         Stream("pacing", PLANT, messages.Pacing, "/pacing", once=True),

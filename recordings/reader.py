@@ -61,7 +61,7 @@ def open_recording(path: Path, keep: bool = False) -> OpenRecording:
         raise _not_a_recording(path, run, scanner)
     recording = Recording(
         path, run.scene_toml, run.metadata or {}, run.result or {}, events=run.events,
-        books=run.books, pacing=run.pacing, ends=run.ends, law_source=run.law_source,
+        balance=run.balance, pacing=run.pacing, ends=run.ends, law_source=run.law_source,
         others=run.others, unchecked=len(scanner.unchecked),
     )  # fmt: skip
     for name in SAMPLED:  # each is an attribute of a Recording

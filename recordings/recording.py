@@ -10,7 +10,7 @@ import numpy as np
 
 from hertzloop.bus import sequence_checker, streams
 from hertzloop.bus.codec import DecodedBlock
-from hertzloop.bus.messages_pb2 import Books, EventKind, RunEnd
+from hertzloop.bus.messages_pb2 import EnergyBalance, EventKind, RunEnd
 from hertzloop.recordings.joined_stream import JoinedStream
 
 SAMPLED = tuple(sorted(s.name for s in streams.STREAMS.values() if s.numbered))  # daq, force, truth
@@ -19,10 +19,10 @@ SAMPLED = tuple(sorted(s.name for s in streams.STREAMS.values() if s.numbered)) 
 class EventData(NamedTuple):
     """The part of an event that programs read.
 
-    Of an event of kind SENTENCE, only the sentence is known.
+    Of an event of kind TEXT, only the sentence is known.
     """
 
-    kind: EventKind = EventKind.SENTENCE
+    kind: EventKind = EventKind.TEXT
     number: int = 0
     quantity: str = ""
     mode_before: int = 0
@@ -68,7 +68,7 @@ class Recording:
         force: Commanded forces.
         truth: State of the plant at every step.
         events: Events in the order of the file.
-        books: Energy and momentum balance at the end of the run.
+        balance: Energy and momentum balance at the end of the run.
         pacing: Response times of a paced run.
         ends: Final messages by role.
         problems: Sentences on gaps and damage; empty for a complete recording.
@@ -85,7 +85,7 @@ class Recording:
     force: JoinedStream = field(default_factory=JoinedStream)
     truth: JoinedStream = field(default_factory=JoinedStream)
     events: list[Event] = field(default_factory=list)
-    books: Books | None = None
+    balance: EnergyBalance | None = None
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)

@@ -10,7 +10,7 @@ from mcap.records import Attachment, Channel, Message, Metadata
 
 from hertzloop.bus import codec, sequence_checker, streams
 from hertzloop.bus.codec import DecodedBlock, MessageError
-from hertzloop.bus.messages_pb2 import Books, Hello, RunEnd
+from hertzloop.bus.messages_pb2 import EnergyBalance, Hello, RunEnd
 from hertzloop.bus.sequence_checker import not_finite
 from hertzloop.recordings.file_format import (
     LAW_ATTACHMENT,
@@ -63,7 +63,7 @@ class RunReader:
         result: Result of the run; None without one.
         hello: First message of the plant; None without one.
         announced_toml: The whole scene, if the hello leaves out some of it.
-        books: Energy and momentum balance; None without one.
+        balance: Energy and momentum balance; None without one.
         pacing: Response times; None without them.
         ends: Final messages by role.
         events: Events in the order of the file.
@@ -87,7 +87,7 @@ class RunReader:
     result: dict[str, str] | None = None
     hello: Hello | None = None
     announced_toml: str = ""
-    books: Books | None = None
+    balance: EnergyBalance | None = None
     pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
@@ -230,8 +230,8 @@ class RunReader:
             self.hello = header
         elif name == "scene":
             self.announced_toml = header.scene_toml
-        elif name == "books":
-            self.books = header
+        elif name == "balance":
+            self.balance = header
             if wrong := not_finite(header, {}):
                 return f"the energy balance holds {wrong}, which is not finite"
         elif name.startswith("end/"):

@@ -25,7 +25,7 @@ from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 if TYPE_CHECKING:
     import xarray as xr
 
-    from hertzloop.bus.messages_pb2 import Books as BooksMessage
+    from hertzloop.bus.messages_pb2 import EnergyBalance as EnergyBalance
     from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event, Recording
@@ -180,7 +180,7 @@ def simulate(scene: AnyScene) -> Run:
     setup = resolved(scene)
     found = compiled.simulate(setup)
     columns = truth_columns(found.rows, setup, setup.plant.same_point)
-    return _run_from(setup, found.rows, columns, found.values, None, found.books)
+    return _run_from(setup, found.rows, columns, found.values, None, found.balance)
 
 
 def run(
@@ -272,7 +272,7 @@ def read(recording: str | Path) -> Run:
     from hertzloop.results.recorded import rows_of
 
     found = read_recording(Path(recording))
-    if found.problems or found.books is None:
+    if found.problems or found.balance is None:
         raise RecordingError(
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
         )
@@ -283,7 +283,7 @@ def read(recording: str | Path) -> Run:
         raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     kept = {name: found.truth.arrays[name] for name in names}
-    return _run_from(resolve(scene), rows_of(found), kept, found.daq_values, found, found.books)
+    return _run_from(resolve(scene), rows_of(found), kept, found.daq_values, found, found.balance)
 
 
 def _run_from(
@@ -292,7 +292,7 @@ def _run_from(
     columns: Mapping[str, np.ndarray],
     values: np.ndarray,
     recording: "Recording | None",
-    books: "Balance | BooksMessage",
+    balance: "Balance | EnergyBalance",
 ) -> Run:
     from hertzloop.results.figures import RunResult, figures_of
     from hertzloop.results.impacts import impacts_of_rows
@@ -311,7 +311,7 @@ def _run_from(
     def compute_result() -> RunResult:
         return RunResult(
             figures_of(setup, stacked(dict(columns))), law, model_error.expected_error(setup),
-            books.injected_j, books.dent_m, pacing is not None, saturation,
+            balance.injected_j, balance.dent_m, pacing is not None, saturation,
             setup.law_models_yield,
         )  # fmt: skip
 
@@ -322,8 +322,8 @@ def _run_from(
         scene=setup.scene,
         impacts=[one.impact for one in found],
         noise=[one.noise for one in found],
-        energy_residual=books.energy_residual,
-        momentum_residual=books.momentum_residual,
+        energy_residual=balance.energy_residual,
+        momentum_residual=balance.momentum_residual,
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
         pacing=pacing_as_json(pacing),

@@ -79,24 +79,24 @@ def advance(unit, command, steps):
 
 @kernel
 def balance(unit):
-    """The energies at the present step. It closes the books: the run goes on from a copy of the
-    state from before."""
+    """The energies at the present step. To close the balance changes the state, so the run goes on
+    from a copy of the state before."""
     model, state, energies = unit.plant, unit.plant_state, unit.energies
-    books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
+    balance, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
     energies[MODAL] = _close_balance(model, state)
     speed = state_kernels.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[XI_S]
     energies[CONTACT] = _stored(model, state)
-    energies[INJECTED] = books[state_kernels.INJECTED]
-    energies[MODAL_LOST] = books[MODAL_DISSIPATED] - books[AIR]
-    energies[AIR_LOST] = books[AIR]
-    energies[TAIL_LOST] = books[TAIL_DISSIPATED]
-    energies[CONTACT_LOST] = books[CONTACT_DISSIPATED]
-    energies[PLASTIC_LOST] = books[PLASTIC_DISSIPATED]
+    energies[INJECTED] = balance[state_kernels.INJECTED]
+    energies[MODAL_LOST] = balance[MODAL_DISSIPATED] - balance[AIR]
+    energies[AIR_LOST] = balance[AIR]
+    energies[TAIL_LOST] = balance[TAIL_DISSIPATED]
+    energies[CONTACT_LOST] = balance[CONTACT_DISSIPATED]
+    energies[PLASTIC_LOST] = balance[PLASTIC_DISSIPATED]
     begun = mass * gravity * unit.start[0] + 0.5 * mass * unit.start[1] * unit.start[1]
     gap = energies[KINETIC] + energies[GRAVITY] + energies[MODAL] + energies[CONTACT]
-    gap += books[MODAL_DISSIPATED] + books[CONTACT_DISSIPATED]
-    gap += books[PLASTIC_DISSIPATED]
-    gap += books[TAIL_DISSIPATED] - books[state_kernels.INJECTED] - begun
-    energies[RESIDUAL] = gap / (begun + abs(books[state_kernels.INJECTED]))
+    gap += balance[MODAL_DISSIPATED] + balance[CONTACT_DISSIPATED]
+    gap += balance[PLASTIC_DISSIPATED]
+    gap += balance[TAIL_DISSIPATED] - balance[state_kernels.INJECTED] - begun
+    energies[RESIDUAL] = gap / (begun + abs(balance[state_kernels.INJECTED]))

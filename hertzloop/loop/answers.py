@@ -57,7 +57,7 @@ class ForceBuffer:
         self.grant = loop_kernels.TimeGrant(
             counts=np.zeros(GRANT_COUNTS, np.int64),
             level=np.full(1, math.inf),  # no promise is known yet: any sample breaks it
-            lead_steps=1 + setup.line.latency_steps,
+            lookahead_steps=1 + setup.line.latency_steps,
         )
         self._window, self._held = window, held
         self._confirmed = 0  # steps whose force came over the bus, too
@@ -237,7 +237,7 @@ class LaneOffer:
             self._segment = Segment(run_id, hello.steps, every_steps)
         except OSError:  # no such memory here
             return
-        self.became = LaneAnswer.Name(LaneAnswer.UNSAID)
+        self.became = LaneAnswer.Name(LaneAnswer.NOT_STATED)
         hello.lane.CopyFrom(self._segment.offer)
 
     def hear(self, answer: "LaneAnswer", sent: int) -> None:

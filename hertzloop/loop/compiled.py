@@ -87,7 +87,7 @@ IN_LOOP = LoopTimer()
 class SimulatedRun:
     """A simulated run in memory: rows as in TruthBlock, shape (10, steps), samples as they would
     be sent (values, or codes of a converter) and their values, commanded forces (N), the law's
-    mode and latched delay (samples) after each, books, and whether the run ended because nothing
+    mode and latched delay (samples) after each, balance, and whether the run ended because nothing
     that was to come could belong to its first impact."""
 
     rows: np.ndarray
@@ -96,7 +96,7 @@ class SimulatedRun:
     forces: np.ndarray
     modes: np.ndarray
     delays: np.ndarray
-    books: Balance
+    balance: Balance
     over: bool
 
 

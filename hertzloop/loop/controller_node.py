@@ -58,7 +58,7 @@ class ControllerNode:
         self.setup: Setup | None = None  # as the plant has announced it
         self._fast_lane = fast_lane
         self._lane: LaneController | None = None
-        self._joined: LaneAnswer = LaneAnswer.UNSAID
+        self._joined: LaneAnswer = LaneAnswer.NOT_STATED
         self._controller: Controller | None = None
         self._publisher: Publisher | None = None
         self._set_up_by: SetUp | None = None
@@ -164,7 +164,7 @@ class ControllerNode:
         except LawFault as error:
             raise StreamFault(str(error)) from error
         self._publish(reply, self._joined)
-        self._joined = LaneAnswer.UNSAID  # said once
+        self._joined = LaneAnswer.NOT_STATED  # said once
         if self._offered is not None:
             self._lane = LaneController(self._controller, self._offered, self.look_ahead)
             lane.sleep_precisely()
@@ -180,7 +180,7 @@ class ControllerNode:
         self._next_block_s = now + _EVERY_S
         self._publish(self._lane.reply())
 
-    def _publish(self, reply: Reply, joined: "LaneAnswer" = LaneAnswer.UNSAID) -> None:
+    def _publish(self, reply: Reply, joined: "LaneAnswer" = LaneAnswer.NOT_STATED) -> None:
         assert self._publisher is not None
         assert self._controller is not None
         answer = ForceBlock(

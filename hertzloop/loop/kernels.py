@@ -54,7 +54,7 @@ class TimeGrant(NamedTuple):
 
     counts: np.ndarray
     level: np.ndarray
-    lead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
+    lookahead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
 
 
 @kernel(inline=True)
@@ -154,7 +154,7 @@ def check_threshold(step, value, window, grant):
             # All samples before this one were above the level: forces are known to be zero until
             # this one's own force acts.
             counts[PROMISED] = 0
-            counts[GRANTED_END] = max(counts[GRANTED_END], step + grant.lead_steps)
+            counts[GRANTED_END] = max(counts[GRANTED_END], step + grant.lookahead_steps)
 
 
 @kernel

@@ -170,7 +170,7 @@ class PacedPlantNode(PlantNode):
             behind_max_ns=int(counts[pace_kernels.BEHIND_MAX_NS]),
             working_ns=max(0, wall_ns - int(counts[pace_kernels.WAITED_NS])),
             classes_an_octave=pace_kernels.CLASSES_AN_OCTAVE,
-            lead_steps=self.answers.grant.lead_steps,
+            lookahead_steps=self.answers.grant.lookahead_steps,
             step_ns=self.setup.step_ns,
         )
         self.streams.publisher.send(

@@ -141,7 +141,7 @@ class PlantNode:
             self._take()
 
     def _say_how(self) -> None:
-        """What is to be said of a run that went well, beside its books."""
+        """What is to be said of a run that went well, beside its balance."""
 
     def _sent(self) -> int:
         return int(self.streams.window.counts[SAMPLES_FIRST])

@@ -1,4 +1,4 @@
-"""What the plant produces, on its way onto the bus: samples, truth, events, books."""
+"""What the plant produces, on its way onto the bus: samples, truth, events, balance."""
 
 import json
 import time
@@ -12,8 +12,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import (
-    Books,
     DaqBlock,
+    EnergyBalance,
     EventKind,
     Hello,
     LawText,
@@ -227,16 +227,16 @@ class PlantStreams:
         counts[TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
 
     def finish(self) -> None:
-        """Publish the books and the counts."""
+        """Publish the energy balance and the counts."""
         plant = self.plant
         closed = plant.close_balance()
-        header = Books(
+        header = EnergyBalance(
             **vars(closed),
             frequencies=len(plant.modes.omega),
             frequency_limit_hz=plant.spec.frequency_limit_hz,
             expected_error=model_error.expected_error(self.setup),
         )
-        self.publisher.send("books", header)
+        self.publisher.send("balance", header)
         self.publisher.end()
 
     def fail(self, sentence: str) -> None:

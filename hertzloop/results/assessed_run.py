@@ -61,13 +61,13 @@ def run_and_assess(
         verification = verify(setup, through_first_contact(blocks_of(recorded)))
     if options.repeat:
         differs = first_difference(read(options.repeat), recorded)
-    balance = recorded.books
+    balance = recorded.balance
     assert balance is not None  # a recording without one has a problem
     return RunReport(
         setup=setup,
         recording=recorded,
         assessed=assess_recording(setup, recorded, free_figures(setup)),
-        books=balance,
+        balance=balance,
         parts=parts_of(setup, balance),
         transport=options.transport.value,
         wall_s=stats["wall_s"],

@@ -104,11 +104,11 @@ class CaseFigures:
                               of="change.holmes_j")
     plate_energy_j: float = figure("work of contact force and actuator force on the plate, J")
     injected_j: float = figure("work of the actuator force on the plate, J",
-                               of="run.books.injected_j")
+                               of="run.balance.injected_j")
     pumps: bool = figure("whether the actuator had at some time added more than the energy of the "
                          "impact", of="stability.pumps")
     impact_energy_j: float = figure("energy of the striker before the impact, J",
-                                    of="run.books.energy_start_j")
+                                    of="run.balance.energy_start_j")
     rebound_m_s: float = figure("speed of the striker after the last contact, m/s",
                                 of="figures.rebound_speed_m_s")
     contact_us: float = figure("duration of the first contact, us",
@@ -118,7 +118,7 @@ class CaseFigures:
     delay_us: float = figure("delay that the law latched, us; nan without one",
                              of=lambda case: latched_us(case.setup, case.run))
     energy_residual: float = figure("missing part of the energy balance, relative",
-                                    of="run.books.energy_residual")
+                                    of="run.balance.energy_residual")
     plate_model: str = figure('"modal" or "infinite"; with this value of run.plate_model, '
                               "`hertzloop run` gives the same figures",
                               of="setup.scene.run.plate_model")
@@ -246,7 +246,7 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
     if few:
         yield
     found = _bounded(setup, run.rows)
-    if not (all_finite(run.rows) and math.isfinite(run.books.energy_residual)):
+    if not (all_finite(run.rows) and math.isfinite(run.balance.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
     figures, impacts, end = _figures(setup, span, run.rows)
     if few:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.bus.messages_pb2 import Books
+from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
 from hertzloop.plant.plant import Balance, PlantSpec
 from hertzloop.plant.schemes.factory import built
@@ -193,11 +193,11 @@ def _theory(setup: Setup) -> Theory | None:
     return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
 
 
-def yield_of(books: Books | Balance | None) -> Yield | None:
+def yield_of(balance: EnergyBalance | Balance | None) -> Yield | None:
     """Return the indentation; None if the contact did not yield or the run did not end."""
-    if books is None or books.dent_m == 0.0:
+    if balance is None or balance.dent_m == 0.0:
         return None
-    return Yield(books.dent_m, books.plastic_dissipated_j)
+    return Yield(balance.dent_m, balance.plastic_dissipated_j)
 
 
 def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
@@ -216,17 +216,17 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
     return {"pressure_pa": limit.pressure_pa, "given": given, "by": by}
 
 
-def parts_of(setup: Setup, books: Books) -> PlantParts:
+def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
     """Return the models that a completed run used for its plant."""
     away = None
     if setup.plant.damped_tail:
         away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
     faces = setup.mechanics.radiating_faces
     return PlantParts(
-        tail=None if away is None else Tail(books.tail_dissipated_j, away, NEAREST),
+        tail=None if away is None else Tail(balance.tail_dissipated_j, away, NEAREST),
         theory=_theory(setup),
         limiting_pressure=limiting_pressure(setup),
-        radiation=Radiation(faces, books.air_dissipated_j) if faces else None,
+        radiation=Radiation(faces, balance.air_dissipated_j) if faces else None,
         model=chosen_model(setup),
     )
 

@@ -33,12 +33,12 @@ class NotRepeatable:
 
 def why_not_repeatable(recording: Recording) -> NotRepeatable | None:
     """Return why the closed loop of a recording cannot be simulated again here; None if it can."""
-    if recording.books is None:
+    if recording.balance is None:
         return NotRepeatable(WhyNotRepeatable.NOT_ENDED)
     law = law_of(recording)
     if not law.as_announced:
         return NotRepeatable(WhyNotRepeatable.OTHER_LAW, law)
-    if recording.books.frequencies * recording.truth.samples > _MOST_WORK:
+    if recording.balance.frequencies * recording.truth.samples > _MOST_WORK:
         return NotRepeatable(WhyNotRepeatable.TOO_LONG)
     try:
         parse(recording.scene_toml)

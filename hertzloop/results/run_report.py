@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hertzloop.bus.messages_pb2 import Books
+from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.recordings.recording import Recording
 from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
@@ -20,7 +20,7 @@ class RunReport:
         setup: the setup of the run.
         recording: the recording, as read after the run.
         assessed: figures of the run, and their assessment.
-        books: energy and momentum balance at the end of the run.
+        balance: energy and momentum balance at the end of the run.
         parts: models that the run used for its plant.
         transport: name of the transport.
         wall_s: wall time of the loop, s.
@@ -36,7 +36,7 @@ class RunReport:
     setup: Setup
     recording: Recording
     assessed: verdicts.RunAssessment
-    books: Books
+    balance: EnergyBalance
     parts: model.PlantParts
     transport: str
     wall_s: float

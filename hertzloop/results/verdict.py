@@ -174,20 +174,20 @@ def assess_recording(
         free: Figures of the same run without control, None if it is that itself.
         not_again: Why the closed loop cannot be simulated again, where that is so.
     """
-    books, law = recording.books, law_of(recording)
+    balance, law = recording.balance, law_of(recording)
     figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)
     result = RunResult(
         figures,
         law.scene_law,
-        books.expected_error if books else None,
-        injected_j=books.injected_j if books else 0.0,
-        dent_m=books.dent_m if books else 0.0,
+        balance.expected_error if balance else None,
+        injected_j=balance.injected_j if balance else 0.0,
+        dent_m=balance.dent_m if balance else 0.0,
         late=pacing is not None,
         saturation=saturation_of(recording.events),
         law_models_yield=setup.law_models_yield,
     )
     found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(law, result, yield_of(books), setup.accuracy, pacing, free, found)
+    return RunAssessment(law, result, yield_of(balance), setup.accuracy, pacing, free, found)
 
 
 def assess(

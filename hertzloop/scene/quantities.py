@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.plant.state_kernels import A_P, A_S, F_C, V_P, V_S, XI
+from hertzloop.plant import state_kernels
 
 # Ranges of converters, of the largest value on a rigid plate.
 _GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25
@@ -55,21 +55,23 @@ def _either_way(most: float) -> tuple[float, float]:
 # By the name that scenes and laws use.
 SENSED = {
     "xi": Sensed(
-        "m", "sampled gap, at the time of the sample", XI,
+        "m", "sampled gap, at the time of the sample", state_kernels.XI,
         lambda e: (_GAP_LOW * e.deepest_m, max(_GAP_HIGH * e.rigid_m, e.flight_m)),
         lambda t: t.gap_m,
     ),
     "v_p": Sensed(
-        "m/s", "sampled plate velocity, at the time of the sample", V_P,
-        lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s, elsewhere=V_S,
+        "m/s", "sampled plate velocity, at the time of the sample", state_kernels.V_P,
+        lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s,
+        elsewhere=state_kernels.V_S,
     ),
     "acceleration": Sensed(
-        "m/s^2", "sampled plate acceleration, mean of the step before", A_P,
+        "m/s^2", "sampled plate acceleration, mean of the step before", state_kernels.A_P,
         lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
-        lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True, elsewhere=A_S,
+        lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True,
+        elsewhere=state_kernels.A_S,
     ),
     "contact_force": Sensed(
-        "N", "sampled contact force, mean of the step before", F_C,
+        "N", "sampled contact force, mean of the step before", state_kernels.F_C,
         lambda e: (0.0, _ABOVE * e.force_n), lambda t: t.force_n, over_step=True,
     ),
 }  # fmt: skip

@@ -19,7 +19,7 @@ from hertzloop.views.law_line import law_line
 def run_table(report: RunReport) -> Table:
     """Return the table of a run's properties; a row without a value is left out."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
-    books, demand = report.books, report.assessed.result.figures.demand
+    balance, demand = report.balance, report.assessed.result.figures.demand
     assessed, full = report.assessed, parts.model and parts.model.full
     structure = report.structure
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
@@ -47,9 +47,9 @@ def run_table(report: RunReport) -> Table:
         ("truncated modes", parts.tail and tail_words(parts.tail)),
         ("full model", full and "modes_in_file" not in structure and _full_model(full)),
         ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
-        ("contact solve", f"at most {books.newton_iterations_max} evaluations a step"),
-        ("residuals", f"energy {books.energy_residual:.1e}, "
-                      f"momentum {books.momentum_residual:.1e} (relative)"),
+        ("contact solve", f"at most {balance.newton_iterations_max} evaluations a step"),
+        ("residuals", f"energy {balance.energy_residual:.1e}, "
+                      f"momentum {balance.momentum_residual:.1e} (relative)"),
     )  # fmt: skip
     table = Table("", "", show_header=False)
     for heading, words in rows:
@@ -74,7 +74,7 @@ def mean_latency_words(setup: Setup) -> str:
 
 _LANES = {
     "JOINED": "in the fast lane",
-    "UNSAID": "over the bus; the controller knows of no fast lane",
+    "NOT_STATED": "over the bus; the controller knows of no fast lane",
     "OTHER_HOST": "over the bus, the controller being on another host",
     "NOT_ALLOWED": "over the bus; the controller could not open the plant's shared memory",
     "SWITCHED_OFF": "over the bus, the controller's fast lane being switched off",
@@ -137,11 +137,12 @@ def demand_words(asked: ActuatorDemand) -> str:
 
 def _model_order(report: RunReport) -> str:
     """Describe the plate model, its expected error, and whether that meets the request."""
-    books, model, (expected, asked) = report.books, report.parts.model, report.expects
-    limit_hz, words = books.frequency_limit_hz, error_words(expected, asked)
+    balance, model, (expected, asked) = report.balance, report.parts.model, report.expects
+    limit_hz, words = balance.frequency_limit_hz, error_words(expected, asked)
     if model is None:  # all modes that the step carries
         return (
-            f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz (pi/dt), as published"
+            f"{balance.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz (pi/dt), "
+            "as published"
         )
     if model.plate_model == "infinite":
         chosen = f"infinite plate, a dashpot of {model.impedance_n_s_m:.4g} N s/m"
@@ -150,7 +151,7 @@ def _model_order(report: RunReport) -> str:
         found = f"{chosen}; missing reflections may cost {words} by the run's end"
         return f"{found} (requested: {asked:g}; missed)" if missed(expected, asked) else found
     chosen = (
-        f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz; "
+        f"{balance.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz; "
         f"expected truncation error {words} of penetration or plate energy"
     )
     if not missed(expected, asked):

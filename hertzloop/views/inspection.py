@@ -60,8 +60,8 @@ class Inspected:
 def inspected(recording: Recording) -> Inspected:
     """What a recording holds. What a file says of itself may be anything: numbers that no figures
     follow from are one more thing wrong with it, not with us."""
-    books, law, pacing = recording.books, law_of(recording), pacing_of(recording)
-    bare = Inspected(recording, recording.problems, law, pacing, yield_of(books), None, None)
+    balance, law, pacing = recording.balance, law_of(recording), pacing_of(recording)
+    bare = Inspected(recording, recording.problems, law, pacing, yield_of(balance), None, None)
     try:
         setup = parse(recording.scene_toml, recorded=True)
         problem = _unlike(recording.truth, setup)
@@ -69,7 +69,7 @@ def inspected(recording: Recording) -> Inspected:
             with np.errstate(all="ignore"):
                 result = RunResult(
                     figures_of(setup, blocks_of(recording)), law.scene_law,
-                    books.expected_error if books else None, late=pacing is not None,
+                    balance.expected_error if balance else None, late=pacing is not None,
                     saturation=saturation_of(recording.events),
                 )  # fmt: skip
                 known = predictability(setup, result, None, why_not_repeatable(recording))
@@ -101,7 +101,7 @@ _NO_FIGURES: dict[str, Any] = {
 
 
 def summary(found: Inspected) -> dict[str, Any]:
-    """Streams, counts, problems, scene, books and impacts as plain data."""
+    """Streams, counts, problems, scene, balance and impacts as plain data."""
     recording, known = found.recording, found.known
     data: dict[str, Any] = {
         "file": str(recording.path),
@@ -128,10 +128,10 @@ def summary(found: Inspected) -> dict[str, Any]:
         "scene_toml": recording.scene_toml,
         **asdict(found.law),
     }
-    if recording.books is not None:
+    if recording.balance is not None:
         data["residuals"] = {
-            "momentum": recording.books.momentum_residual,
-            "energy": recording.books.energy_residual,
+            "momentum": recording.balance.momentum_residual,
+            "energy": recording.balance.energy_residual,
         }
         data["yield"] = asdict(found.yielded) if found.yielded else None
     data["pacing"] = pacing_as_json(found.pacing)
@@ -191,11 +191,11 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
     said += pacing_lines(found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     said.append(Text(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
-    if recording.books is not None:
+    if recording.balance is not None:
         said.append(
             Text(
-                f"Energy residual {recording.books.energy_residual:.1e}, "
-                f"momentum {recording.books.momentum_residual:.1e} (relative)."
+                f"Energy residual {recording.balance.energy_residual:.1e}, "
+                f"momentum {recording.balance.momentum_residual:.1e} (relative)."
             )
         )
     print_all(console, [*said, *next_lines(str(recording.path))])

@@ -75,7 +75,7 @@ def _verification_line(report: RunReport) -> Text:
 
 def _run_lines(report: RunReport) -> list[Text]:
     """Return scene, law, errors, recording and the next command."""
-    setup, books, path = report.setup, report.books, str(report.recording.path)
+    setup, balance, path = report.setup, report.balance, str(report.recording.path)
     return [
         Text(
             f"Scene {setup.name}, seed {setup.seed}, {report.transport}, "
@@ -86,8 +86,8 @@ def _run_lines(report: RunReport) -> list[Text]:
             f"Model error {error_words(*report.expects)} "
             f"(requested {report.assessed.requested_accuracy:g}",
             ("; missed", "yellow") if missed(*report.expects) else "",
-            f"). Energy residual {books.energy_residual:.1e}, "
-            f"momentum {books.momentum_residual:.1e}.",
+            f"). Energy residual {balance.energy_residual:.1e}, "
+            f"momentum {balance.momentum_residual:.1e}.",
         ),
         *next_lines(path),
     ]

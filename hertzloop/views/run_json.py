@@ -110,7 +110,7 @@ def _parts(found: model.PlantParts) -> dict[str, Any]:
 
 def run_as_json(report: RunReport) -> dict[str, Any]:
     """Everything that `run --json` writes."""
-    setup, books, wall_s, assessed = report.setup, report.books, report.wall_s, report.assessed
+    setup, balance, wall_s, assessed = report.setup, report.balance, report.wall_s, report.assessed
     data = {
         "scene": setup.name,
         "seed": setup.seed,
@@ -122,12 +122,12 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "exchanges": report.exchanges,
         "lane": report.lane,
         "realtime": report.realtime,
-        "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
+        "residuals": {"momentum": balance.momentum_residual, "energy": balance.energy_residual},
         **_parts(report.parts),
-        "frequencies": books.frequencies,
-        "frequency_limit_hz": books.frequency_limit_hz,
+        "frequencies": balance.frequencies,
+        "frequency_limit_hz": balance.frequency_limit_hz,
         "struck": report.structure,
-        "newton_iterations_max": books.newton_iterations_max,
+        "newton_iterations_max": balance.newton_iterations_max,
         "recording": str(report.recording.path),
         "uncontrolled": figures_as_json(assessed.free or assessed.result.figures),
         **assessment_as_json(assessed),

@@ -7,7 +7,15 @@ from typing import Any
 import numpy as np
 
 from hertzloop.bus import codec
-from hertzloop.bus.messages_pb2 import Books, DaqBlock, Event, ForceBlock, Hello, SetUp, TruthBlock
+from hertzloop.bus.messages_pb2 import (
+    DaqBlock,
+    EnergyBalance,
+    Event,
+    ForceBlock,
+    Hello,
+    SetUp,
+    TruthBlock,
+)
 from hertzloop.bus.port import Publisher
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 
@@ -51,7 +59,7 @@ def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
         rows = np.zeros(4 * every_steps)
         publisher.send("truth", TruthBlock(first_step=step, step_ns=1000), {"xi_m": rows})
         publisher.send("events/plant", Event(message=f"event {i}"))
-    publisher.send("books", Books(kinetic_j=1.0))
+    publisher.send("balance", EnergyBalance(kinetic_j=1.0))
     publisher.end()
     return tape.sent
 

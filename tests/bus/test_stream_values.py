@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.bus import codec
-from hertzloop.bus.messages_pb2 import Books, Event, ForceBlock, TruthBlock
+from hertzloop.bus.messages_pb2 import EnergyBalance, Event, ForceBlock, TruthBlock
 from hertzloop.bus.port import Publisher
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from tests.bus.checking import refused
@@ -29,9 +29,9 @@ def test_truth_that_is_no_number(value: float, number: int) -> None:
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_books_that_are_no_numbers(value: float) -> None:
     sent = plant_says()
-    place = places(sent, "books")[0]
+    place = places(sent, "balance")[0]
     sent[place] = changed(sent[place], modal_j=value)
-    refused(sent, f"stream 'books' sequence 0 holds modal_j = {value:g}")
+    refused(sent, f"stream 'balance' sequence 0 holds modal_j = {value:g}")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -40,8 +40,8 @@ def test_a_publisher_sends_only_numbers(value: float) -> None:
     publisher = Publisher(tape, RUN)
     with pytest.raises(StreamFault, match=r"'truth' sequence 0 holds xi_m = .* at step 1;"):
         publisher.send("truth", TruthBlock(step_ns=1000), {"xi_m": np.array([0.0, value])})
-    with pytest.raises(StreamFault, match="'books' sequence 0 holds kinetic_j"):
-        publisher.send("books", Books(kinetic_j=value))
+    with pytest.raises(StreamFault, match="'balance' sequence 0 holds kinetic_j"):
+        publisher.send("balance", EnergyBalance(kinetic_j=value))
     assert not tape.sent
     assert {c.messages for c in publisher.counters.values()} == {0}
 
@@ -52,7 +52,7 @@ def test_what_has_no_limit_may_be_infinite() -> None:
     publisher.send("force", ForceBlock(step_ns=1000, promise_level=-math.inf), {})
     with pytest.raises(StreamFault, match="promise_level = inf"):
         publisher.send("force", ForceBlock(step_ns=1000, promise_level=math.inf), {})
-    Publisher(Tape(PLANT), RUN).send("books", Books(expected_error=math.inf))
+    Publisher(Tape(PLANT), RUN).send("balance", EnergyBalance(expected_error=math.inf))
 
 
 def event_at(seconds: int, nanos: int) -> Event:

@@ -33,7 +33,7 @@ def test_a_whole_run_passes(every_steps: int) -> None:
         "daq": (3, 12),
         "truth": (3, 12 * every_steps),
         "events/plant": (3, 3),
-        "books": (1, 1),
+        "balance": (1, 1),
         "end/plant": (1, 1),
     }
 
@@ -57,7 +57,7 @@ def test_a_lost_first_message(stream: str) -> None:
     refused(sent, f"gap on stream '{stream}'", "sequence 1 came", "0 was expected")
 
 
-@pytest.mark.parametrize("stream", ["hello", "daq", "truth", "events/plant", "books"])
+@pytest.mark.parametrize("stream", ["hello", "daq", "truth", "events/plant", "balance"])
 def test_a_repeat(stream: str) -> None:
     sent = plant_says()
     last = places(sent, stream)[-1]
@@ -144,7 +144,7 @@ def test_flags_for_another_number_of_samples() -> None:
     refused(sent, "stream 'daq' sequence 1", "3 flags for 4 samples")
 
 
-@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant", "books"])
+@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant", "balance"])
 def test_a_lost_tail(stream: str) -> None:
     """All that came is in order: only the announced count tells."""
     sent = plant_says()
@@ -227,7 +227,7 @@ def test_a_publisher_numbers_each_stream() -> None:
     assert [sent[i].sequence for i in places(sent, "events/plant")] == [0, 1, 2]
 
 
-@pytest.mark.parametrize("stream", ["hello", "books", "events/plant", "end/plant"])
+@pytest.mark.parametrize("stream", ["hello", "balance", "events/plant", "end/plant"])
 def test_a_message_without_its_number(stream: str) -> None:
     sent = plant_says()
     place = places(sent, stream)[0]
@@ -235,9 +235,9 @@ def test_a_message_without_its_number(stream: str) -> None:
     refused(sent, f"a message without a number came on stream '{stream}', 0 was expected")
 
 
-@pytest.mark.parametrize("stream", ["hello", "books", "end/plant"])
+@pytest.mark.parametrize("stream", ["hello", "balance", "end/plant"])
 def test_a_second_message_where_one_is_due(stream: str) -> None:
-    """Numbered as if it continued the stream: the run would have two scenes, two books."""
+    """Numbered as if it continued the stream: the run would have two scenes, two balances."""
     sent = plant_says()
     place = places(sent, stream)[0]
     sent.insert(place + 1, replace(sent[place], sequence=1))

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import (
-    Books,
     DaqBlock,
+    EnergyBalance,
     ForceBlock,
     Hello,
     RunEnd,
@@ -149,7 +149,7 @@ SAMPLES = {
     TruthBlock: codec.encode(
         TruthBlock(run_id=1, sequence=2, first_step=3, step_ns=4), xi_m=VALUES, xi_s_m=VALUES
     ),
-    Books: Books(run_id=1, kinetic_j=0.5, newton_iterations=7).SerializeToString(),
+    EnergyBalance: EnergyBalance(run_id=1, kinetic_j=0.5, newton_iterations=7).SerializeToString(),
     RunEnd: RunEnd(
         run_id=1, role="plant", count=[StreamCount(stream="daq", messages=1)]
     ).SerializeToString(),

@@ -84,8 +84,8 @@ def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[s
     run = simulate(scene)
     assert np.any(run.rows[F_A1])
     work = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
-    books = run.books
-    taken = books.modal_j + books.modal_dissipated_j + books.tail_dissipated_j
+    balance = run.balance
+    taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j
     assert work == pytest.approx(taken, rel=2e-4)
 
 

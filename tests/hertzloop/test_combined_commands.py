@@ -79,8 +79,8 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
     text = said(["run", *base, "-o", str(file), "--json", str(figures)], settings)
     run = json.loads(figures.read_text())
     loop = simulate(load(*base, settings))
-    assert abs(loop.books.energy_residual) < 1e-10
-    assert abs(loop.books.momentum_residual) < 1e-10
+    assert abs(loop.balance.energy_residual) < 1e-10
+    assert abs(loop.balance.momentum_residual) < 1e-10
     over = ",".join(map(str, LATENCIES))
     text += said(
         ["sweep", *base, "--over", f"controller.latency_us={over}", "-o", str(sweep),

@@ -50,10 +50,10 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(
     assert np.max(loop.forces) > 1.0  # the law acted
     driven = drive(build(request.getfixturevalue(name)), loop.forces)
     assert same_bytes(loop, driven)
-    books = loop.books
+    balance = loop.balance
     for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",
                  "modal_dissipated_j", "contact_dissipated_j"):  # fmt: skip
-        assert driven.energies[what] == getattr(books, what), what
+        assert driven.energies[what] == getattr(balance, what), what
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
 
 

@@ -142,7 +142,7 @@ def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: SimulatedRu
     assert actuator.tobytes() == loop.rows[5].tobytes()
     assert sample[1:-1:2].tobytes() == loop.values[1:].tobytes()
     energies = master.get("kinetic_energy", "modal_energy", "injected_energy")
-    assert energies == [loop.books.kinetic_j, loop.books.modal_j, loop.books.injected_j]
+    assert energies == [loop.balance.kinetic_j, loop.balance.modal_j, loop.balance.injected_j]
 
 
 def test_longer_communication_steps_hold_the_force(master: Master, path: Path) -> None:

@@ -243,16 +243,16 @@ def test_a_run_in_one_process_is_reconciled(
     honest = Recorder.handle
 
     def deaf(self: Recorder, envelope: Envelope) -> None:
-        if envelope.stream != "books":
+        if envelope.stream != "balance":
             honest(self, envelope)
 
     monkeypatch.setattr(Recorder, "handle", deaf)
     scene = load("aluminium-3mm", ["run.duration_s=0.0015", "run.accuracy=0.1"])
     for compiled in (False, True):
         path = tmp_path / f"{compiled}.mcap"
-        with pytest.raises(Exception, match="stream 'books' is incomplete"):
+        with pytest.raises(Exception, match="stream 'balance' is incomplete"):
             record_in_process(scene, path, compiled=compiled)
-        assert "stream 'books' is incomplete" in read(path).result["fault"]
+        assert "stream 'balance' is incomplete" in read(path).result["fault"]
 
 
 @pytest.mark.parametrize("compiled", [False, True])

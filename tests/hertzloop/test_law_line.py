@@ -57,8 +57,8 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     assessed = assess_recording(SCENE, recorded, free_figures(SCENE))
-    assert recorded.books is not None
-    about = recorded.books, parts_of(SCENE, recorded.books)
+    assert recorded.balance is not None
+    about = recorded.balance, parts_of(SCENE, recorded.balance)
     ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (

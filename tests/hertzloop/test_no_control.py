@@ -1,4 +1,4 @@
-"""What is said of runs with nothing to compare, and of books that no energy follows from."""
+"""What is said of runs with nothing to compare, and of balance that no energy follows from."""
 
 import json
 import math
@@ -43,7 +43,7 @@ def test_books_that_are_not_finite_are_told_of(
     whole: Path, tmp_path: Path, field: str, value: float
 ) -> None:
     def change(sent: Sent) -> None:
-        if sent.stream == "books":
+        if sent.stream == "balance":
             setattr(sent.header, field, value)
 
     path = rewrite(whole, tmp_path / "b.mcap", change)
@@ -59,7 +59,7 @@ def test_books_that_are_not_finite_are_told_of(
 
 def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) -> None:
     def change(sent: Sent) -> None:
-        if sent.stream == "books":
+        if sent.stream == "balance":
             sent.header.expected_error = math.inf
 
     path = rewrite(whole, tmp_path / "b.mcap", change)

@@ -346,7 +346,7 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
     header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
     wrong: list[tuple[str, Any]] = [
         ("pace", float("nan")), ("pace", 0.0), ("pace", float("inf")), ("classes_an_octave", 0),
-        ("step_ns", 0), ("lead_steps", 0),
+        ("step_ns", 0), ("lookahead_steps", 0),
     ]  # fmt: skip
     for field, value in wrong:
         spoiled = type(header)()

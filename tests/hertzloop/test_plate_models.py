@@ -161,8 +161,8 @@ def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: P
     recording = read(tmp_path / "a.mcap")
     done = simulate(scene)
     assert np.array_equal(rows_of(recording), done.rows)
-    assert recording.books is not None
-    assert recording.books.tail_dissipated_j == done.books.tail_dissipated_j
+    assert recording.balance is not None
+    assert recording.balance.tail_dissipated_j == done.balance.tail_dissipated_j
     assert settings[-1].split("=")[1] in recording.scene_toml
     moved = deflection(scene, recording, np.array([1040]))
     at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)

@@ -47,10 +47,10 @@ def test_air_damps_the_plate() -> None:
     taken = []
     for faces in ("one_face", "two_faces"):
         scene = load("aluminium-3mm", [f"plate.radiation={faces}", "run.duration_s=0.02"])
-        books = simulate(scene).books
-        assert abs(books.energy_residual) < 1e-10
-        taken.append(books.air_dissipated_j)
-        assert books.modal_dissipated_j < 0.5 * books.air_dissipated_j
+        balance = simulate(scene).balance
+        assert abs(balance.energy_residual) < 1e-10
+        taken.append(balance.air_dissipated_j)
+        assert balance.modal_dissipated_j < 0.5 * balance.air_dissipated_j
     assert 100e-6 < taken[0] < taken[1] < 320e-6
 
 

@@ -36,7 +36,7 @@ def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     run = simulate(scene)
     assert np.isfinite(run.rows).all()
     assert abs(run.rows[F_A]).max() == MOST_N
-    assert abs(run.books.energy_residual) < 1e-9
+    assert abs(run.balance.energy_residual) < 1e-9
 
 
 @pytest.mark.parametrize(("law", "kappa"), AWAY)

@@ -112,7 +112,7 @@ def every_event() -> list[Event]:
     """One of each kind, and more of those with several forms."""
     late = {"from_step": 5, "to_step": 5, "late_rows": 1, "longest_row": 1, "oldest_steps": 3}
     facts: list[dict[str, Any]] = [
-        {"kind": EventKind.SENTENCE, "message": "of another controller"},
+        {"kind": EventKind.TEXT, "message": "of another controller"},
         {"kind": EventKind.CONTACT_BEGAN, "number": 7},
         {"kind": EventKind.CONTACT_ENDED, "number": 7},
         {"kind": EventKind.RANGE_LEFT, "quantity": "xi"},

@@ -254,7 +254,7 @@ pool.Add(file)
 SpeedBlock = message_factory.GetMessageClass(pool.FindMessageTypeByName("hertzloop.SpeedBlock"))
 messages.SpeedBlock = SpeedBlock
 with_line(
-    "hertzloop.bus.streams", '        Stream("books"',
+    "hertzloop.bus.streams", '        Stream("balance"',
     '        Stream("speed", PLANT, messages.SpeedBlock, "/speed", compared=True),\\n',
 )
 from pathlib import Path

@@ -111,10 +111,10 @@ def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[s
     # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
     scene = load("aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring"])
     recording = recorded(tmp_path, scene)
-    books = recording.books
-    assert books is not None
-    assert abs(books.energy_residual) < 1e-10
-    assert abs(books.momentum_residual) < 1e-12
+    balance = recording.balance
+    assert balance is not None
+    assert abs(balance.energy_residual) < 1e-10
+    assert abs(balance.momentum_residual) < 1e-12
     plate = deflection(scene, recording)
     moved = modal_displacement(scene.plant, rows_of(recording))
     moved = moved[plate.times_ns // recording.truth.step_ns]

@@ -50,11 +50,11 @@ def test_the_3_mm_ball_on_a_plate_that_yields(
     assert 1e6 * impact.duration_s == pytest.approx(contact_us, abs=0.02)
     assert impact.rebound_speed_m_s == pytest.approx(rebound, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(plate_uj, rel=1e-3)
-    assert 1e6 * run.books.plastic_dissipated_j == pytest.approx(lost_uj, rel=1e-3)
-    assert 1e6 * run.books.dent_m == pytest.approx(dent_um, abs=0.01)
-    books = run.books
+    assert 1e6 * run.balance.plastic_dissipated_j == pytest.approx(lost_uj, rel=1e-3)
+    assert 1e6 * run.balance.dent_m == pytest.approx(dent_um, abs=0.01)
+    balance = run.balance
     assert impact.plate_energy_j == pytest.approx(
-        books.modal_j + books.modal_dissipated_j, rel=1e-4
+        balance.modal_j + balance.modal_dissipated_j, rel=1e-4
     )
     if law_db is not None:
         found = figures_of_case(yielding(pressure_pa, "controller.v_thr_m_s=-0.6"))

@@ -40,8 +40,8 @@ def test_the_ledger_s_injected_energy_is_force_times_way(latency_us: int, kappa:
                                    f"controller.latency_us={latency_us}"])  # fmt: skip
     run = simulate(scene)
     work = float(np.sum(run.rows[F_A][:-1] * np.diff(run.rows[XI_P])))
-    assert run.books.injected_j == pytest.approx(work, rel=1e-9)
-    assert abs(run.books.injected_j) > 1e-9 * run.books.energy_start_j
+    assert run.balance.injected_j == pytest.approx(work, rel=1e-9)
+    assert abs(run.balance.injected_j) > 1e-9 * run.balance.energy_start_j
 
 
 @pytest.mark.parametrize("law", ["slope_threshold", "predicted", "velocity_feedback"])
@@ -53,13 +53,13 @@ def test_plate_sphere_and_actuator_exchange_the_same_energy(law: str, latency_us
                                    "plate.loss_factor=0.0"])  # fmt: skip
     run = simulate(scene)
     plate = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
-    books = run.books
-    mechanical = books.kinetic_j + books.gravity_j + books.contact_j
-    lost = books.energy_start_j - mechanical
+    balance = run.balance
+    mechanical = balance.kinetic_j + balance.gravity_j + balance.contact_j
+    lost = balance.energy_start_j - mechanical
     # The last step's work is not in the rows.
-    assert plate == pytest.approx(lost + books.injected_j, rel=2e-3)
-    taken = books.modal_j + books.tail_dissipated_j
-    assert taken == pytest.approx(lost + books.injected_j, rel=1e-9)
+    assert plate == pytest.approx(lost + balance.injected_j, rel=2e-3)
+    taken = balance.modal_j + balance.tail_dissipated_j
+    assert taken == pytest.approx(lost + balance.injected_j, rel=1e-9)
 
 
 def test_a_force_after_the_contact_only_feeds_the_plate() -> None:

@@ -135,7 +135,7 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
     settings = ["controller.law=off", "run.duration_s=0.002", "run.accuracy=0.05"]
     viscous = ["contact.damping=viscous", "contact.viscous_n_s_m=5"]
     lost = [
-        simulate(load("aluminium-3mm", settings + more)).books.contact_dissipated_j
+        simulate(load("aluminium-3mm", settings + more)).balance.contact_dissipated_j
         for more in ([], viscous, ["contact.damping=hunt_crossley", "contact.restitution=0.6"])
     ]
     assert lost[0] == 0.0

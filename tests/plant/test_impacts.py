@@ -115,7 +115,7 @@ def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
 def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
     scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
     truth = simulate(scene)
-    rows, balance = truth.rows, truth.books
+    rows, balance = truth.rows, truth.balance
     found = impacts_in(scene.plant, rows)
     # Work of both forces is energy in the plate now, or already lost in it.
     taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j

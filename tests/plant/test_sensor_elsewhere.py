@@ -144,8 +144,8 @@ def test_loaded_shapes_keep_energy_and_momentum() -> None:
                                    "actuator.mass_kg=0.006",
                                    f"plate.actuator_point_m={THIRD}"])  # fmt: skip
     done = simulate(setup)
-    assert abs(done.books.energy_residual) < 1e-10
-    assert abs(done.books.momentum_residual) < 1e-10
+    assert abs(done.balance.energy_residual) < 1e-10
+    assert abs(done.balance.momentum_residual) < 1e-10
 
 
 @pytest.mark.full

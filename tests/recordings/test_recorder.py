@@ -105,7 +105,7 @@ def test_a_repeat(path: Path, stream: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "stream", ["daq", "truth", "force", "events/plant", "events/controller", "books"]
+    "stream", ["daq", "truth", "force", "events/plant", "events/controller", "balance"]
 )
 def test_a_lost_tail(path: Path, stream: str) -> None:
     heard = both()
@@ -113,7 +113,9 @@ def test_a_lost_tail(path: Path, stream: str) -> None:
     check_fault(path, heard, f"stream '{stream}' is incomplete")
 
 
-@pytest.mark.parametrize("stream", ["daq", "truth", "force", "events/plant", "books", "end/plant"])
+@pytest.mark.parametrize(
+    "stream", ["daq", "truth", "force", "events/plant", "balance", "end/plant"]
+)
 def test_a_malformed_message(path: Path, stream: str) -> None:
     heard = both()
     place = places(heard, stream)[-1]
@@ -149,10 +151,10 @@ def test_a_lost_tail_does_not_hide_why_a_run_failed(path: Path) -> None:
     heard = both()
     end = places(heard, "end/plant")[0]
     heard[end] = changed(heard[end], fault="the controller took no message")
-    del heard[places(heard, "books")[0]]
+    del heard[places(heard, "balance")[0]]
     first, second = hear(path, heard).faults
     assert first == "the controller took no message"
-    assert "stream 'books' is incomplete" in second
+    assert "stream 'balance' is incomplete" in second
     assert read(path).result["fault"] == f"{first}; {second}"
 
 

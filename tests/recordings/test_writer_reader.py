@@ -60,7 +60,7 @@ class TestByTheMcapLibrary:
             "/force": {"hertzloop.ForceBlock"},
             "/truth": {"hertzloop.TruthBlock"},
             "/events": {"foxglove.Log"},
-            "/books": {"hertzloop.Books"},
+            "/balance": {"hertzloop.EnergyBalance"},
             "/end": {"hertzloop.RunEnd"},
         }
         encodings = {i[1].message_encoding for items in decoded.values() for i in items}
@@ -73,7 +73,7 @@ class TestByTheMcapLibrary:
         assert announced.pop("pacing") == 0  # of a paced run only
         assert announced.pop("scene") == 0  # of a scene with files only
         assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
-        assert set(announced) == {"hello", "law", "daq", "force", "truth", "books"}
+        assert set(announced) == {"hello", "law", "daq", "force", "truth", "balance"}
 
     def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
         for topic, items in decoded.items():
@@ -177,8 +177,8 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     }
     assert kept.daq.time_ns.tolist() == list(range(0, STEPS * STEP_NS, 2 * STEP_NS))
     assert np.array_equal(kept.daq_values, kept.truth.arrays["xi_m"][::2])
-    assert kept.books is not None
-    assert kept.books.contact_steps > 0
+    assert kept.balance is not None
+    assert kept.balance.contact_steps > 0
     # MCAP's reader goes by time, ours by the file: as they were heard.
     events = {(i[2].log_time, i[3].name, i[3].message) for i in decoded["/events"]}
     assert {(e.time_ns, e.name, e.message) for e in kept.events} == events

@@ -37,10 +37,10 @@ int main(int count, char **words) {
         hertzloop_plant_values(plant, values + i + 1);
     }
     printf("%.9f\n", now_s() - started_s);
-    hertzloop_energies books;
-    hertzloop_plant_energies(plant, &books);
+    hertzloop_energies energies;
+    hertzloop_plant_energies(plant, &energies);
     fwrite(values, sizeof *values, steps + 1, out);
-    fwrite(&books, sizeof books, 1, out);
+    fwrite(&energies, sizeof energies, 1, out);
     hertzloop_plant_free(plant);
     free(forces);
     free(values);

@@ -58,7 +58,7 @@ typedef struct {
     double tail_dissipated_j;    /* gone to modes left out */
     double contact_dissipated_j;
     double plastic_dissipated_j;
-    double residual;             /* what the books miss, relative */
+    double residual;             /* missing part of the energy balance, relative */
 } hertzloop_energies;
 
 /* What was exported. */

@@ -18,7 +18,7 @@ int main(void) {
     if (!plant)
         return 1;
     hertzloop_values now;
-    hertzloop_energies books;
+    hertzloop_energies energies;
     double deepest_m = 0.0, peak_n = 0.0, force_n = 0.0;
     for (int64_t step = 0; step + about->every_steps <= about->steps; step += about->every_steps) {
         hertzloop_plant_values(plant, &now);
@@ -31,10 +31,10 @@ int main(void) {
         deepest_m = now.gap_m < deepest_m ? now.gap_m : deepest_m;
         peak_n = now.contact_force_n > peak_n ? now.contact_force_n : peak_n;
     }
-    hertzloop_plant_energies(plant, &books);
-    printf("%s: %.3g us deep %.4g um, contact force at most %.4g N, plate %.3g J, books %.1g\n",
+    hertzloop_plant_energies(plant, &energies);
+    printf("%s: %.3g us deep %.4g um, contact force at most %.4g N, plate %.3g J, residual %.1g\n",
            about->scene, 1e6 * about->steps * about->step_s, -1e6 * deepest_m, peak_n,
-           books.modal_j, books.residual);
+           energies.modal_j, energies.residual);
     hertzloop_plant_free(plant);
     return 0;
 }
