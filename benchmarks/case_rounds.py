@@ -11,13 +11,14 @@ import sys
 import time
 
 from hertzloop.__main__ import collect_rarely
-from hertzloop.loop.compiled import IN_LOOP
 from hertzloop.studies.sweeps.design import Kind, make_design
 from hertzloop.studies.sweeps.evaluate import chunked, run_cases
 
 try:
+    from hertzloop.loop.simulate import IN_LOOP
     from hertzloop.scene.setup import load
-except ImportError:  # a checkout before the folder was named so
+except ImportError:  # a checkout before the folders were named so
+    from hertzloop.loop.compiled import IN_LOOP  # type: ignore[import-not-found,no-redef]
     from hertzloop.setup import load  # type: ignore[import-not-found,no-redef]
 
 SCENE = "aluminium-3mm"

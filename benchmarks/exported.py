@@ -35,7 +35,7 @@ from benchmarks.program import (
 from hertzloop.interop.fmu import NoCompiler, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
-from hertzloop.loop.compiled import SimulatedRun, simulate
+from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.plant.time_series import F_C
 from hertzloop.scene.setup import load
 

@@ -30,7 +30,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes

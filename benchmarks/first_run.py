@@ -66,7 +66,8 @@ class Own(event.Listener):
 event.register("numba:compile", Own())
 from hertzloop.results.figures import figures_of
 from hertzloop.results.model import chosen_model
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import load
 try:
     from hertzloop.scene.build import free_series

@@ -31,7 +31,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.results.law_accuracy import simulated_law_accuracy
 from hertzloop.results.verification import against

@@ -30,7 +30,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.controller.loading.registry import find
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built

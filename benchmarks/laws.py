@@ -51,7 +51,7 @@ _CASES = [{"controller.latency_us": float(us), "controller.kappa": 0.05 * k}
           for us in range(8) for k in range(8)]  # fmt: skip
 _AXES = (Axis("controller.kappa", (), 0.0, 1.0), Axis("controller.v_thr_m_s", (), -0.9, 0.0))
 _FIRST_STEP = (
-    "from hertzloop.loop.compiled import simulate; from hertzloop.scene.setup import load; "
+    "from hertzloop.loop.simulate import simulate; from hertzloop.scene.setup import load; "
     "simulate(load('{scene}', ['run.duration_s=2e-6', 'controller.law={law}']), {whole})"
 )
 

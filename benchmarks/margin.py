@@ -27,7 +27,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.state_kernels import STEP
 from hertzloop.results.stability import StabilityAccumulator

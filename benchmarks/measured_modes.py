@@ -41,7 +41,7 @@ from hertzloop.identification.modes.universal import (
     units_of,
 )
 from hertzloop.identification.records.records import Record, read_record
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.model_order import drawn, material_name, random_spec
 from benchmarks.program import write_records
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
     rigid_peak_force_n,

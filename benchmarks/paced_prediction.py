@@ -33,8 +33,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
+from hertzloop.loop.simulate import simulate
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess

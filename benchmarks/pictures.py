@@ -30,7 +30,8 @@ from benchmarks.program import (
     tracked,
     written,
 )
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.writer import RecordingError

@@ -20,7 +20,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.estimates.plate_theory import (
     expected_kirchhoff_error,
     thickness_number,

@@ -29,7 +29,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, viewer
 from hertzloop.scene.setup import load

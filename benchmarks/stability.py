@@ -27,7 +27,7 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.speed_accuracy import Problem, problem
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import Plant, PlantSpec

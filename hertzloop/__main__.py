@@ -19,7 +19,7 @@ def load() -> None:
     import hertzloop.loop.plant_node
     import hertzloop.processes.roles  # noqa: F401
     from hertzloop.cli import app
-    from hertzloop.loop.plant_streams import versions_here
+    from hertzloop.loop.announcement import versions_here
 
     app.built()
     versions_here()  # read from the disk, and kept

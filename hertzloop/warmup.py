@@ -149,8 +149,8 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
 
 
 def _compile_plant(setup: "Setup") -> None:
-    from hertzloop.loop.compiled import simulate
     from hertzloop.loop.plant_node import PlantNode
+    from hertzloop.loop.simulate import simulate
     from hertzloop.scene import model_error
 
     PlantNode(setup, InProcessPort(InProcessBus(), PLANT))
@@ -212,7 +212,8 @@ def _made_up_contact(setup: "Setup") -> np.ndarray:
 
 def _run(setup: "Setup", folder: Path) -> None:
     """A run through each port compiles every kernel that any of them calls."""
-    from hertzloop.loop.compiled import record_in_process, simulate
+    from hertzloop.loop.in_process import record_in_process
+    from hertzloop.loop.simulate import simulate
     from hertzloop.results.figures import figures_of
     from hertzloop.results.model import chosen_model
 

@@ -25,7 +25,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.plant.structures.radiation import (
     AIR_DENSITY_KG_M3,

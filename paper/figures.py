@@ -20,7 +20,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures import noise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import sampled

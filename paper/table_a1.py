@@ -27,7 +27,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.controller.laws.precomputed import mobility_force_n
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.impacts import first_impact
 from paper.tables import (
     FIGURES,

@@ -32,7 +32,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.controller.laws.precomputed import SHAPES
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.impacts import first_impact

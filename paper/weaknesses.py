@@ -25,7 +25,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,

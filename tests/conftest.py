@@ -80,7 +80,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hertzloop.__main__ import collect_rarely
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.warmup import ensure_compiled
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import load

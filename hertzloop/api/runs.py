@@ -174,11 +174,11 @@ def simulate(scene: AnyScene) -> Run:
     Raises:
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.loop import compiled
     from hertzloop.loop.plant_streams import truth_columns
+    from hertzloop.loop.simulate import simulate as simulate_setup
 
     setup = resolved(scene)
-    found = compiled.simulate(setup)
+    found = simulate_setup(setup)
     columns = truth_columns(found.rows, setup, setup.plant.same_point)
     return _run_from(setup, found.rows, columns, found.values, None, found.balance)
 

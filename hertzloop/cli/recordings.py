@@ -10,7 +10,7 @@ from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.optional_dependencies import need
-from hertzloop.loop.answers import Repeat, repeat_of
+from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
@@ -37,11 +37,11 @@ def scene_to_run(recording: Recording) -> "Setup":
         fail(words + recording.other_version)
 
 
-def repeat_or_fail(recording: Recording, setup: "Setup") -> Repeat:
+def repeat_or_fail(recording: Recording, setup: "Setup") -> RepeatedRun:
     """What is to be repeated of a recording of this scene; ends the command for another scene."""
     if to_toml(setup.scene) != recording.scene_toml:
         fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
-    return repeat_of(recording)
+    return repeated_run(recording)
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]

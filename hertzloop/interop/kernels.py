@@ -72,7 +72,7 @@ def release(unit, drop_height_m, touch_phase):
 def advance(unit, command, steps):
     """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
     once, also with no steps at all."""
-    loop_kernels.held(
+    loop_kernels.hold_command(
         unit.plant, unit.plant_state, unit.sensor, unit.sensor_state, unit.window, command, steps
     )
 

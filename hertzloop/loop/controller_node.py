@@ -1,4 +1,4 @@
-"""The controller's side of the exchange: samples in, forces and promises out."""
+"""The controller's side of the exchange: receive samples, send forces and promises."""
 
 import time
 from contextlib import suppress
@@ -15,19 +15,20 @@ from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
-from hertzloop.loop.answers import LaneController
+from hertzloop.loop.announcement import set_up_by
+from hertzloop.loop.controller_lane import ControllerLane
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.scene.controller import build_controller, build_idle_controller, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 
-# Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
+# Answers in shared memory are also published over the bus, in blocks that end at multiples of
+# _BLOCK samples and are _EVERY_S apart at least.
 _BLOCK, _EVERY_S = 1000, 0.01
 
 
 def sampled_values(block: DecodedBlock) -> np.ndarray:
-    """Physical values of a DaqBlock, shape (samples,), in the unit of its quantity."""
+    """Return the physical values of a DaqBlock, shape (samples,), in the unit of its quantity."""
     codes = block.arrays["code"]
     if len(codes):
         return physical_values(codes, block.header.scale, block.header.offset)
@@ -35,7 +36,7 @@ def sampled_values(block: DecodedBlock) -> np.ndarray:
 
 
 def physical_values(codes: np.ndarray, scale: float, offset: float) -> np.ndarray:
-    """What codes of a converter stand for, in the unit of the quantity."""
+    """Convert codes of an ADC to physical values, in the unit of the quantity."""
     with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite
         return np.asarray(offset + scale * codes)
 
@@ -44,61 +45,77 @@ class ControllerNode:
     """Answers every block of samples with a block of forces; set up by the plant's hello.
 
     It announces its end once all samples of the run are answered, and is done when the plant has
-    announced its own. In the fast lane it answers there, and publishes forces in longer blocks.
+    announced its own. In shared memory (the fast lane) it answers each sample at once, and
+    publishes the forces in longer blocks.
+
+    Attributes:
+        setup: Setup of the run, as the plant has announced it; None before.
+        done: Whether the plant has announced its end.
+        fault: The fault with which the plant ended the run, or "".
     """
 
     def __init__(
         self, port: Port, look_ahead: bool = True, law: str | None = None, fast_lane: bool = True
     ) -> None:
-        """`law`: where this side has its law, if not where the scene says."""
+        """
+        Args:
+            port: Port to plant and recorder.
+            look_ahead: Send forces as soon as they are known, ahead of their step.
+            law: Path of the law on this side, if it is not that of the scene.
+            fast_lane: Join shared memory that the plant offers.
+        """
         self.port, self.look_ahead, self._law = port, look_ahead, law
         self.checker = SequenceChecker(role=CONTROLLER)
         self.done = False
-        self.fault = ""  # with which the plant ended the run
-        self.setup: Setup | None = None  # as the plant has announced it
+        self.fault = ""
+        self.setup: Setup | None = None
         self._fast_lane = fast_lane
-        self._lane: LaneController | None = None
+        self._lane: ControllerLane | None = None
         self._joined: LaneAnswer = LaneAnswer.NOT_STATED
         self._controller: Controller | None = None
         self._publisher: Publisher | None = None
         self._set_up_by: SetUp | None = None
-        self._scene = ""  # where the hello leaves out some of it
+        self._scene = ""  # the whole scene, if the hello lacks the contents of files
         self._next_block_s = 0.0
-        self._samples = 0  # of which the answers are published
-        # Loads the kernels before anybody waits for an answer.
-        LaneController(build_idle_controller(), lane.closed(), look_ahead).serve(0)
+        self._samples = 0  # whose answers are published
+        # Load the kernels before the plant waits for an answer.
+        ControllerLane(build_idle_controller(), lane.closed(), look_ahead).answer_samples(0)
 
     @property
     def samples(self) -> int:
-        """Samples that were answered so far."""
+        """Number of samples that were answered."""
         return self._lane.samples if self._lane else self._samples
 
     def work(self, timeout_s: float) -> None:
-        """Take what comes next, from the bus or from the lane. Raises StreamFault, or BusError when
-        nothing comes within `timeout_s`."""
+        """Receive what comes next, from the bus or from shared memory.
+
+        Raises:
+            StreamFault: The message or the sample is impossible.
+            BusError: Nothing has come within `timeout_s`.
+        """
         if self._lane is None or (self._publisher and self._publisher.ended):
             self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
             return
         block_end = (self._lane.samples // _BLOCK + 1) * _BLOCK
-        self._lane.serve(min(block_end, self._lane.total))
+        self._lane.answer_samples(min(block_end, self._lane.total))
         if self._lane.idle_s > timeout_s:
             raise PeerLost(
                 f"controller waited {timeout_s:g} s for samples from the plant: nothing came in "
                 "the lane",
                 PLANT,
             )
-        self._publish_served()
+        self._publish_lane_answers()
         while self.port.pending():
             self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
 
     def handle(self, envelope: Envelope) -> None:
-        """Take one message. Raises StreamFault if it is not what had to come."""
+        """Receive one message. Raises StreamFault if it is impossible here."""
         try:
-            self._take(envelope)
+            self._receive(envelope)
         except StreamFault as error:
             raise self.checker.explained(error) from error
 
-    def _take(self, envelope: Envelope) -> None:
+    def _receive(self, envelope: Envelope) -> None:
         block = self.checker.accept(envelope)
         if envelope.stream == "scene":
             self._scene = block.header.scene_toml
@@ -125,7 +142,7 @@ class ControllerNode:
         if self._law is not None:
             asked = parse(scene, recorded=True).law_reference
         self._set_up_by = set_up_by(setup, asked)
-        compare_set_up(block.header, self._set_up_by)  # another version may read it otherwise
+        compare_set_up(block.header, self._set_up_by)  # another version may resolve it differently
         if (setup.steps, setup.step_ns) != (block.header.steps, block.header.step_ns):
             raise StreamFault(
                 f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
@@ -164,18 +181,18 @@ class ControllerNode:
         except LawFault as error:
             raise StreamFault(str(error)) from error
         self._publish(reply, self._joined)
-        self._joined = LaneAnswer.NOT_STATED  # said once
+        self._joined = LaneAnswer.NOT_STATED  # stated once
         if self._offered is not None:
-            self._lane = LaneController(self._controller, self._offered, self.look_ahead)
+            self._lane = ControllerLane(self._controller, self._offered, self.look_ahead)
             lane.sleep_precisely()
 
-    def _publish_served(self) -> None:
-        """Publish what was answered in the lane, by blocks."""
+    def _publish_lane_answers(self) -> None:
+        """Publish the answers given in shared memory, in blocks."""
         assert self._lane is not None
-        served, now = self._lane.samples, time.monotonic()
-        if served == self._samples or (served % _BLOCK and served != self._lane.total):
+        answered, now = self._lane.samples, time.monotonic()
+        if answered == self._samples or (answered % _BLOCK and answered != self._lane.total):
             return
-        if served < self._lane.total and not self._lane.full and now < self._next_block_s:
+        if answered < self._lane.total and not self._lane.full and now < self._next_block_s:
             return
         self._next_block_s = now + _EVERY_S
         self._publish(self._lane.reply())
@@ -199,7 +216,7 @@ class ControllerNode:
             self._publisher.end(set_up=self._set_up_by)
 
     def _end(self, block: DecodedBlock) -> None:
-        """The plant's end: all that was heard is all that was sent, unless the run failed."""
+        """Receive the plant's end. Unless the run has failed, compare the counts of both sides."""
         self.done = True
         self.fault = fault = block.header.fault
         if fault:
@@ -214,7 +231,7 @@ class ControllerNode:
             self._lane.reconcile()
 
     def fail(self, sentence: str) -> None:
-        """Tell the others why this role gives up, if it has not ended yet."""
+        """Announce the fault that ends this role, unless it has ended."""
         if self._lane is not None:
             self._lane.leave()
         if self._publisher is not None and not self._publisher.ended:

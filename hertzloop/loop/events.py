@@ -24,20 +24,19 @@ def _changes(flags: np.ndarray, before: bool) -> np.ndarray:
     return np.flatnonzero(np.diff(flags.astype(np.int8), prepend=np.int8(before)))
 
 
-Found = tuple[int, Any, dict[str, Any]]  # step, level, fact
+StepEvent = tuple[int, Any, dict[str, Any]]  # step, level, fields of the message
 
 
 class LateForces:
-    """Numbers the forces that had not come when their step was taken: one event for all late ones
-    of _SPAN steps, at the last of these."""
+    """Reports forces that arrived after their step: one event for each span of _SPAN steps."""
 
     def __init__(self, steps: int) -> None:
-        """Of a run of so many steps."""
+        """`steps`: length of the run."""
         self._steps, self._numbered = steps, 0
-        self._span = np.empty(0, np.int32)  # of the present one, until now
+        self._span = np.empty(0, np.int32)  # the present span, until now
 
-    def of(self, first_step: int, held: np.ndarray) -> Iterator[Found]:
-        """Events of a block; `held`: by how many steps each command was too old."""
+    def of(self, first_step: int, held: np.ndarray) -> Iterator[StepEvent]:
+        """Yield the events of a block; `held`: how many steps too old each command was."""
         first, held = first_step - len(self._span), np.concatenate([self._span, held])
         while len(held) and len(held) >= (length := min(_SPAN, self._steps - first)):
             if np.any(held[:length]):
@@ -45,46 +44,52 @@ class LateForces:
             first, held = first + length, held[length:]
         self._span = held
 
-    def _event(self, first: int, held: np.ndarray) -> Found:
+    def _event(self, first: int, held: np.ndarray) -> StepEvent:
         late = np.flatnonzero(held)
         number, self._numbered = self._numbered + 1, self._numbered + len(late)
         last = first + len(held) - 1
         rows = np.split(late, np.flatnonzero(np.diff(late) > 1) + 1)
         alone = len(late) == 1
-        return last, Log.WARNING, {
-            "kind": EventKind.FORCES_LATE,
-            "number": number,
-            "last_number": self._numbered,
-            "from_step": first + int(late[0]) if alone else first,
-            "to_step": first + int(late[0]) if alone else last,
-            "late_rows": len(rows),
-            "longest_row": max(map(len, rows)),
-            "oldest_steps": int(np.max(held)),
-        }  # fmt: skip
+        return (
+            last,
+            Log.WARNING,
+            {
+                "kind": EventKind.FORCES_LATE,
+                "number": number,
+                "last_number": self._numbered,
+                "from_step": first + int(late[0]) if alone else first,
+                "to_step": first + int(late[0]) if alone else last,
+                "late_rows": len(rows),
+                "longest_row": max(map(len, rows)),
+                "oldest_steps": int(np.max(held)),
+            },
+        )
 
 
-class _Listed:
-    """Publishes the first MOST events of a publisher and counts the others. Their number is told at
-    the last step of a run of so many `steps`."""
+class _LimitedEvents:
+    """Passes on the first MOST events of a publisher, and counts the others.
+
+    The last event of a run states their number.
+    """
 
     def __init__(self, name: str, steps: int, step_ns: int) -> None:
         self._name, self._steps, self._step_ns = name, steps, step_ns
         self._found = 0
 
-    def _published(self, found: Iterable[Found], end: int) -> Iterator[Event]:
-        """Events by rising step, of a block that ends before step `end`."""
-        for step, level, fact in found:
+    def _published(self, found: Iterable[StepEvent], end: int) -> Iterator[Event]:
+        """Pass on the events of a block that ends before step `end`, by rising step."""
+        for step, level, fields in found:
             self._found += 1
             if self._found <= MOST:
-                yield event(self._name, step, self._step_ns, level, **fact)
+                yield event(self._name, step, self._step_ns, level, **fields)
         if end >= self._steps and self._found > MOST:
-            words, self._found = f"{self._found - MOST:,} further events are not listed", 0
-            yield event(self._name, self._steps - 1, self._step_ns, Log.WARNING, message=words)
+            message = f"{self._found - MOST:,} further events are not listed"
+            self._found = 0
+            yield event(self._name, self._steps - 1, self._step_ns, Log.WARNING, message=message)
 
 
-class PlantEvents(_Listed):
-    """Contacts and saturation, from truth and converter flags of the same steps, and late forces of
-    a run of so many `steps`."""
+class PlantEvents(_LimitedEvents):
+    """Contacts, saturation of the converter, and late forces."""
 
     def __init__(self, step_ns: int, every_steps: int, quantity: str, steps: int = 0) -> None:
         super().__init__("plant", steps, step_ns)
@@ -101,15 +106,22 @@ class PlantEvents(_Listed):
         clipped: np.ndarray,
         held: np.ndarray | None = None,
     ) -> Iterator[Event]:
-        """Events of a block by rising step; `gap` above the dent that there is, m; `held` as in
-        LateForces."""
+        """Yield the events of a block in the order of their steps.
+
+        Args:
+            first_step: First step of the block.
+            gap: Gap above the permanent indentation, m, one a step.
+            first_sample: First sample of the block.
+            clipped: Whether the converter was saturated, one a sample.
+            held: As in `LateForces`.
+        """
         touching = gap < 0.0
-        found: list[Found] = []
+        found: list[StepEvent] = []
         for i in _changes(touching, self._touching):
             self._contacts += int(touching[i])
             kind = EventKind.CONTACT_BEGAN if touching[i] else EventKind.CONTACT_ENDED
-            fact = {"kind": kind, "number": self._contacts}
-            found.append((first_step + int(i), Log.INFO, fact))
+            fields = {"kind": kind, "number": self._contacts}
+            found.append((first_step + int(i), Log.INFO, fields))
         flags = clipped.astype(bool)
         for i in _changes(flags, self._clipped):
             kind = EventKind.RANGE_LEFT if flags[i] else EventKind.RANGE_REGAINED
@@ -124,8 +136,8 @@ class PlantEvents(_Listed):
         yield from self._published(found, first_step + len(touching))
 
 
-class ControllerEvents(_Listed):
-    """Changes of the law's mode, with the delay that a threshold latched."""
+class ControllerEvents(_LimitedEvents):
+    """Changes of the law's mode, with the delay that was latched at the threshold."""
 
     def __init__(self, setup: Setup) -> None:
         super().__init__("controller", setup.steps, setup.step_ns)
@@ -134,17 +146,17 @@ class ControllerEvents(_Listed):
         self._mode = IDLE
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Event]:
-        """Events of a block of samples."""
+        """Yield the events of a block of samples."""
         end = (first_sample + len(modes)) * self._every
         yield from self._published(self._of_modes(first_sample, modes, delays), end)
 
     def _of_modes(
         self, first_sample: int, modes: np.ndarray, delays: np.ndarray
-    ) -> Iterator[Found]:
+    ) -> Iterator[StepEvent]:
         for i in np.flatnonzero(np.diff(modes, prepend=self._mode)):
             old, self._mode = self._mode, int(modes[i])
-            fact: dict[str, Any] = {"mode_before": old, "mode": self._mode}
+            fields: dict[str, Any] = {"mode_before": old, "mode": self._mode}
             if self._mode == ACTING and self._latches:
-                fact["delay_ns"] = int(delays[i]) * self._every * self._step_ns
+                fields["delay_ns"] = int(delays[i]) * self._every * self._step_ns
             step = (first_sample + int(i)) * self._every
-            yield step, Log.INFO, {"kind": EventKind.LAW_MODE, **fact}
+            yield step, Log.INFO, {"kind": EventKind.LAW_MODE, **fields}

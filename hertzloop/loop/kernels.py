@@ -1,9 +1,9 @@
 """Compiled kernels that join plant, sensor and controller.
 
-`advance` runs the plant process's side up to what it was granted, or, in the fast lane, takes
-what `serve` puts there from the controller's; `closed_loop` runs all three in one call. All take
-the same steps through the same kernels in the same order, so the samples are the same bits.
-Nothing allocates.
+`closed_loop` runs all three in one call. Between processes, `advance` runs the plant as far as
+forces are known, and `answer_samples` runs the controller; over shared memory the two exchange
+samples and forces directly. All of them take the same steps through the same kernels in the same
+order, so the samples are the same bits. Nothing allocates.
 """
 
 import math
@@ -29,15 +29,15 @@ WINDOW_COUNTS = 5
 # Indices into Grant arrays.
 GRANTED_END, PROMISED, BROKEN_AT, FORCES_END, SEEN, EXCHANGES = range(6)
 GRANT_COUNTS = 6
-# How `advance`, `settle` and `serve` end: as far as asked, a force is missing, the lane is silent;
-# or what is wrong in the lane.
+# Status with which `advance`, `await_answers` and `answer_samples` end: as far as asked, a force is
+# missing, the lane is silent, or a fault in the lane.
 REACHED, MUST_WAIT, SILENT, GAP, WRONG_COUNT, BEYOND_END, NO_NUMBER, BROKEN_PROMISE = range(8)
 _AT_ONCE = 64  # samples that are answered together, if so many are there
 _LOOK_EVERY = 8  # exchanges between two looks at the clock
 
 
 class Window(NamedTuple):
-    """Rows of truth and samples that were not sent yet, by position since *_FIRST."""
+    """Time series and samples that were not sent yet. Position 0 is step or sample *_FIRST."""
 
     truth: np.ndarray  # (columns of hertzloop.plant.time_series, steps)
     codes: np.ndarray
@@ -47,10 +47,13 @@ class Window(NamedTuple):
 
 
 class TimeGrant(NamedTuple):
-    """What the controller allowed: forces known before step GRANTED_END, and, while
-    PROMISED is 1, zero for as long as samples stay above `level`. BROKEN_AT: number of
-    samples taken when a sample last fell to the level; FORCES_END: steps whose force has come,
-    promised ones not counted; SEEN: samples answered; EXCHANGES: forces waited for in the lane."""
+    """Up to which step the plant may run without waiting for the controller.
+
+    Forces are known before step GRANTED_END. While PROMISED is 1, they stay zero as long as samples
+    stay above `level`. BROKEN_AT: samples taken when one last fell to the level. FORCES_END: steps
+    whose force was received, without promised zeros. SEEN: samples answered. EXCHANGES: how often
+    the plant waited for a force in shared memory.
+    """
 
     counts: np.ndarray
     level: np.ndarray
@@ -59,7 +62,7 @@ class TimeGrant(NamedTuple):
 
 @kernel(inline=True)
 def observe(plant_state, sensor, sensor_state, window):
-    """Let the sensor see the present step, once; returns whether it took a sample."""
+    """Let the sensor follow the present step, once. Return whether it took a sample."""
     counts = window.counts
     step = plant_state.counts[STEP]
     if counts[OBSERVED] > step:
@@ -80,16 +83,18 @@ def observe(plant_state, sensor, sensor_state, window):
 
 @kernel(inline=True)
 def step_and_record(plant, plant_state, command, window):
-    """One plant step under a commanded force; writes its row of truth into the window."""
+    """Run one plant step under a commanded force, and write its time series into the window."""
     row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
     record_step(plant, plant_state, command, window.truth, row)
     window.counts[TRUTH_END] += 1
 
 
 @kernel(inline=True)
-def held(plant, plant_state, sensor, sensor_state, window, command, steps):
-    """`steps` steps under one command for a caller elsewhere; the sensor sees every step up to the
-    one reached. The window, of one row each, keeps what came last."""
+def hold_command(plant, plant_state, sensor, sensor_state, window, command, steps):
+    """Run `steps` steps under one command, for an exported plant. The sensor follows every step.
+
+    The window has room for one row; it keeps the last step and the last sample.
+    """
     counts = window.counts
     while True:
         if observe(plant_state, sensor, sensor_state, window):
@@ -102,8 +107,11 @@ def held(plant, plant_state, sensor, sensor_state, window, command, steps):
 
 
 @kernel(inline=True)
-def _hear(step, samples, force, level, forces, window, grant):
-    """One record of an answer; `force` may be NaN, and `level`, where nothing is promised."""
+def _accept_record(step, samples, force, level, forces, window, grant):
+    """Add one record of an answer.
+
+    `force` is NaN in a record without a force, `level` in one without a promise.
+    """
     counts = grant.counts
     taken = window.counts[SAMPLES_END]
     if not counts[SEEN] <= samples <= taken:
@@ -136,17 +144,17 @@ def _hear(step, samples, force, level, forces, window, grant):
 
 
 @kernel(inline=True)
-def take_answer(lane, step, forces, window, grant):
-    """The next record of an answer, which is there."""
+def receive_record(lane, step, forces, window, grant):
+    """Receive the next record of an answer, which has arrived."""
     excess, samples, force, level = lane_kernels.take_answer(lane)
     if excess != 0:
         return GAP
-    return _hear(step, samples, force, level, forces, window, grant)
+    return _accept_record(step, samples, force, level, forces, window, grant)
 
 
 @kernel(inline=True)
 def check_threshold(step, value, window, grant):
-    """End a promise with a sample of `step`, taken just now, that fell to its level."""
+    """End the promise of zero force if the sample of `step`, just taken, fell to its level."""
     counts = grant.counts
     if value <= grant.level[0]:
         counts[BROKEN_AT] = window.counts[SAMPLES_END]
@@ -158,7 +166,7 @@ def check_threshold(step, value, window, grant):
 
 
 @kernel
-def _exchange(step, until, forces, window, grant, lane):
+def _wait_for_forces(step, until, forces, window, grant, lane):
     """Wait in the lane until the force of `step` is known and `until` samples are answered."""
     counts = grant.counts
     while counts[SEEN] < until or (counts[PROMISED] == 0 and counts[GRANTED_END] <= step):
@@ -166,34 +174,37 @@ def _exchange(step, until, forces, window, grant, lane):
             return MUST_WAIT  # all is answered, and no force granted
         if not lane_kernels.wait_for_answer(lane):
             return SILENT
-        said = take_answer(lane, step, forces, window, grant)
-        if said != REACHED:
-            return said
+        status = receive_record(lane, step, forces, window, grant)
+        if status != REACHED:
+            return status
     return REACHED
 
 
 @kernel
-def settle(plant_state, forces, window, grant, lane):
-    """Wait in the lane until all samples are answered, with all forces of steps that are over."""
+def await_answers(plant_state, forces, window, grant, lane):
+    """Wait in the lane until all samples are answered and all forces of past steps are known."""
     step = plant_state.counts[STEP]
-    return _exchange(step - 1, window.counts[SAMPLES_END], forces, window, grant, lane)
+    return _wait_for_forces(step - 1, window.counts[SAMPLES_END], forces, window, grant, lane)
 
 
 @kernel
 def advance(
     plant, plant_state, sensor, sensor_state, forces, commands, window, grant, lane, end
 ):  # fmt: skip
-    """Run the plant to step `end` or as far as `forces` are known, under `commands`: the same
-    array, or those of a run that is repeated. Ends before where exchanges are slow."""
+    """Run the plant to step `end`, or as far as `forces` are known. The plant's side.
+
+    `commands` act: the array `forces`, or the commands of a repeated run. Ends early where
+    exchanges are slow.
+    """
     counts = grant.counts
     in_lane = lane.own[OPEN] != 0
     began = now_ns() if in_lane else 0
     while plant_state.counts[STEP] < end:
         step = plant_state.counts[STEP]
         if in_lane and window.counts[SAMPLES_END] - counts[SEEN] >= lane.slots:
-            said = _exchange(-1, counts[SEEN] + 1, forces, window, grant, lane)  # for room
-            if said != REACHED:
-                return said
+            status = _wait_for_forces(-1, counts[SEEN] + 1, forces, window, grant, lane)  # for room
+            if status != REACHED:
+                return status
         if observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             if in_lane:
@@ -202,24 +213,26 @@ def advance(
         if counts[PROMISED] == 0 and step >= counts[GRANTED_END]:
             if not in_lane:
                 return MUST_WAIT
-            said = _exchange(step, 0, forces, window, grant, lane)
-            if said != REACHED:
-                return said
+            status = _wait_for_forces(step, 0, forces, window, grant, lane)
+            if status != REACHED:
+                return status
             counts[EXCHANGES] += 1
             if counts[EXCHANGES] % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns:
                 end = step + 1  # slow exchanges, none of which takes as long as a silence
         step_and_record(plant, plant_state, commands[step], window)
     while in_lane and lane_kernels.answer_is_there(lane):
-        said = take_answer(lane, plant_state.counts[STEP], forces, window, grant)
-        if said != REACHED:
-            return said
+        status = receive_record(lane, plant_state.counts[STEP], forces, window, grant)
+        if status != REACHED:
+            return status
     return REACHED
 
 
 @kernel(inline=True)
-def _answer(law, law_state, line, line_state, forces, lane, value):
-    """Put the forces that became known after a sample of this value into the lane; False if there
-    was no room in time."""
+def _send_forces(law, law_state, line, line_state, forces, lane, value):
+    """Put the forces that are known after a sample of this value into the lane.
+
+    Returns False if there was no room in time.
+    """
     own, seen = lane.own, law_state.counts[laws.SAMPLES]
     if own[SAMPLES_PUT] == seen:
         return True
@@ -249,14 +262,16 @@ def _answer(law, law_state, line, line_state, forces, lane, value):
 
 
 @kernel
-def serve(
+def answer_samples(
     law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
 ):  # fmt: skip
-    """The controller's side of the lane: answer samples from `first` on, up to `limit`, writing
-    mode and delay after each. Ends before where exchanges are slow."""
+    """Answer samples in the lane from `first` on, up to `limit`. The controller's side.
+
+    Writes the mode and the delay of the law after each. Ends early where exchanges are slow.
+    """
     counts, rounds, began, value = law_state.counts, 0, now_ns(), math.nan
     while True:
-        if not _answer(law, law_state, line, line_state, forces, lane, value):
+        if not _send_forces(law, law_state, line, line_state, forces, lane, value):
             return SILENT
         rounds += 1
         slow = rounds % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns
@@ -283,8 +298,8 @@ def serve(
 
 
 @kernel(inline=True)
-def _pushes(forces, step, end):
-    """Whether there is a force after `step` and before `end`."""
+def _any_force(forces, step, end):
+    """Return whether a force after `step` and before `end` is not zero."""
     for j in range(step + 1, min(end, forces.size)):
         if forces[j] != 0.0:
             return True
@@ -296,10 +311,10 @@ def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, window, modes, delays, end, impact,
 ):  # fmt: skip
-    """Plant, sensor and controller together up to step `end`, or until nothing that is to come can
-    belong to the first `impact`, if that is followed; returns whether that was so.
+    """Run plant, sensor and controller together up to step `end`.
 
-    A promise of the law lets the loop end earlier. What belongs to the impact is the same.
+    If the first `impact` is followed, the loop ends as soon as no later step can belong to it;
+    returns whether it did. A promise of the law lets the loop end earlier, with the same impact.
     """
     value = 0.0
     while plant_state.counts[STEP] < end:
@@ -322,7 +337,7 @@ def closed_loop(
             if not back and not rows_kernels.keeps(impact, laws.quiet_level(law, law_state), value):
                 continue
             # The line says what comes from the emitted forces on, which latency puts ahead.
-            if not _pushes(forces, step, line_state.counts[EMITTED]):
+            if not _any_force(forces, step, line_state.counts[EMITTED]):
                 return True
     return False
 
@@ -332,8 +347,11 @@ def loop_in_parts(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, truth, parts, means,
 ):  # fmt: skip
-    """The closed loop with a plant that takes `parts` steps in each step of sensor, law and line,
-    which hold the force meanwhile; `means`: the sensor sees the mean over a step, not its end."""
+    """Run the closed loop with a plant that takes `parts` steps in each step of the controller.
+
+    The force is held over a step of the controller. With `means` the sensor follows the mean over
+    that step, otherwise its end.
+    """
     seen = plant_state.body[sensor.of_state]
     index = 0
     for step in range(forces.size):

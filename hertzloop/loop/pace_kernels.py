@@ -91,16 +91,16 @@ def note_forces(pace, now, first, end):
 
 
 @kernel(inline=True)
-def _hear(now, step, forces, window, grant, lane, pace):
+def _receive_records(now, step, forces, window, grant, lane, pace):
     """Take the answers that are in the lane."""
     counts = grant.counts
     while lane_kernels.answer_is_there(lane):
         seen, at = counts[SEEN], counts[FORCES_END]
         # A step that went without its force was promised nothing.
         late = at < pace.held.size and pace.held[at] > 0
-        said = loop_kernels.take_answer(lane, at if late else step, forces, window, grant)
-        if said != REACHED:
-            return said
+        status = loop_kernels.receive_record(lane, at if late else step, forces, window, grant)
+        if status != REACHED:
+            return status
         note_answers(pace, now, seen, counts[SEEN])
         note_forces(pace, now, at, counts[FORCES_END])
     return REACHED
@@ -136,9 +136,9 @@ def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane
     while True:
         now, step = now_ns(), plant_state.counts[STEP]
         if in_lane:
-            said = _hear(now, step, forces, window, grant, lane, pace)
-            if said != REACHED:
-                return said
+            status = _receive_records(now, step, forces, window, grant, lane, pace)
+            if status != REACHED:
+                return status
             _put(window, grant, lane, pace)
         if step >= end:
             return REACHED

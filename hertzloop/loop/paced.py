@@ -16,8 +16,8 @@ from hertzloop.bus.port import PeerLost, Port, say_every_s
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import pace_kernels
-from hertzloop.loop.answers import refusal
 from hertzloop.loop.kernels import REACHED, SAMPLES_END, SILENT
+from hertzloop.loop.plant_lane import fault_in_lane
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -53,8 +53,11 @@ def _pace(setup: Setup, pace: float) -> pace_kernels.Pace:
 
 
 class PacedPlantNode(PlantNode):
-    """As PlantNode, but for the wall clock. The first sample is still exchanged in lock-step, and
-    sets up the lane; the clock starts with its answer."""
+    """A plant that follows the wall clock.
+
+    The first sample is exchanged in lock-step, which sets up the lane. The clock starts with the
+    answer to it.
+    """
 
     def __init__(
         self,
@@ -65,34 +68,49 @@ class PacedPlantNode(PlantNode):
         on_progress: Callable[[int], None] = lambda step: None,
         fast_lane: bool = False,
     ) -> None:
-        """Raises SceneError for a pace that cannot be."""
+        """As `PlantNode`, with `pace`: simulated over wall time.
+
+        Raises:
+            SceneError: The processes would time out at this pace.
+        """
         check_pace(setup, pace, timeout_s)
         self._pace = _pace(setup, pace)
-        held = self._pace.held
-        super().__init__(setup, port, None, timeout_s, on_progress, fast_lane, held=held)
+        super().__init__(
+            setup, port, None, timeout_s, on_progress, fast_lane, held_steps=self._pace.held
+        )
         self.streams.hello.pace = pace
         super()._advance(0)
         pace_kernels.note_answers(self._pace, 0, 0, 0)
         pace_kernels.note_forces(self._pace, 0, 0, 0)
 
     def _advance(self, end: int) -> int:
-        streams, answers = self.streams, self.answers
-        said = int(pace_kernels.follow(
-            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
-            answers.forces, streams.window, answers.grant, answers.lane, self._pace, end,
-        ))  # fmt: skip
-        if said == pace_kernels.FULL:
+        streams, buffer = self.streams, self.buffer
+        status = int(
+            pace_kernels.follow(
+                streams.plant.model,
+                streams.plant.state,
+                streams.sensor.model,
+                streams.sensor.state,
+                buffer.forces,
+                streams.window,
+                buffer.grant,
+                buffer.lane,
+                self._pace,
+                end,
+            )
+        )
+        if status == pace_kernels.FULL:
             raise StreamFault(
                 f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
                 "follow. Use a lower --pace."
             )
-        if said > SILENT:
-            raise StreamFault(refusal(said, answers))
-        return said
+        if status > SILENT:
+            raise StreamFault(fault_in_lane(status, buffer))
+        return status
 
-    def _settle(self) -> int:
+    def _wait_in_lane(self) -> int:
         self._advance(self.streams.step)
-        if self.answers.samples == int(self.streams.window.counts[SAMPLES_END]):
+        if self.buffer.samples == int(self.streams.window.counts[SAMPLES_END]):
             return REACHED
         self._check_patience()
         time.sleep(_REST_S)
@@ -100,11 +118,11 @@ class PacedPlantNode(PlantNode):
 
     def _check_patience(self) -> None:
         """Raise PeerLost if a sample has not been answered for too long."""
-        first, end = self.answers.samples, int(self.streams.window.counts[SAMPLES_END])
+        first, end = self.buffer.samples, int(self.streams.window.counts[SAMPLES_END])
         ring = self._pace.taken_ns
         if first < end and clock.since(ring[first % len(ring)] / 1e9) > self.timeout_s:
             raise PeerLost(
-                f"plant waited {self.timeout_s:g} s for the force for step {self.answers.end} from "
+                f"plant waited {self.timeout_s:g} s for the force for step {self.buffer.end} from "
                 "the controller: nothing came",
                 "controller",
             )
@@ -113,54 +131,54 @@ class PacedPlantNode(PlantNode):
         streams, steps = self.streams, self.setup.steps
         super()._advance(1)
         streams.send_samples()
-        while not self.answers.samples:
-            super()._take()
+        while not self.buffer.samples:
+            super()._receive()
         sleep_precisely()
-        self._pace.counts[pace_kernels.PUT] = self.answers.samples
+        self._pace.counts[pace_kernels.PUT] = self.buffer.samples
         self._pace.counts[pace_kernels.START_NS] = time.monotonic_ns() - int(
             streams.step * self._pace.step_ns
         )
-        said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
+        sent_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
         while streams.step < steps:
-            said = self._advance(streams.boundary)
-            if said == REACHED or time.monotonic() - said_s > every_s:
+            status = self._advance(streams.boundary)
+            if status == REACHED or time.monotonic() - sent_s > every_s:
                 end = streams.step
                 streams.send_samples()
-                if self.answers.in_lane:
-                    # Each message takes some of a millisecond: a step that is due is not to wait
-                    # for both, nor its sample for an answer that is there.
+                if self.buffer.uses_lane:
+                    # A message takes a good part of a millisecond. A step that is due must not wait
+                    # for two, nor its sample for an answer that has arrived.
                     self._advance(min(end + 1, steps))
                 streams.send_truth(end)
                 self.on_progress(end)
-                said_s = time.monotonic()
-            elif not self.answers.in_lane:
+                sent_s = time.monotonic()
+            elif not self.buffer.uses_lane:
                 streams.send_samples()
             while self.port.pending():
-                self._take()
+                self._receive()
             self._check_patience()
-            if said == SILENT and not self.answers.in_lane:
+            if status == SILENT and not self.buffer.uses_lane:
                 self._rest()
 
     def _rest(self) -> None:
-        """Without a lane: let time pass until the next step is due or something came."""
+        """Without a lane, wait until the next step is due or a message arrives."""
         began = time.monotonic_ns()
         due = self._pace.counts[pace_kernels.START_NS] + self.streams.step * self._pace.step_ns
         while not self.port.pending() and time.monotonic_ns() < due - _REST_S * 1e9:
             time.sleep(_REST_S)
         self._pace.counts[pace_kernels.WAITED_NS] += time.monotonic_ns() - began
 
-    def _take(self) -> None:
-        """As in lock-step; what the bus brings counts as an answer where there is no lane."""
-        if self.answers.in_lane:
-            super()._take()
+    def _receive(self) -> None:
+        """As in lock-step. Without a lane, forces from the bus count as answers."""
+        if self.buffer.uses_lane:
+            super()._receive()
             return
-        samples, forces = self.answers.samples, self.answers.end
-        super()._take()
+        samples, forces = self.buffer.samples, self.buffer.end
+        super()._receive()
         now = time.monotonic_ns()
-        pace_kernels.note_answers(self._pace, now, samples, self.answers.samples)
-        pace_kernels.note_forces(self._pace, now, forces, self.answers.end)
+        pace_kernels.note_answers(self._pace, now, samples, self.buffer.samples)
+        pace_kernels.note_forces(self._pace, now, forces, self.buffer.end)
 
-    def _say_how(self) -> None:
+    def _publish_statistics(self) -> None:
         counts = self._pace.counts
         wall_ns = time.monotonic_ns() - int(counts[pace_kernels.START_NS])
         header = Pacing(
@@ -170,7 +188,7 @@ class PacedPlantNode(PlantNode):
             behind_max_ns=int(counts[pace_kernels.BEHIND_MAX_NS]),
             working_ns=max(0, wall_ns - int(counts[pace_kernels.WAITED_NS])),
             classes_an_octave=pace_kernels.CLASSES_AN_OCTAVE,
-            lookahead_steps=self.answers.grant.lookahead_steps,
+            lookahead_steps=self.buffer.grant.lookahead_steps,
             step_ns=self.setup.step_ns,
         )
         self.streams.publisher.send(

@@ -1,8 +1,9 @@
-"""The plant's side of the exchange: run as far as forces are known, send, wait, go on."""
+"""The plant's side of the exchange: run as far as forces are known, send samples, wait, go on."""
 
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,32 +13,36 @@ from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.answers import ForceBuffer, LaneOffer, Repeat, controllers_fault
+from hertzloop.loop.force_buffer import ForceBuffer
 from hertzloop.loop.kernels import EXCHANGES, MUST_WAIT, SAMPLES_FIRST, SILENT
+from hertzloop.loop.plant_lane import PlantLane
 from hertzloop.loop.plant_streams import PlantStreams
+from hertzloop.loop.repeated_run import RepeatedRun
 from hertzloop.scene.setup import Setup
 
-_AHEAD_SAMPLES = 64_000  # that may be on their way while the controller has promised zero
+_AHEAD_SAMPLES = 64_000  # unanswered samples, at most, while the controller has promised zero
+_NOTICE_S = 1.0  # in which a controller that fails announces its end
 
 
 @dataclass(frozen=True)
 class LoopStats:
-    """Which run it was and how it went in wall time; never part of a compared stream."""
+    """Number of a run and its progress in wall time; never part of a compared stream.
+
+    Attributes:
+        wall_s: Wall time of the run.
+        exchanges: How often the plant waited for a force.
+        run_id: Number of the run, as the recording gives it.
+        lane: Name of the controller's LaneAnswer; "" if no shared memory was offered.
+    """
 
     wall_s: float
     exchanges: int
-    run_id: str  # as the recording gives it
-    lane: str = ""  # what became of the fast lane: a LaneAnswer's name, "" if none was offered
+    run_id: str
+    lane: str = ""
 
 
 class PlantNode:
-    """Runs a scene through a port, in lock-step with the controller at its other end.
-
-    `horizon` is the largest number of steps between two exchanges; None leaves it to what
-    the controller grants. With `fast_lane` a controller on this host may answer in shared memory.
-    Both change the speed and the blocks, never a sample. With `repeat` the commands of that run
-    act, and the controller has to give the same forces.
-    """
+    """Runs a scene through a port, in lock-step with the controller at its other end."""
 
     def __init__(
         self,
@@ -47,56 +52,57 @@ class PlantNode:
         timeout_s: float = 10.0,
         on_progress: Callable[[int], None] = lambda step: None,
         fast_lane: bool = False,
-        repeat: Repeat | None = None,
-        held: np.ndarray | None = None,
+        repeat: RepeatedRun | None = None,
+        held_steps: np.ndarray | None = None,
         every_s: float = 0.0,
     ) -> None:
-        """`held` and `every_s` as in PlantStreams; the former that of `repeat`, if there is one."""
+        """
+        Neither `horizon` nor `fast_lane` nor `every_s` changes a sample.
+
+        Args:
+            setup: Setup of the run.
+            port: Port to controller and recorder.
+            horizon: Most steps between two exchanges. None: as many as the controller grants.
+            timeout_s: Longest silence of the controller.
+            on_progress: Called with the number of finished steps.
+            fast_lane: Offer shared memory to a controller on this host.
+            repeat: A recorded run whose commands act. The controller must send the same forces.
+            held_steps: As in `ForceBuffer`; that of `repeat` if there is one.
+            every_s: As in `PlantStreams`.
+        """
         self.setup, self.port, self.timeout_s = setup, port, timeout_s
         self.horizon = horizon or math.inf
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
-        self.streams = PlantStreams(setup, publisher, repeat.held if repeat else held, every_s)
-        self.answers = ForceBuffer(setup, self.streams.window, held)
-        self._repeat, self._commands = repeat, self.answers.forces
+        acted = repeat.held_steps if repeat else held_steps
+        self.streams = PlantStreams(setup, publisher, acted, every_s)
+        self.buffer = ForceBuffer(setup, self.streams.window, held_steps)
+        self._repeat, self._commands = repeat, self.buffer.forces
         if repeat:
             self._commands, self.streams.hello.repeats = repeat.commands, repeat.run_id
-        self._lane: LaneOffer | None = None
+        self._lane: PlantLane | None = None
         if fast_lane:
-            run_id, every = publisher.run_id, setup.every_steps
-            self._lane = LaneOffer(self.streams.hello, run_id, every, self.answers, timeout_s)
+            self._lane = PlantLane(
+                self.streams.hello, publisher.run_id, setup.every_steps, self.buffer, timeout_s
+            )
         self.checker = SequenceChecker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
         self.controller_ended = False
         self.exchanges = 0
         self._advance(0)  # loads the kernels before the clock starts
-        self._settle()
-
-    def _advance(self, end: int) -> int:
-        streams, answers = self.streams, self.answers
-        said = loop_kernels.advance(
-            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
-            answers.forces, self._commands, streams.window, answers.grant, answers.lane, end,
-        )  # fmt: skip
-        return self._checked(int(said))
-
-    def _settle(self) -> int:
-        streams, answers = self.streams, self.answers
-        said = loop_kernels.settle(
-            streams.plant.state, answers.forces, streams.window, answers.grant, answers.lane
-        )
-        return self._checked(int(said))
-
-    def _checked(self, said: int) -> int:
-        return self._lane.checked(said) if self._lane else said
+        self._wait_in_lane()
 
     def run(self) -> LoopStats:
-        """The whole run. Raises BusError or StreamFault; says so on the bus first."""
+        """Run the scene.
+
+        Raises:
+            BusError, StreamFault: The run has failed; the other roles were told.
+        """
         try:
-            self.streams.greet()
+            self.streams.announce_run()
             started = time.perf_counter()
             self._loop()
-            self._await_end()
-            self._say_how()
+            self._wait_for_end()
+            self._publish_statistics()
             self.streams.finish()  # the last message waits until all are sent
             wall_s = time.perf_counter() - started
         except (BusError, StreamFault) as error:
@@ -105,20 +111,20 @@ class PlantNode:
         finally:
             if self._lane:
                 self._lane.leave()
-        lane = self._lane.became if self._lane else ""
-        exchanges = self.exchanges + int(self.answers.grant.counts[EXCHANGES])
+        lane = self._lane.outcome if self._lane else ""
+        exchanges = self.exchanges + int(self.buffer.grant.counts[EXCHANGES])
         return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
 
     def _loop(self) -> None:
         streams, steps = self.streams, self.setup.steps
-        last_exchange, told_s = 0, time.monotonic()
+        last_exchange, last_sent_s = 0, time.monotonic()
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
-            said = self._advance(int(min(streams.boundary, last_exchange + self.horizon)))
-            must_wait = said == MUST_WAIT
-            # A slow run is not to be taken for a dead one.
-            overdue = time.monotonic() - told_s > every_s
-            if said != SILENT or overdue:
+            status = self._advance(int(min(streams.boundary, last_exchange + self.horizon)))
+            must_wait = status == MUST_WAIT
+            # Others must not take a slow run for a dead one.
+            overdue = time.monotonic() - last_sent_s > every_s
+            if status != SILENT or overdue:
                 if streams.step >= last_exchange + self.horizon:
                     must_wait, last_exchange = True, streams.step
                 due = overdue or streams.due
@@ -127,70 +133,120 @@ class PlantNode:
                 if due and (overdue or streams.at_boundary):
                     streams.send_truth()
                     self.on_progress(streams.step)
-                    told_s = time.monotonic()
-                if must_wait or self._sent() - self.answers.samples > _AHEAD_SAMPLES:
+                    last_sent_s = time.monotonic()
+                if must_wait or self._samples_sent() - self.buffer.samples > _AHEAD_SAMPLES:
                     self._exchange()
             while self.port.pending():
-                self._take()
+                self._receive()
 
-    def _await_end(self) -> None:
-        """Wait for all answers and the controller's end: what it heard and worked by is compared
-        before the plant's own end says that the run was as announced."""
-        self._await_answers()
-        while not self.controller_ended:
-            self._take()
+    def _advance(self, end: int) -> int:
+        """Run to step `end`, or as far as forces are known; return the status of the kernel."""
+        streams, buffer = self.streams, self.buffer
+        status = int(
+            loop_kernels.advance(
+                streams.plant.model,
+                streams.plant.state,
+                streams.sensor.model,
+                streams.sensor.state,
+                buffer.forces,
+                self._commands,
+                streams.window,
+                buffer.grant,
+                buffer.lane,
+                end,
+            )
+        )
+        if self._lane:
+            self._lane.check(status)
+        return status
 
-    def _say_how(self) -> None:
-        """What is to be said of a run that went well, beside its balance."""
+    def _wait_in_lane(self) -> int:
+        """Wait in shared memory until all samples are answered; return the kernel's status."""
+        streams, buffer = self.streams, self.buffer
+        status = int(
+            loop_kernels.await_answers(
+                streams.plant.state, buffer.forces, streams.window, buffer.grant, buffer.lane
+            )
+        )
+        if self._lane:
+            self._lane.check(status)
+        return status
 
-    def _sent(self) -> int:
+    def _samples_sent(self) -> int:
         return int(self.streams.window.counts[SAMPLES_FIRST])
 
-    def _await_answers(self) -> None:
-        """Wait until the controller has answered all samples sent."""
-        while self.answers.samples < self._sent():
-            if not self.answers.in_lane:
-                self._take()
-            elif self._settle() == SILENT:
-                while self.port.pending():
-                    self._take()
-
     def _exchange(self) -> None:
+        """Wait for all answers. Raises StreamFault if the next force is still not known."""
         self.exchanges += 1
-        self._await_answers()
-        if self.answers.missing_at(self.streams.step):
+        self._wait_for_answers()
+        if self.buffer.missing_at(self.streams.step):
             raise StreamFault(
-                f"the controller has seen all {self.answers.samples} samples, but granted no "
+                f"the controller has seen all {self.buffer.samples} samples, but granted no "
                 f"force for step {self.streams.step}"
             )
 
-    def _take(self) -> None:
-        """Receive one message of the controller. Raises StreamFault when it cannot be."""
-        awaited = f"the force for step {self.answers.end}"
-        if self.answers.end == self.setup.steps:
+    def _wait_for_answers(self) -> None:
+        """Wait until the controller has answered all samples sent."""
+        while self.buffer.samples < self._samples_sent():
+            if not self.buffer.uses_lane:
+                self._receive()
+            elif self._wait_in_lane() == SILENT:
+                while self.port.pending():
+                    self._receive()
+
+    def _wait_for_end(self) -> None:
+        """Wait for all answers and the controller's end.
+
+        Both sides compare what they counted before the plant announces its own end.
+        """
+        self._wait_for_answers()
+        while not self.controller_ended:
+            self._receive()
+
+    def _publish_statistics(self) -> None:
+        """Publish what else is known of a run that has succeeded; nothing in lock-step."""
+
+    def _receive(self) -> None:
+        """Receive one message of the controller. Raises StreamFault if it is impossible."""
+        awaited = f"the force for step {self.buffer.end}"
+        if self.buffer.end == self.setup.steps:
             awaited = "the end"
         envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller", [CONTROLLER])
         block = self.checker.accept(envelope)
         if envelope.stream == "end/controller":
-            self._hear_end(block.header)
-        elif self.answers.in_lane:
-            self._advance(self.streams.step)  # what is in the lane came before
+            self._receive_end(block.header)
+        elif self.buffer.uses_lane:
+            self._advance(self.streams.step)  # forces in the lane are older than this message
             try:
-                self.answers.confirm(block.header, block.arrays["force_n"])
+                self.buffer.confirm(block.header, block.arrays["force_n"])
             except StreamFault as error:
-                raise controllers_fault(self.port, self.checker, self.timeout_s) or error from None
+                raise self._fault_of_controller() or error from None
         else:
-            self.answers.take(block.header, block.arrays["force_n"], self.streams.step)
+            self.buffer.receive(block.header, block.arrays["force_n"], self.streams.step)
             if self._lane:
-                self._lane.hear(block.header.lane, self._sent())
+                self._lane.receive_answer(block.header.lane, self._samples_sent())
 
-    def _hear_end(self, end: RunEnd) -> None:
+    def _receive_end(self, end: RunEnd) -> None:
         self.controller_ended = True
-        self._advance(self.streams.step)  # takes what is left in the lane
-        if end.fault or self.answers.end < self.setup.steps:
+        self._advance(self.streams.step)  # takes the rest from the lane
+        if end.fault or self.buffer.end < self.setup.steps:
             raise EndedByOther(f"the controller ended the run: {end.fault or 'too early'}")
         self.checker.reconcile(end)
-        if not self.answers.all_confirmed():
+        if not self.buffer.all_confirmed():
             raise StreamFault("stream 'force' ended before it held all that the lane brought")
         if self._repeat:
-            self._repeat.compare(self.answers.forces)
+            self._repeat.compare(self.buffer.forces)
+
+    def _fault_of_controller(self) -> EndedByOther | None:
+        """Return the fault that the controller is about to announce, or None.
+
+        A controller that fails may publish forces that it could not put into shared memory.
+        """
+        with suppress(BusError, StreamFault):
+            while True:
+                envelope = self.port.receive(min(self.timeout_s, _NOTICE_S), "the end")
+                block = self.checker.accept(envelope)
+                if envelope.stream == "end/controller":
+                    fault = block.header.fault
+                    return EndedByOther(f"the controller ended the run: {fault}") if fault else None
+        return None

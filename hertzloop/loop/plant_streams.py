@@ -1,11 +1,8 @@
-"""What the plant produces, on its way onto the bus: samples, truth, events, balance."""
+"""Streams that the plant publishes: samples, time series, events and the energy balance."""
 
-import json
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
-from importlib.metadata import version
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -15,15 +12,13 @@ from hertzloop.bus.messages_pb2 import (
     DaqBlock,
     EnergyBalance,
     EventKind,
-    Hello,
     LawText,
-    SceneText,
-    SetUp,
     TruthBlock,
 )
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.announcement import announce, hello
 from hertzloop.loop.events import PlantEvents
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.plant.contact.yielding import above_dent_m
@@ -34,59 +29,20 @@ from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
-from hertzloop.scene.toml import to_toml
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
-EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
-# Stated in the first message of a run, as far as a sample depends on them.
-_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
-
-
-@cache
-def versions_here() -> str:
-    """Versions of this package and of those that a run depends on: JSON, by package."""
-    return json.dumps({name: version(name) for name in _PACKAGES})
-
-
-def hello(setup: Setup, stiffness: float) -> Hello:
-    """Return the first message of a run."""
-    return Hello(
-        scene=setup.name,
-        versions=versions_here(),
-        scene_toml=to_toml(setup.scene, brief=True),
-        steps=setup.steps,
-        step_ns=setup.step_ns,
-        seed=setup.seed,
-        stiffness=stiffness,
-        law=loaded_law(setup).name,
-        law_digest=loaded_law(setup).digest,
-    )
-
-
-def announce(publisher: Publisher, setup: Setup, first: Hello) -> None:
-    """Send the hello, and before it the whole scene, if the hello leaves out some. A hello has to
-    fit into the memory of a microcontroller, which needs no file of modes."""
-    if (whole := to_toml(setup.scene)) != first.scene_toml:
-        publisher.send("scene", SceneText(scene_toml=whole))
-    publisher.send("hello", first)
-
-
-def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
-    """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
-    this side has it elsewhere."""
-    return SetUp(
-        scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
-        stiffness=setup.stiffness,
-        law=loaded_law(setup).name,
-        law_digest=loaded_law(setup).digest,
-        versions=versions_here(),
-    )
+EVERY_S = 0.01  # least time between two blocks; a message costs as much as hundreds of steps
 
 
 def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str, np.ndarray]:
-    """Rows of truth, shape (10, steps), by the message's fields: those that the scene has, the
-    actuator's displacement only where it pushes elsewhere (see `PlantSpec.same_point`)."""
+    """Return time series by the fields of a TruthBlock, as far as the scene has them.
+
+    Args:
+        rows: Time series, shape (10, steps).
+        setup: Setup of the run.
+        same_point: The actuator acts at the contact point; its displacement is omitted then.
+    """
     arrays = dict(zip(TRUTH, rows, strict=True))
     if same_point:
         del arrays["xi_a_m"]
@@ -100,7 +56,7 @@ def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str,
 
 
 def empty_window(steps: int, samples: int) -> loop_kernels.Window:
-    """Room for the truth of `steps` steps and for `samples` samples."""
+    """Return a window with room for the time series of `steps` steps and for `samples` samples."""
     return loop_kernels.Window(
         truth=np.zeros((COLUMNS, steps)),
         codes=np.zeros(samples, np.int64),
@@ -111,21 +67,27 @@ def empty_window(steps: int, samples: int) -> loop_kernels.Window:
 
 
 class PlantStreams:
-    """Window of what the plant produced, and its way onto the bus in blocks.
+    """Publishes in blocks what the plant produces.
 
-    Blocks of truth are cut at multiples of BLOCK_STEPS: at each, or at those which are `every_s`
-    of wall time apart at least.
+    Blocks of time series end at multiples of BLOCK_STEPS.
     """
 
     def __init__(
         self,
         setup: Setup,
         publisher: Publisher,
-        held: np.ndarray | None = None,
+        held_steps: np.ndarray | None = None,
         every_s: float = 0.0,
     ) -> None:
-        """`held`: by how many steps each step's command is too old, where some may be."""
-        self.setup, self.publisher, self._held = setup, publisher, held
+        """
+        Args:
+            setup: Setup of the run.
+            publisher: Publishes on the bus.
+            held_steps: For each step, how many steps older than that step its command is. None in
+                lock-step.
+            every_s: Least wall time between two blocks.
+        """
+        self.setup, self.publisher, self._held_steps = setup, publisher, held_steps
         self.plant = build_plant(setup)
         self.sensor = build_sensor(setup)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
@@ -135,7 +97,7 @@ class PlantStreams:
         self._events = PlantEvents(setup.step_ns, spec.every_steps, quantity, setup.steps)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0
-        self._every_s, self._next_s = every_s, 0.0  # the latter: before which no block is due
+        self._every_s, self._next_s = every_s, 0.0  # no block is due before `_next_s`
 
     @property
     def step(self) -> int:
@@ -154,21 +116,24 @@ class PlantStreams:
 
     @property
     def due(self) -> bool:
-        """Whether what is waiting should go: after a while, at the end, or for want of room."""
+        """Whether a block is due: time has passed, the run is over, or the window is full."""
         counts = self.window.counts
         room = ROOM_STEPS - int(counts[TRUTH_END] - counts[TRUTH_FIRST])
         last = self.step == self.setup.steps
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
 
-    def greet(self) -> None:
-        """Announce the run. The law's text goes to the recorder alone: it would be most of a hello,
-        which has to fit into the memory of a microcontroller."""
+    def announce_run(self) -> None:
+        """Announce the run.
+
+        The text of the law goes to the recorder alone: the hello must fit into the memory of a
+        microcontroller.
+        """
         announce(self.publisher, self.setup, self.hello)
         if source := loaded_law(self.setup).source:
             self.publisher.send("law", LawText(source=source))
 
     def samples_waiting(self) -> int:
-        """Samples taken, but not sent."""
+        """Return the number of samples that were taken and not sent."""
         counts = self.window.counts
         return int(counts[SAMPLES_END] - counts[SAMPLES_FIRST])
 
@@ -197,8 +162,13 @@ class PlantStreams:
         counts[SAMPLES_FIRST] += count
 
     def send_truth(self, until: int | None = None) -> None:
-        """Publish the waiting rows of truth, those of steps before `until` if it is given, and
-        their events; the samples of these steps must be sent before."""
+        """Publish the waiting time series and their events.
+
+        The samples of these steps must have been sent.
+
+        Args:
+            until: Publish the steps before this one; None: all.
+        """
         counts = self.window.counts
         first, taken = int(counts[TRUTH_FIRST]), int(counts[TRUTH_END])
         end = taken if until is None else until
@@ -207,21 +177,21 @@ class PlantStreams:
         rows = self.window.truth[:, : end - first]
         arrays = truth_columns(rows, self.setup, self.plant.spec.same_point)
         held = None
-        if self._held is not None:
-            arrays["held_steps"] = held = self._held[first:end]
+        if self._held_steps is not None:
+            arrays["held_steps"] = held = self._held_steps[first:end]
         header = TruthBlock(first_step=first, step_ns=self.setup.step_ns)
         self.publisher.send("truth", header, arrays)
         # Flags of samples up to here; a later sample belongs to the next block.
         flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
         share = -(-end // self.sensor.spec.every_steps) - self._flags_first
-        for told in self._events.of(
+        for found in self._events.of(
             first,
             above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
             self._flags_first,
             flags[:share],
             held,
         ):
-            self.publisher.send("events/plant", told)
+            self.publisher.send("events/plant", found)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
         self.window.truth[:, : taken - end] = self.window.truth[:, end - first : taken - first]
         counts[TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
@@ -240,21 +210,27 @@ class PlantStreams:
         self.publisher.end()
 
     def fail(self, sentence: str) -> None:
-        """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
-        block that holds the fault itself. Where one of the run is gone, the end is told to the
-        others all the same."""
-        told = event(
-            "plant", self.step, self.setup.step_ns, Log.FATAL,
-            kind=EventKind.RUN_FAILED, message=sentence,
-        )  # fmt: skip
-        last_words: tuple[Callable[[], object], ...] = (
+        """Publish what is waiting, and then why the run ends here.
+
+        A dead bus is not a second fault, nor is a block that holds the fault itself. If one role is
+        gone, the others still receive the end.
+        """
+        failure = event(
+            "plant",
+            self.step,
+            self.setup.step_ns,
+            Log.FATAL,
+            kind=EventKind.RUN_FAILED,
+            message=sentence,
+        )
+        final_messages: tuple[Callable[[], object], ...] = (
             self.send_samples,
             self.send_truth,
-            lambda: self.publisher.send("events/plant", told),
+            lambda: self.publisher.send("events/plant", failure),
         )
         with suppress(BusError):
-            for say in last_words:
+            for send in final_messages:
                 with suppress(StreamFault):
-                    say()
+                    send()
         with suppress(BusError):
             self.publisher.end(fault=sentence)

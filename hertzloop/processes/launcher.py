@@ -17,7 +17,7 @@ from typing import Any
 from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, Transport, words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in

@@ -23,8 +23,8 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.jit.progress import report_compiling
 from hertzloop.common.sanitize import visible
 from hertzloop.loop import watchdog
-from hertzloop.loop.answers import Repeat
-from hertzloop.loop.compiled import recorder_of
+from hertzloop.loop.in_process import recorder_of
+from hertzloop.loop.repeated_run import RepeatedRun
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
@@ -159,7 +159,7 @@ def run_plant(
     options: RunOptions = USUAL_RUN,
     on_ready: Callable[[], None] = lambda: None,
     on_progress: Callable[[int], None] = lambda step: None,
-    repeat: Repeat | None = None,
+    repeat: RepeatedRun | None = None,
 ) -> dict[str, Any]:
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a `repeat`
     of another run, or at a pace; says how fast that went."""

@@ -12,7 +12,8 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from hertzloop.controller.law import ACTING
-from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate
+from hertzloop.loop.impact_end import quiet_steps
+from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
 from hertzloop.plant.schemes.registry import SCHEMES

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.effect_rows import ROWS, WITHOUT_PLATE, EffectRow
 from hertzloop.results.impacts import impacts_of_rows
 from hertzloop.results.run_context import RunContext

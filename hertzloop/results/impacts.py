@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hertzloop.loop.compiled import answer_of
+from hertzloop.loop.impact_end import answer_of
 from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import (
     Impact,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from hertzloop.loop.compiled import LawStopped, simulate
+from hertzloop.loop.simulate import LawStopped, simulate
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.cases import latched_us

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.loop.compiled import closed_loop_rows
+from hertzloop.loop.simulate import closed_loop_rows
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.loop.compiled import finer_loop
+from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant import state_kernels
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec

@@ -9,7 +9,7 @@ import scipy.io
 import scipy.signal as sg
 
 from hertzloop.controller.controller import Controller, SignalPath
-from hertzloop.loop import compiled
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A
 from hertzloop.scene.controller import bound_law, law_context, loaded_law
 from hertzloop.scene.errors import SceneError
@@ -40,7 +40,7 @@ def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
     gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
     mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
                                   f"controller.numerator=[{gain!r}]"])  # fmt: skip
-    one, two = compiled.simulate(other), compiled.simulate(mine)
+    one, two = simulate(other), simulate(mine)
     assert np.abs(one.values).max() > 0.0
     assert one.rows.tobytes() == two.rows.tobytes()
     assert one.values.tobytes() == two.values.tobytes()
@@ -57,7 +57,7 @@ def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) 
             [gain, 0, 0, 1, 0, 0]]  # fmt: skip
     mine = load("aluminium-3mm", [*SHORT, "controller.law=linear", f"controller.sections={rows}",
                                   "sensors.quantity=acceleration"])  # fmt: skip
-    one, two = compiled.simulate(other), compiled.simulate(mine)
+    one, two = simulate(other), simulate(mine)
     assert one.rows.tobytes() == two.rows.tobytes()
     assert one.values.tobytes() == two.values.tobytes()
 
@@ -81,7 +81,7 @@ def test_sections_give_the_samples_of_sosfilt(name: str) -> None:
 def test_a_coarse_converter_leaves_no_dead_zone() -> None:
     rows = SECTIONS["butter"].tolist()
     keys = ["sensors.bits=5", "controller.law=linear", f"controller.sections={rows}"]
-    run = compiled.simulate(load("aluminium-3mm", ["run.duration_s=0.0015", *keys]))
+    run = simulate(load("aluminium-3mm", ["run.duration_s=0.0015", *keys]))
     step = load("aluminium-3mm", keys).sensor.converter_step
     levels = run.values / step
     assert np.abs(levels - np.round(levels)).max() < 1e-12  # zero is a level

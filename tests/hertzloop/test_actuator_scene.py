@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read

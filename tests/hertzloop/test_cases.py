@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import SimulatedRun, simulate
+from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.results import cases
 from hertzloop.results.cases import digest_of, figures_of_case

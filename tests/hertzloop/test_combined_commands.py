@@ -11,7 +11,7 @@ import pytest
 
 from hertzloop.interop.fmu import description, variables
 from hertzloop.interop.image import image
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup, load

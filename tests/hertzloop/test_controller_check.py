@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse

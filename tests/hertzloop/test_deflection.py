@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.recordings.reader import read

@@ -9,7 +9,7 @@ import pytest
 from hertzloop.controller.laws.dent_threshold import contact_force, dent
 from hertzloop.controller.loading.registry import find
 from hertzloop.law import LawContext
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import Limit
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
 from hertzloop.results.cases import figures_of_case

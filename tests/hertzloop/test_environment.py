@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.scene.errors import SceneError
 from tests.hertzloop.interop import SHORT, needs_cc, scene_of
 

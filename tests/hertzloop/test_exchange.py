@@ -12,8 +12,8 @@ from hertzloop.bus.port import Port, Publisher
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import Envelope
 from hertzloop.loop import plant_streams
+from hertzloop.loop.announcement import set_up_by
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.scene.setup import parse
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import SCENES, scene

@@ -15,7 +15,7 @@ from benchmarks.driven import build, drive
 from benchmarks.exported import same_bytes
 from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
 from tests.commands import invoke

@@ -13,7 +13,7 @@ import hertzloop
 from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.controller.loading.registry import shipped
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A

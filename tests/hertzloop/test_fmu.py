@@ -17,7 +17,7 @@ import pytest
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
-from hertzloop.loop.compiled import SimulatedRun, simulate
+from hertzloop.loop.simulate import SimulatedRun, simulate
 from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, needs_cc, scene_of
 

@@ -19,8 +19,8 @@ from hertzloop.bus.messages_pb2 import DaqBlock, Hello
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder

@@ -14,7 +14,7 @@ pytest.importorskip("cryptography")
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_config import common_name, secured
 from hertzloop.certificates import CertificateAuthority, in_base64
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load

@@ -11,8 +11,8 @@ import pytest
 
 import hertzloop
 from hertzloop import api as interface
-from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml

@@ -15,7 +15,7 @@ import pytest
 from hertzloop.bus import codec, lane, lane_kernels
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
-from hertzloop.loop.answers import LaneController
+from hertzloop.loop.controller_lane import ControllerLane
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import Transport
 from hertzloop.recordings.compare import first_difference
@@ -53,7 +53,7 @@ def test_one_core() -> None:
         pair = Pair(long_scene()).run()
     finally:
         os.sched_setaffinity(0, cores)
-    assert pair.plant.answers.lane.spins == 0
+    assert pair.plant.buffer.lane.spins == 0
     assert pair.fault == pair.controller_fault == ""
 
 
@@ -169,11 +169,11 @@ class TestBrokenAnswers:
         serve = ControllerNode.work
 
         def work(node: ControllerNode, timeout_s: float) -> None:
-            if pair.plant.answers.in_lane and node.samples > 2000 and not spoiled:
+            if pair.plant.buffer.uses_lane and node.samples > 2000 and not spoiled:
                 # The plant takes all answers, sends a sample and waits for the next; then it sees
                 # the spoiled one before the true one takes its place.
-                lane = pair.plant.answers.lane
-                wait_for(lambda: pair.plant.answers.samples == node.samples)
+                lane = pair.plant.buffer.lane
+                wait_for(lambda: pair.plant.buffer.samples == node.samples)
                 slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
                 wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
                 spoil(lane, node.samples)
@@ -241,9 +241,9 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) ->
     timeout_s, delay_s = 3.0, 0.002
     scene = load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.003"])
     pair, told = Pair(scene, timeout_s=timeout_s), list[int]()
-    serve, publish = LaneController.serve, pair.ports[PLANT].publish
+    serve, publish = ControllerLane.answer_samples, pair.ports[PLANT].publish
 
-    def slow(answers: LaneController, limit: int) -> None:
+    def slow(answers: ControllerLane, limit: int) -> None:
         if limit > answers.samples:
             time.sleep(delay_s)
         serve(answers, min(limit, answers.samples + 1))
@@ -252,7 +252,7 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) ->
         told.append(pair.controller.samples)
         publish(envelope)
 
-    monkeypatch.setattr(LaneController, "serve", slow)
+    monkeypatch.setattr(ControllerLane, "answer_samples", slow)
     pair.ports[PLANT].publish = tell  # type: ignore[method-assign]
     pair.run()
     assert pair.fault == pair.controller_fault == ""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.law_accuracy import LawAccuracy, simulated_law_accuracy, stated_error
 from hertzloop.results.verification import Verification, against, finer_spec
 from hertzloop.scene.setup import Setup, load

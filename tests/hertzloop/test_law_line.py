@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.figures import free_figures

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results import impacts as impact_windows
 from hertzloop.results.figures import figures_of
 from hertzloop.results.impacts import impacts_of_rows, through_first_contact

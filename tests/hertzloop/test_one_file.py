@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import launcher

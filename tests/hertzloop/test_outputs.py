@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.common.atomic_files import NotWritten, whole_file, write_whole
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.setup import load
 from tests.hertzloop.processes import HERTZLOOP, hertzloop

@@ -20,11 +20,11 @@ from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import PLANT, StreamFault
 from hertzloop.loop import pace_kernels
-from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
@@ -75,7 +75,7 @@ def recorded(pair: Pair, path: Path) -> Recording:
     return read(path)
 
 
-def repeated(scene: Setup, repeat: Repeat, lane: bool = True) -> Pair:
+def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
     pair = Pair(scene, fast_lane=lane)
     pair.plant = PlantNode(
         scene, pair.ports[PLANT], timeout_s=EVENTUALLY_S, fast_lane=lane, repeat=repeat
@@ -129,12 +129,12 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     assert found.longest_row == max(len(row) for row in rows if row[0])
     assert found.clock is not None
     assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
-    repeat = repeat_of(first)
+    repeat = repeated_run(first)
     again = repeated(scene, repeat, not lane)
     assert again.fault == again.controller_fault == ""
     assert first_difference(first, recorded(again, tmp_path / "again.mcap")) is None
     # Without the late forces it is another run.
-    other = replace(repeat, held=np.zeros_like(held))
+    other = replace(repeat, held_steps=np.zeros_like(held))
     assert "this is not the same run" in repeated(scene, other).fault
 
 
@@ -156,7 +156,7 @@ def test_a_step_between_the_messages_of_a_block(tmp_path: Path) -> None:
     assert not first.problems
     assert ahead[:3] == [1, 1, 1]
     assert sum("left the converter's range" in event.message for event in first.events) > 300
-    again = repeated(scene, repeat_of(first))
+    again = repeated(scene, repeated_run(first))
     assert first_difference(first, recorded(again, tmp_path / "again.mcap")) is None
 
 
@@ -172,7 +172,7 @@ def test_a_recording_that_ends_early_repeats_no_other(tmp_path: Path) -> None:
     assert "the response times, which the plant tells" in inspected
     assert "repeats" not in inspected
     again = tmp_path / "again.mcap"
-    recorded(repeated(pair.plant.setup, repeat_of(whole)), again)
+    recorded(repeated(pair.plant.setup, repeated_run(whole)), again)
     assert "as in the run that this one repeats" in run_here("inspect", str(again))
 
 
@@ -302,7 +302,7 @@ def test_what_does_not_go_together(words: list[str], said: str) -> None:
 
 def test_another_force_is_not_the_same_run() -> None:
     forces = np.array([0.0, 1.0, 2.0])
-    repeat = Repeat(Path("a.mcap"), 1, forces, None)
+    repeat = RepeatedRun(Path("a.mcap"), 1, forces, None)
     repeat.compare(forces.copy())
     with pytest.raises(StreamFault, match=r"force of step 1 is 1\.0.*, that in a\.mcap 1\.0 N"):
         repeat.compare(np.array([0.0, np.nextafter(1.0, 2.0), 2.0]))

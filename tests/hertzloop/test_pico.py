@@ -16,8 +16,8 @@ from hertzloop.bus.codec import encode
 from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, SceneText, StreamCount
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS
 from hertzloop.controller.loading.registry import shipped as laws
-from hertzloop.loop.compiled import record_in_process
-from hertzloop.loop.plant_streams import hello
+from hertzloop.loop.announcement import hello
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import modes_of_scene

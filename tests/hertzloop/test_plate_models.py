@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks import plate_models
 from benchmarks import plate_models as thickness
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.laws.precomputed import SHAPES, mobility_force_n, shaped
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.scene.controller import bound_law, law_context, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import closed_loop_rows, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hertzloop.loop import events as loop_events
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read

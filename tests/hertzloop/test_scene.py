@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.figures import figures_of
 from hertzloop.results.listening import radiator_of

@@ -8,7 +8,7 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.estimates import plate_theory
 from hertzloop.plant.plant import MOST_MODES
 from hertzloop.results.figures import figures_of

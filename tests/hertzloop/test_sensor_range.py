@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import Contact, Limit
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
 from hertzloop.results.cases import figures_of_case

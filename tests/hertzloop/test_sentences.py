@@ -9,7 +9,7 @@ import pytest
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
-from hertzloop.loop import compiled
+from hertzloop.loop import in_process
 from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -64,11 +64,11 @@ def recorded(name: str, folder: Path) -> tuple[Recording, list[Any]]:
 def test_a_run_with_other_words_has_the_same_data(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled, "EVERY_S", 60.0)
+    monkeypatch.setattr(in_process, "EVERY_S", 60.0)
     usual, known = recorded(name, tmp_path / "usual")
     true = events.sentence
     monkeypatch.setattr(events, "sentence", lambda event: replaced(true(event)))
-    monkeypatch.setattr(compiled, "EVERY_S", 0.0)  # as on a slow machine: a block each 1000 steps
+    monkeypatch.setattr(in_process, "EVERY_S", 0.0)  # as on a slow machine: a block each 1000 steps
     strange, found = recorded(name, tmp_path / "strange")
     assert usual.truth.messages <= 2
     assert strange.truth.messages == -(-strange.truth.samples // BLOCK_STEPS)

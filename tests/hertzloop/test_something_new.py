@@ -42,8 +42,8 @@ with_line(
 )
 import numpy as np
 
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.simulate import simulate
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.results.verification import verify
 from hertzloop.scene.setup import load
 from hertzloop.recordings.reader import read
@@ -98,7 +98,8 @@ with_line(
 )
 import numpy as np
 
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import load
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.recordings.reader import read
@@ -198,8 +199,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.simulate import simulate
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.processes.law_trial import try_law
 from hertzloop.views.labels import export_labels
 from hertzloop.scene.errors import SceneError
@@ -263,7 +264,7 @@ import numpy as np
 
 from hertzloop.bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.scene.setup import load
 from hertzloop.recordings.compare import first_difference
@@ -322,7 +323,7 @@ import math
 
 from own_preload import Preload
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import actuator
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load

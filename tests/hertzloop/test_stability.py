@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
 from hertzloop.results.cases import UnstableLoop, figures_of_case
 from hertzloop.results.stability import UNSTABLE, Stability, StabilityAccumulator

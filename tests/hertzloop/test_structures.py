@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.figures.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI
 from hertzloop.results.cases import figures_of_case

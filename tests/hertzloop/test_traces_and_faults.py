@@ -9,8 +9,8 @@ import pytest
 from hertzloop.controller.controller import Controller, SignalPath, _traced
 from hertzloop.controller.law import Keys, LawContext
 from hertzloop.controller.loading.registry import find
-from hertzloop.loop.compiled import simulate
 from hertzloop.loop.run_options import RunOptions
+from hertzloop.loop.simulate import simulate
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read as read_recording
 from hertzloop.recordings.recording import Recording

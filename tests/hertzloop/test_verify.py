@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import finer_loop, simulate
+from hertzloop.loop.simulate import finer_loop, simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built

@@ -146,7 +146,7 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 LEAN = """
 import sys
 from hertzloop.results.figures import free_figures
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import load
 setup = load("aluminium-20mm", ["run.duration_s=0.003"])
 assert simulate(setup).rows.any()

@@ -12,8 +12,8 @@ from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
+from hertzloop.loop.announcement import hello
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import reported_law

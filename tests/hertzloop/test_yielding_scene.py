@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.structures.materials import MATERIALS

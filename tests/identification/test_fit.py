@@ -395,7 +395,7 @@ def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
 
 def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
     """Both take straight lines, the scene's sensor between steps, the chain on a finer grid."""
-    from hertzloop.loop.compiled import simulate
+    from hertzloop.loop.simulate import simulate
 
     changes = (
         "sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.ac_coupling_hz=2e3",

@@ -64,7 +64,7 @@ def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str
 
 def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
     """With one step of the plant in each of the scene, it is the loop of a run."""
-    from hertzloop.loop.compiled import simulate
+    from hertzloop.loop.simulate import simulate
 
     setup = scene("controller.latency_us=4", "run.plate_model=modal", "run.accuracy=1e-4",
                   "run.duration_s=2e-4", "run.lead_in_s=1e-4", "run.touch_phase=0.3")  # fmt: skip

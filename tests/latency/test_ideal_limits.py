@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.time_series import F_A, XI
 from hertzloop.results.cases import figures_of_case

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, XI_P
 from hertzloop.results.cases import figures_of_case

@@ -6,7 +6,7 @@ import pytest
 
 from hertzloop.controller.controller import Controller
 from hertzloop.loop import controller_node
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording

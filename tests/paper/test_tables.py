@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scene.setup import load
 from paper import tables

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED, MODAL_DISSIPATED

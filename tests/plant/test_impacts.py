@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2

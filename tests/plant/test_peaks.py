@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures.impacts import impacts_in, peak_force_n, peak_speed_m_s
 from hertzloop.results.figures import figures_of
 from hertzloop.scene.setup import load

@@ -11,7 +11,7 @@ from benchmarks.margin import beside_the_contact
 from hertzloop.identification.fit.fit import _placed
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.records.records import Measured, Record, RecordError
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes import collocation_kernels as k

@@ -8,7 +8,7 @@ last digit is good to half a unit.
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.figures.impacts import Impact, impacts
 from hertzloop.scene.setup import load
 

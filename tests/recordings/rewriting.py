@@ -13,8 +13,8 @@ from mcap.stream_reader import StreamReader
 from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Event, RunEnd
 from hertzloop.bus.streams import STREAMS
-from hertzloop.loop import compiled as loop_compiled
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop import in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
@@ -30,7 +30,7 @@ def scene(*settings: str) -> Setup:
 
 def record(path: Path, *settings: str, compiled: bool = False, horizon: int | None = None) -> Path:
     """Record a short run, with a block of truth every 1000 steps."""
-    with patch.object(loop_compiled, "EVERY_S", 0.0):
+    with patch.object(in_process, "EVERY_S", 0.0):
         record_in_process(scene(*settings), path, RunOptions(horizon=horizon), compiled=compiled)
     return path
 

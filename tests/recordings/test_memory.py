@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.scene.setup import load
 from tests.recordings.test_untrusted import measured
 

@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 
 import hertzloop.recordings.writer
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recovery import recover

@@ -12,8 +12,9 @@ import PIL.Image
 import pytest
 from typer.testing import Result
 
-from hertzloop.loop import compiled
-from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.loop import in_process
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import V_P
 from hertzloop.recordings import writer
 from hertzloop.recordings.joined_stream import JoinedStream
@@ -323,7 +324,7 @@ def test_a_replay_ends_where_samples_are_missing(
 ) -> None:
     """Later deflections would be made up."""
     monkeypatch.setattr(writer, "_FLUSH_EVERY_S", -1.0)
-    monkeypatch.setattr(compiled, "EVERY_S", 0.0)  # a block of truth every 1000 steps
+    monkeypatch.setattr(in_process, "EVERY_S", 0.0)  # a block of truth every 1000 steps
     whole, damaged, rrd = (tmp_path / name for name in ("whole.mcap", "damaged.mcap", "a.rrd"))
     record_in_process(load("aluminium-3mm", SCENE), whole, compiled=True)
     content = bytearray(whole.read_bytes())

@@ -10,7 +10,7 @@ import rerun as rr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, scene3d
 from hertzloop.recordings.replay.deflection import Deflection

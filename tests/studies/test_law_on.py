@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
 from hertzloop.studies.law_on import law_on, scene_with

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import CaseState, figures_of_case
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.errors import SceneError

@@ -14,7 +14,7 @@ import numpy as np
 
 from hertzloop.identification.fit.model import FrozenModel, Simulated
 from hertzloop.identification.records.records import Record, RecordError
-from hertzloop.loop.compiled import finer_loop
+from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.statistics import control_force_n
 from hertzloop.scene.setup import Setup, resolve

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.results.statistics import control_force_n

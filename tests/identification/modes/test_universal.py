@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hertzloop.identification.modes import universal as uff
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load

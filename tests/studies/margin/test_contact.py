@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import load

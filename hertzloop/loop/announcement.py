@@ -1,0 +1,66 @@
+"""What plant and controller announce: scene, law and versions of a run."""
+
+import json
+from functools import cache
+from importlib.metadata import version
+
+from hertzloop.bus.messages_pb2 import (
+    Hello,
+    SceneText,
+    SetUp,
+)
+from hertzloop.bus.port import Publisher
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
+
+# Packages whose version may change a sample.
+_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+
+
+@cache
+def versions_here() -> str:
+    """Return the versions of hertzloop and of the packages that a run depends on, as JSON."""
+    return json.dumps({name: version(name) for name in _PACKAGES})
+
+
+def hello(setup: Setup, stiffness: float) -> Hello:
+    """Return the first message of a run."""
+    return Hello(
+        scene=setup.name,
+        versions=versions_here(),
+        scene_toml=to_toml(setup.scene, brief=True),
+        steps=setup.steps,
+        step_ns=setup.step_ns,
+        seed=setup.seed,
+        stiffness=stiffness,
+        law=loaded_law(setup).name,
+        law_digest=loaded_law(setup).digest,
+    )
+
+
+def announce(publisher: Publisher, setup: Setup, first: Hello) -> None:
+    """Send the first message of a run.
+
+    The hello must fit into the memory of a microcontroller, which needs no file of modes. If it
+    lacks the contents of files, the whole scene is sent before it.
+    """
+    if (whole := to_toml(setup.scene)) != first.scene_toml:
+        publisher.send("scene", SceneText(scene_toml=whole))
+    publisher.send("hello", first)
+
+
+def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
+    """Return what a controller states at its end: the scene and the law that it used.
+
+    Args:
+        setup: Setup of the controller.
+        law: Name of the law in the plant's scene, if this side has its file elsewhere.
+    """
+    return SetUp(
+        scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
+        stiffness=setup.stiffness,
+        law=loaded_law(setup).name,
+        law_digest=loaded_law(setup).digest,
+        versions=versions_here(),
+    )

@@ -1,0 +1,168 @@
+"""A scene run and recorded within this process."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from hertzloop.bus.messages_pb2 import ForceBlock
+from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.kernels import EMITTED
+from hertzloop.controller.loading.bound import LawFault
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.announcement import set_up_by
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.events import ControllerEvents
+from hertzloop.loop.kernels import SAMPLES_FIRST
+from hertzloop.loop.plant_node import LoopStats, PlantNode
+from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams
+from hertzloop.loop.run_options import USUAL_RUN, RunOptions
+from hertzloop.loop.watchdog import watching
+from hertzloop.plant.figures.rows_kernels import NEVER
+from hertzloop.recordings.recorder import Recorder
+from hertzloop.recordings.writer import RecordingError
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup
+
+
+def run_compiled(
+    setup: Setup,
+    plant_port: Port,
+    controller_port: Port,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> LoopStats:
+    """Run a scene in one compiled loop, and publish the streams that the processes would publish.
+
+    Raises:
+        BusError, StreamFault: The run has failed; the recorder was told.
+    """
+    run_id = new_run_id()
+    streams = PlantStreams(setup, Publisher(plant_port, run_id), every_s=EVERY_S)
+    publisher = Publisher(controller_port, run_id)
+    controller = build_controller(setup, ahead=False)
+    events = ControllerEvents(setup)
+    modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
+    advance = partial(
+        loop_kernels.closed_loop,
+        streams.plant.model,
+        streams.plant.state,
+        streams.sensor.model,
+        streams.sensor.state,
+        controller.law,
+        controller.law_state,
+        controller.line,
+        controller.line_state,
+        controller.forces,
+        streams.window,
+        modes,
+        delays,
+    )
+    advance(0, NEVER)  # loads the kernel before the clock starts
+    set_up = set_up_by(setup)
+    try:
+        streams.announce_run()
+        wall_s, sent = 0.0, 0
+        while streams.step < setup.steps:
+            started = time.perf_counter()
+            advance(streams.boundary, NEVER)
+            wall_s += time.perf_counter() - started
+            try:
+                controller.check()
+            except LawFault as error:
+                raise StreamFault(str(error)) from error
+            if not streams.due:
+                continue
+            first = int(streams.window.counts[SAMPLES_FIRST])
+            count = streams.samples_waiting()
+            streams.send_samples()
+            streams.send_truth()
+            end = int(controller.line_state.counts[EMITTED])
+            answer = ForceBlock(
+                first_step=sent,
+                step_ns=setup.step_ns,
+                samples_seen=int(controller.law_state.counts[laws.SAMPLES]),
+            )
+            publisher.send("force", answer, {"force_n": controller.forces[sent:end]})
+            sent = end
+            for event in events.of(first, modes[:count], delays[:count]):
+                publisher.send("events/controller", event)
+            on_progress(streams.step)
+        streams.finish()
+    except (BusError, StreamFault) as error:
+        streams.fail(f"run ended at step {streams.step}: {error}")
+        publisher.end(fault=str(error), set_up=set_up)
+        raise
+    publisher.end(set_up=set_up)
+    return LoopStats(wall_s, 0, f"{run_id:x}")
+
+
+def recorder_of(recording: Path, options: RunOptions) -> Recorder:
+    """Return the recorder of a run. Raises RecordingError."""
+    return Recorder(recording, options.overwrite)
+
+
+def record_in_process(
+    setup: Setup,
+    recording: Path,
+    options: RunOptions = USUAL_RUN,
+    on_progress: Callable[[int], None] = lambda step: None,
+    *,
+    compiled: bool,
+) -> LoopStats:
+    """Run and record a scene in this process.
+
+    Args:
+        setup: Setup of the run.
+        recording: The MCAP file to write.
+        options: Whether to overwrite a file, and the most steps between exchanges.
+        on_progress: Called with the number of finished steps.
+        compiled: Run plant and controller in one compiled loop, instead of exchanging messages.
+
+    Raises:
+        BusError, StreamFault, RecordingError: The run has failed. The recording is closed and
+            readable.
+    """
+    recorder = recorder_of(recording, options)
+    bus = InProcessBus()
+    InProcessPort(bus, RECORDER, recorder.handle)
+
+    faults: list[StreamFault] = []
+
+    def messages() -> int:
+        return sum(counter.messages for counter in list(recorder.counters.values()))
+
+    try:
+        with watching(setup, messages, recorder.close, "messages"):
+            if compiled:
+                ports = (InProcessPort(bus, PLANT), InProcessPort(bus, CONTROLLER))
+                stats = run_compiled(setup, *ports, on_progress)
+            else:
+                plant_port = InProcessPort(bus, PLANT)
+                node: ControllerNode | None = None
+
+                def to_controller(envelope: Envelope) -> None:
+                    if node is None or faults:
+                        return
+                    try:
+                        node.handle(envelope)
+                    except StreamFault as error:  # the plant is told by a message, as elsewhere
+                        faults.append(error)
+                        node.fail(str(error))
+
+                node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
+                plant = PlantNode(setup, plant_port, options.horizon, on_progress=on_progress)
+                stats = plant.run()
+        recorder.reconcile()
+        if faults:
+            raise faults[0]
+    except (BusError, StreamFault, RecordingError, KeyboardInterrupt) as error:
+        recorder.close(fault=str(error) or "interrupted")
+        if faults and error is not faults[0]:
+            raise faults[0] from error
+        raise
+    recorder.close()
+    return stats

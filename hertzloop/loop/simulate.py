@@ -1,0 +1,199 @@
+"""A scene simulated in memory, without bus or recording."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.loading.bound import LawFault
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.impact_end import ending_of
+from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
+from hertzloop.loop.plant_streams import empty_window
+from hertzloop.loop.watchdog import watching
+from hertzloop.plant.figures.rows_kernels import NEVER
+from hertzloop.plant.plant import Balance, Plant
+from hertzloop.plant.state_kernels import FLIGHT_V
+from hertzloop.plant.time_series import COLUMNS
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.setup import Setup
+
+_PIECE_STEPS = 1 << 16  # of a long run, simulated piece by piece
+
+
+class LawStopped(SceneError):
+    """The law has failed in a simulated run.
+
+    Attributes:
+        rows: Time series until then, shape (10, steps).
+    """
+
+    def __init__(self, message: str, rows: np.ndarray) -> None:
+        super().__init__(message)
+        self.rows = rows
+
+
+class LoopTimer:
+    """Processor time of the compiled loop in `simulate`, for benchmarks.
+
+    It is measured only while `running`, since reading the clock of a thread may cost more than a
+    case of a sweep.
+    """
+
+    seconds = 0.0
+    running = False
+
+
+IN_LOOP = LoopTimer()
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A simulated run in memory.
+
+    Attributes:
+        rows: Time series of the plant, shape (10, steps), ordered as `plant.time_series.TRUTH`.
+        samples: Samples as they would be sent: values, or codes of the converter.
+        values: Values of the samples, in the unit of the sensed quantity.
+        forces: Commanded forces, N, shape (steps,).
+        modes: Mode of the law after each sample.
+        delays: Latched delay of the law after each sample, in samples.
+        balance: Energy and momentum balance.
+        over: Whether the run ended early because its first impact was over.
+    """
+
+    rows: np.ndarray
+    samples: np.ndarray
+    values: np.ndarray
+    forces: np.ndarray
+    modes: np.ndarray
+    delays: np.ndarray
+    balance: Balance
+    over: bool
+
+
+def simulate(
+    setup: Setup,
+    impact_only: bool = False,
+    own_plant: Plant | None = None,
+    steps: int | None = None,
+) -> SimulatedRun:
+    """Run a scene without bus and recording.
+
+    Args:
+        setup: Setup of the run.
+        impact_only: End as soon as no later step can belong to the first impact.
+        own_plant: A plant at its start, in place of that of the scene.
+        steps: End after this many steps; by default those of the scene.
+
+    Raises:
+        LawStopped: The law has failed.
+    """
+    most = steps or setup.steps
+    plant = own_plant or build_plant(setup, steps=most)
+    sensor = build_sensor(setup, most)
+    controller = build_controller(setup, ahead=impact_only, steps=most)
+    samples = len(controller.law_state.history)
+    window = empty_window(most, samples)
+    modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
+    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
+        started = time.thread_time() if IN_LOOP.running else 0.0
+        over = loop_kernels.closed_loop(
+            plant.model, plant.state, sensor.model, sensor.state, controller.law,
+            controller.law_state, controller.line, controller.line_state, controller.forces,
+            window, modes, delays, most, ending_of(setup) if impact_only else NEVER,
+        )  # fmt: skip
+        if IN_LOOP.running:
+            IN_LOOP.seconds += time.thread_time() - started
+    try:
+        controller.check()
+    except LawFault as error:
+        before = controller.failed_at * setup.every_steps + 1
+        raise LawStopped(str(error), window.truth[:, :before]) from error
+    ran, taken = int(window.counts[TRUTH_END]), int(window.counts[SAMPLES_END])
+    sent = window.values if sensor.model.ideal else window.codes
+    return SimulatedRun(
+        window.truth[:, :ran],
+        sent[:taken],
+        window.values[:taken],
+        controller.forces[:ran],
+        modes[:taken],
+        delays[:taken],
+        plant.close_balance(),
+        bool(over),
+    )
+
+
+def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the time series of a scene with its law, in blocks.
+
+    Args:
+        setup: Setup of the run.
+        disturbance: Relative change of the sphere's initial speed.
+
+    Yields:
+        The first step of a block, and its time series, shape (10, steps).
+
+    Raises:
+        SceneError: The law has failed.
+    """
+    plant, sensor = build_plant(setup), build_sensor(setup)
+    controller = build_controller(setup, ahead=False)
+    plant.state.body[FLIGHT_V] *= 1.0 + disturbance
+    modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
+    counts = np.zeros(WINDOW_COUNTS, np.int64)
+    for first in range(0, setup.steps, _PIECE_STEPS):
+        length = min(_PIECE_STEPS, setup.steps - first)
+        window = empty_window(length, length)
+        window.counts[:] = counts
+        window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
+        window.counts[SAMPLES_FIRST] = counts[SAMPLES_END]
+        loop_kernels.closed_loop(
+            plant.model, plant.state, sensor.model, sensor.state, controller.law,
+            controller.law_state, controller.line, controller.line_state, controller.forces,
+            window, modes, delays, first + length, NEVER,
+        )  # fmt: skip
+        try:
+            controller.check()
+        except LawFault as error:
+            raise SceneError(str(error)) from error
+        counts = window.counts
+        yield first, window.truth
+
+
+def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np.ndarray:
+    """Run the closed loop on a plant with a shorter step than the scene's.
+
+    Samples, forces and random numbers belong to the steps of the scene; a force is held over one.
+
+    Args:
+        setup: Setup of the run.
+        plant: A plant at its start, which takes `parts_of_step` steps in each step of the scene.
+        steps: Steps of the scene to run.
+        parts_of_step: Steps of the plant in a step of the scene.
+
+    Returns:
+        Time series, shape (10, steps * parts_of_step).
+
+    Raises:
+        SceneError: The law has failed.
+    """
+    sensor = build_sensor(setup, steps)
+    controller = build_controller(setup, ahead=False, steps=steps)
+    truth = np.zeros((COLUMNS, steps * parts_of_step))
+    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
+        loop_kernels.loop_in_parts(
+            plant.model, plant.state, sensor.model, sensor.state, controller.law,
+            controller.law_state, controller.line, controller.line_state, controller.forces,
+            truth, parts_of_step, SENSED[setup.quantity].over_step,
+        )  # fmt: skip
+    try:
+        controller.check()
+    except LawFault as error:
+        raise SceneError(str(error)) from error
+    return truth
