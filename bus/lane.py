@@ -178,8 +178,10 @@ def _join(hello: messages.Hello) -> lane_kernels.Lane:
         os.close(fd)
     slots = int(words[SLOTS])
     known = (words[lane_kernels.MAGIC], words[VERSION], words[RUN_ID]) == (
-        MAGIC, _VERSION, hello.run_id
-    )  # fmt: skip
+        MAGIC,
+        _VERSION,
+        hello.run_id,
+    )
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
         raise NoLane(messages.NOT_ALLOWED)
     words[JOINED] = hello.run_id

@@ -12,12 +12,41 @@ TYPE_CHECKING = False  # of `typing`, which a program would import before it hea
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [  # noqa: F405
-    "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
-    "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed",
-    "__version__", "compare", "fit", "linear", "load", "modes", "read", "read_record",
-    "read_records", "run", "scene_names", "simulate", "sweep", "tune", "vary",
-]  # fmt: skip
+    "BusError",
+    "Comparison",
+    "DesignError",
+    "Difference",
+    "FitError",
+    "FitResult",
+    "Impact",
+    "ImpactNoise",
+    "Record",
+    "RecordError",
+    "RecordingError",
+    "Run",
+    "RunFailed",
+    "RunFigures",
+    "Scene",
+    "SceneError",
+    "SpanFigures",
+    "StreamFault",
+    "SweepFailed",
+    "__version__",
+    "compare",
+    "fit",
+    "linear",
+    "load",
+    "modes",
+    "read",
+    "read_record",
+    "read_records",
+    "run",
+    "scene_names",
+    "simulate",
+    "sweep",
+    "tune",
+    "vary",
+]
 # Needs gymnasium, so that `from hertzloop import *` leaves it out.
 _OF_EXTRAS = ["ImpactEnv"]
 if TYPE_CHECKING:

@@ -41,4 +41,4 @@ __all__ = [
     "Response",
     "StepsUs",
     "kernel",
-]  # fmt: skip
+]

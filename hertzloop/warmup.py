@@ -165,8 +165,11 @@ def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
     process = subprocess.Popen(
         # -P: a folder of the user's that is called like one of ours must not be imported
         [sys.executable, "-P", "-c", program],
-        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
     assert process.stdin
     with suppress(BrokenPipeError), process.stdin as scene:  # it may have failed
         scene.write(to_toml(setup.scene))

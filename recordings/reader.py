@@ -60,10 +60,18 @@ def open_recording(path: Path, keep: bool = False) -> OpenRecording:
     if not run.scene_toml:
         raise _not_a_recording(path, run, scanner)
     recording = Recording(
-        path, run.scene_toml, run.metadata or {}, run.result or {}, events=run.events,
-        balance=run.balance, pacing=run.pacing, ends=run.ends, law_source=run.law_source,
-        others=run.others, unchecked=len(scanner.unchecked),
-    )  # fmt: skip
+        path,
+        run.scene_toml,
+        run.metadata or {},
+        run.result or {},
+        events=run.events,
+        balance=run.balance,
+        pacing=run.pacing,
+        ends=run.ends,
+        law_source=run.law_source,
+        others=run.others,
+        unchecked=len(scanner.unchecked),
+    )
     for name in SAMPLED:  # each is an attribute of a Recording
         read_blocks: Callable[[], Iterator[Arrays]] = partial(file.blocks, name, run.run_id)
         setattr(recording, name, run.assemblers[name].join(read_blocks))

@@ -41,10 +41,13 @@ _EXACT = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 # Bytes at the start, and sizes of the lengths with which the following pieces begin. For kinds
 # without a checksum, or with one that may be left out: the pieces have to fill the record.
 _PIECES: dict[int, tuple[int, tuple[int, ...]]] = {
-    Opcode.HEADER: (0, (4, 4)), Opcode.METADATA: (0, (4, 4)), Opcode.MESSAGE_INDEX: (2, (4,)),
-    Opcode.SCHEMA: (2, (4, 4, 4)), Opcode.CHANNEL: (4, (4, 4, 4)),
+    Opcode.HEADER: (0, (4, 4)),
+    Opcode.METADATA: (0, (4, 4)),
+    Opcode.MESSAGE_INDEX: (2, (4,)),
+    Opcode.SCHEMA: (2, (4, 4, 4)),
+    Opcode.CHANNEL: (4, (4, 4, 4)),
     Opcode.ATTACHMENT: (16, (4, 4, 8)),
-}  # fmt: skip
+}
 _CHECKSUM = {Opcode.ATTACHMENT: 4}  # bytes after the pieces
 _CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)  # kinds with a checksum of their own
 _CHAIN = 4  # so many records that follow one another are no coincidence

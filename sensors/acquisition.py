@@ -230,9 +230,12 @@ class Sensor:
 
 
 _KINDS = {
-    "stuck": HELD, "drop_outs": HELD, "offset": ADDED,
-    "spikes": ADDED, "saturation": LIMITED,
-}  # fmt: skip
+    "stuck": HELD,
+    "drop_outs": HELD,
+    "offset": ADDED,
+    "spikes": ADDED,
+    "saturation": LIMITED,
+}
 
 
 def _faulty(fault: Fault, samples: int, seed: int) -> np.ndarray:

@@ -86,8 +86,10 @@ def note_not_written(reason: str) -> None:
     """Note that the disk does not take compiled code; say so the first time."""
     if not _not_written:
         said = f"compiled kernels cannot be kept in {cache_folder()}: {reason}"
-        print(f"hertzloop: {said}. Every process compiles them again. Make room there.",
-              file=sys.stderr)  # fmt: skip
+        print(
+            f"hertzloop: {said}. Every process compiles them again. Make room there.",
+            file=sys.stderr,
+        )
     _not_written.append(reason)
 
 

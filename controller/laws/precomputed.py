@@ -28,9 +28,21 @@ SHAPES = {
     **{f"F_a{i}": COSINE for i in range(10, 14)},
 }
 Name = Literal[
-    "F_a1", "F_a2", "F_a3", "F_a4", "F_a5", "F_a6", "F_a7", "F_a8", "F_a9", "F_a10", "F_a11",
-    "F_a12", "F_a13", "F_mobility",
-]  # fmt: skip
+    "F_a1",
+    "F_a2",
+    "F_a3",
+    "F_a4",
+    "F_a5",
+    "F_a6",
+    "F_a7",
+    "F_a8",
+    "F_a9",
+    "F_a10",
+    "F_a11",
+    "F_a12",
+    "F_a13",
+    "F_mobility",
+]
 
 
 open_loop = True

@@ -44,7 +44,10 @@ def prepare(keys, about: law.LawContext) -> Any:
     """Constants for the run's latency. Raises LawError for a contact that is not Hertz's."""
     refuse_without_hertz(about, "predicted")
     return Constants(
-        keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s,
+        keys.kappa,
+        keys.v_thr_m_s,
+        about.stiffness,
+        about.sample_s,
         lead_samples=round(about.horizon_s / about.sample_s),
         slope_weights=slope_weights(keys.window_samples, about.sample_s),
         contact_level=0.0,
@@ -52,7 +55,7 @@ def prepare(keys, about: law.LawContext) -> Any:
         watch_level=max(2.0 * about.impact_speed_m_s * about.horizon_s, 0.0),
         mass_kg=about.sphere_mass_kg,
         impedance_n_s_m=about.impedance_n_s_m,
-    )  # fmt: skip
+    )
 
 
 def reach(keys) -> law.ForceBound:

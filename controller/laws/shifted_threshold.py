@@ -32,9 +32,13 @@ def prepare(keys, about: LawContext) -> slope_threshold.Constants:
     """Constants of the published law with another threshold. Raises LawError as `predicted`."""
     refuse_without_hertz(about, "shifted_threshold")
     v_thr = shifted_threshold_m_s(
-        about.stiffness, about.sphere_mass_kg, about.impedance_n_s_m, about.impact_speed_m_s,
-        keys.v_thr_m_s, about.horizon_s,
-    )  # fmt: skip
+        about.stiffness,
+        about.sphere_mass_kg,
+        about.impedance_n_s_m,
+        about.impact_speed_m_s,
+        keys.v_thr_m_s,
+        about.horizon_s,
+    )
     return slope_threshold.prepare(keys, about)._replace(v_thr_m_s=v_thr)
 
 
@@ -78,9 +82,14 @@ def shifted_threshold_m_s(
     # Ten times the contact time on a rigid plate.
     longest = 32.14 * (mass_kg / stiffness) ** 0.4 * impact_speed_m_s**-0.2
     solved: Any = solve_ivp(
-        slope, (0.0, longest), [0.0, -impact_speed_m_s], events=(reached, over),
-        rtol=1e-8, atol=1e-14, dense_output=True,
-    )  # fmt: skip
+        slope,
+        (0.0, longest),
+        [0.0, -impact_speed_m_s],
+        events=(reached, over),
+        rtol=1e-8,
+        atol=1e-14,
+        dense_output=True,
+    )
     if not len(solved.t_events[0]):
         return v_thr_m_s
     at = float(solved.t_events[0][0]) - earlier_s

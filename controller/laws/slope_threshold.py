@@ -36,9 +36,14 @@ def prepare(keys, about: law.LawContext, window: int = 2) -> Constants:
     weights = slope_weights(window, about.sample_s)
     lead = about.samples(keys.lead_us)
     return Constants(
-        keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s, lead, weights,
+        keys.kappa,
+        keys.v_thr_m_s,
+        about.stiffness,
+        about.sample_s,
+        lead,
+        weights,
         exponent=about.exponent,
-    )  # fmt: skip
+    )
 
 
 def reach(keys) -> law.ForceBound:

@@ -249,9 +249,11 @@ class CompiledLaw:
         function = self._module.__dict__[name]
         with kept_in(cache_folder()):
             made = CFunc(
-                function, normalize_signature(signature), locals={},
+                function,
+                normalize_signature(signature),
+                locals={},
                 options={"error_model": "numpy"},
-            )  # fmt: skip
+            )
             if self._kept:
                 made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
             made.compile()

@@ -26,10 +26,26 @@ _PREPARING = ("prepare", "reach", "transfer_function", "tune", "note")
 _DECLARED = ("senses", "latches", "models_yield", "open_loop", "not_linear")
 # The name of a function of these modules tells what it does, together with the versions of a run.
 _LIBRARIES = {
-    "_bisect", "_functools", "_operator", "_statistics", "bisect", "builtins", "cmath",
-    "collections", "functools", "hertzloop", "itertools", "llvmlite", "math", "numba", "numpy",
-    "operator", "scipy", "statistics", "typing",
-}  # fmt: skip
+    "_bisect",
+    "_functools",
+    "_operator",
+    "_statistics",
+    "bisect",
+    "builtins",
+    "cmath",
+    "collections",
+    "functools",
+    "hertzloop",
+    "itertools",
+    "llvmlite",
+    "math",
+    "numba",
+    "numpy",
+    "operator",
+    "scipy",
+    "statistics",
+    "typing",
+}
 _READS_FILES = {"fromfile", "genfromtxt", "input", "load", "loadtxt", "memmap", "open"}
 _SIMPLE = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, slice)
 

@@ -18,9 +18,15 @@ from hertzloop.controller.loading.identity import Identity, identify
 
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (
-    "sample_s", "horizon_s", "stiffness", "sphere_mass_kg", "impact_speed_m_s", "impedance_n_s_m",
-    "converter_step", "limit_n",
-)  # fmt: skip
+    "sample_s",
+    "horizon_s",
+    "stiffness",
+    "sphere_mass_kg",
+    "impact_speed_m_s",
+    "impedance_n_s_m",
+    "converter_step",
+    "limit_n",
+)
 
 
 @dataclass(frozen=True, eq=False)

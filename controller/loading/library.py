@@ -155,11 +155,18 @@ _INPUTS, _OUTPUT = (*_QUANTITIES, "sample"), "force"  # where a unit has more th
 # Exponents of kg, m, s of an input's unit, with the quantity; those of a force.
 _FORCE, _NUMBER = (1, 1, -2), (0, 0, 0)
 _DIMENSIONS = {
-    (0, 1, 0): "xi", (0, 1, -1): "v_p", (0, 1, -2): "acceleration", _FORCE: "contact_force",
-}  # fmt: skip
+    (0, 1, 0): "xi",
+    (0, 1, -1): "v_p",
+    (0, 1, -2): "acceleration",
+    _FORCE: "contact_force",
+}
 _SI = {
-    "m": (0, 1, 0), "m/s": (0, 1, -1), "m/s2": (0, 1, -2), "m/s^2": (0, 1, -2), "N": _FORCE,
-}  # fmt: skip
+    "m": (0, 1, 0),
+    "m/s": (0, 1, -1),
+    "m/s2": (0, 1, -2),
+    "m/s^2": (0, 1, -2),
+    "N": _FORCE,
+}
 _SAME_STEP = 1e-6  # relative difference of equal times
 
 
@@ -345,9 +352,10 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
 def _real(about: Any, causality: str) -> list[Any]:
     """Real variables, one number each, of a causality."""
     return [
-        v for v in about.modelVariables
+        v
+        for v in about.modelVariables
         if v.causality == causality and v.type in _REAL and not v.dimensions
-    ]  # fmt: skip
+    ]
 
 
 def _key_of(parameter: Any) -> str:

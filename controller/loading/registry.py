@@ -230,9 +230,14 @@ def _check_text(law: str, text: str, wanted: str | None) -> None:
 
 
 def _identified(
-    label: str, module: ModuleType, name: str | None, path: Path, source: str, text: str,
+    label: str,
+    module: ModuleType,
+    name: str | None,
+    path: Path,
+    source: str,
+    text: str,
     wanted: str | None,
-) -> Law:  # fmt: skip
+) -> Law:
     home: Any = module
     if name:
         home = getattr(module, name, None)

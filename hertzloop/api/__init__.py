@@ -29,12 +29,40 @@ if TYPE_CHECKING:
     from hertzloop.studies.sweeps.pool import SweepFailed
 
 __all__ = [
-    "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
-    "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare",
-    "fit", "linear", "load", "modes", "read", "read_record", "read_records", "run", "scene_names",
-    "simulate", "sweep", "tune", "vary",
-]  # fmt: skip
+    "BusError",
+    "Comparison",
+    "DesignError",
+    "Difference",
+    "FitError",
+    "FitResult",
+    "Impact",
+    "ImpactNoise",
+    "Record",
+    "RecordError",
+    "RecordingError",
+    "Run",
+    "RunFailed",
+    "RunFigures",
+    "Scene",
+    "SceneError",
+    "SpanFigures",
+    "StreamFault",
+    "SweepFailed",
+    "compare",
+    "fit",
+    "linear",
+    "load",
+    "modes",
+    "read",
+    "read_record",
+    "read_records",
+    "run",
+    "scene_names",
+    "simulate",
+    "sweep",
+    "tune",
+    "vary",
+]
 
 # Names that are loaded at their first use, since a script that only simulates needs none of them.
 _NAMES_BY_MODULE = {

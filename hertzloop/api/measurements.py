@@ -48,9 +48,13 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
 
 
 def fit(
-    scene: AnyScene, records: "Record | Sequence[Record]", free: Sequence[str], *,
-    hold_out: "Sequence[Record | int] | None" = None, exact: bool = False,
-) -> "FitResult":  # fmt: skip
+    scene: AnyScene,
+    records: "Record | Sequence[Record]",
+    free: Sequence[str],
+    *,
+    hold_out: "Sequence[Record | int] | None" = None,
+    exact: bool = False,
+) -> "FitResult":
     """Fit keys of a scene to measured records of drops, with the law off or on.
 
     Args:

@@ -310,10 +310,15 @@ def _run_from(
 
     def compute_result() -> RunResult:
         return RunResult(
-            figures_of(setup, stacked(dict(columns))), law, model_error.expected_error(setup),
-            balance.injected_j, balance.dent_m, pacing is not None, saturation,
+            figures_of(setup, stacked(dict(columns))),
+            law,
+            model_error.expected_error(setup),
+            balance.injected_j,
+            balance.dent_m,
+            pacing is not None,
+            saturation,
             setup.law_models_yield,
-        )  # fmt: skip
+        )
 
     commanded = None
     if recording is not None:

@@ -43,9 +43,13 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, scene: Resolvable | str | Path, num_envs: int = 64, *, limit_n: float | None = None,
+        self,
+        scene: Resolvable | str | Path,
+        num_envs: int = 64,
+        *,
+        limit_n: float | None = None,
         scale: float | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         setup = load(str(scene)) if isinstance(scene, str | Path) else resolve(scene)
         about = setup.about_mechanics
         if scale is None and setup.quantity != "xi":
@@ -78,9 +82,11 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._drawn_from = [self.np_random] * num_envs
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None,
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[np.ndarray, dict[str, Any]]:  # fmt: skip
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin all impacts anew.
 
         Args:
@@ -184,9 +190,12 @@ class ImpactEnv(gym.Env[np.ndarray, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, scene: Resolvable | str | Path, *, limit_n: float | None = None,
+        self,
+        scene: Resolvable | str | Path,
+        *,
+        limit_n: float | None = None,
         scale: float | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._one = Impacts(scene, 1, limit_n=limit_n, scale=scale)
         self.limit_n, self.scale = self._one.limit_n, self._one.scale
         self.observation_space = gym.spaces.Box(-math.inf, math.inf, (2,), np.float32)
@@ -255,9 +264,12 @@ class Batch:
         plants, forces = self._plants[which], np.ascontiguousarray(commands_n, float)
         seen = np.zeros(len(plants), VALUES)
         went = self._c.hertzloop_plant_step_all(
-            ctypes.c_void_p(plants.ctypes.data), ctypes.c_void_p(forces.ctypes.data),
-            ctypes.c_int64(len(plants)), ctypes.c_int64(steps), ctypes.c_void_p(seen.ctypes.data),
-        )  # fmt: skip
+            ctypes.c_void_p(plants.ctypes.data),
+            ctypes.c_void_p(forces.ctypes.data),
+            ctypes.c_int64(len(plants)),
+            ctypes.c_int64(steps),
+            ctypes.c_void_p(seen.ctypes.data),
+        )
         self.values[which[:went]] = seen[:went]
         if went < len(plants):
             plant = ctypes.c_void_p(int(plants[went]))

@@ -43,9 +43,14 @@ class Image:
         looks = " ".join(f"LOOK({json.dumps(name)})" for name in needed(cpu))
         lines = [f"#define IMAGE_{name} {_in_c(value)}" for name, value in self.constants.items()]
         return "\n".join(
-            ["/* Generated. */", *lines, f"#define IMAGE_PROCESSOR {_in_c(cpu)}",
-             f"#define IMAGE_NEEDS(LOOK) {looks}", ""]
-        )  # fmt: skip
+            [
+                "/* Generated. */",
+                *lines,
+                f"#define IMAGE_PROCESSOR {_in_c(cpu)}",
+                f"#define IMAGE_NEEDS(LOOK) {looks}",
+                "",
+            ]
+        )
 
 
 def image(setup: Setup) -> Image:
@@ -56,9 +61,15 @@ def image(setup: Setup) -> Image:
             f"run.scheme = {setup.scheme!r} cannot be exported. Use 'modal' or 'discrete_gradient'."
         )
     unit = Unit(
-        plant.model, plant.state, sensor.model, sensor.state, empty_window(1, 1), np.zeros(2),
-        np.zeros(ENERGIES), float(setup.lead_in_s),
-    )  # fmt: skip
+        plant.model,
+        plant.state,
+        sensor.model,
+        sensor.state,
+        empty_window(1, 1),
+        np.zeros(2),
+        np.zeros(ENERGIES),
+        float(setup.lead_in_s),
+    )
     memory = _Memory()
     memory.take(_MODEL, unit.plant)
     memory.take(_STATE, unit.plant_state)
@@ -74,21 +85,33 @@ def image(setup: Setup) -> Image:
     phase = setup.scene.run.touch_phase
     sensed = SENSED[setup.quantity]
     constants = {
-        "SCENE": setup.name, "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
-        "STEP_S": setup.step_s, "STEPS": setup.steps, "EVERY_STEPS": setup.every_steps,
-        "DROP_HEIGHT_M": setup.sphere.drop_height_m, "SEED": setup.seed,
-        "NOISE": count, "NOISE_RMS": setup.sensor.noise_rms, "NOISE_STREAM": NOISE_STREAM,
+        "SCENE": setup.name,
+        "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
+        "STEP_S": setup.step_s,
+        "STEPS": setup.steps,
+        "EVERY_STEPS": setup.every_steps,
+        "DROP_HEIGHT_M": setup.sphere.drop_height_m,
+        "SEED": setup.seed,
+        "NOISE": count,
+        "NOISE_RMS": setup.sensor.noise_rms,
+        "NOISE_STREAM": NOISE_STREAM,
         "PHASE_STREAM": PHASE_STREAM,
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
-        "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"), **places,
+        "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"),
+        **places,
         "STEP": at(unit.plant_state.counts) + _WORD * STEP,
         "SAMPLES": at(window.counts) + _WORD * SAMPLES_END,
-        "SAMPLE": at(window.values), "CODE": at(window.codes), "CLIPPED": at(window.clipped),
-        "GAP": body + _WORD * XI, "HEIGHT": body + _WORD * XI_S,
-        "DEFLECTION": body + _WORD * XI_P, "VELOCITY": body + _WORD * V_P,
-        "CONTACT_FORCE": truth + _WORD * F_C, "ACTUATOR_FORCE": truth + _WORD * F_A,
+        "SAMPLE": at(window.values),
+        "CODE": at(window.codes),
+        "CLIPPED": at(window.clipped),
+        "GAP": body + _WORD * XI,
+        "HEIGHT": body + _WORD * XI_S,
+        "DEFLECTION": body + _WORD * XI_P,
+        "VELOCITY": body + _WORD * V_P,
+        "CONTACT_FORCE": truth + _WORD * F_C,
+        "ACTUATOR_FORCE": truth + _WORD * F_A,
         "ENERGIES": at(unit.energies),
-    }  # fmt: skip
+    }
     return Image(setup, unit, data, constants)
 
 
@@ -132,10 +155,13 @@ class _Memory:
         state_at = len(words) + len(_padded(relocations))
         model, state = (bytes(block) for block in self._blocks)
         places = {
-            "WORDS": len(self._words), "RELOCATIONS": len(self._relocations),
-            "RELOCATIONS_AT": len(words), "STATE_AT": state_at, "STATE_BYTES": len(state),
+            "WORDS": len(self._words),
+            "RELOCATIONS": len(self._relocations),
+            "RELOCATIONS_AT": len(words),
+            "STATE_AT": state_at,
+            "STATE_BYTES": len(state),
             "MODEL_AT": state_at + len(state),
-        }  # fmt: skip
+        }
         return words + _padded(relocations) + state + model, places
 
 

@@ -70,8 +70,10 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
         environment |= {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
     done = subprocess.run(
         [sys.executable, "-m", __spec__.name],
-        input=pickle.dumps(outline), env=environment, capture_output=True,
-    )  # fmt: skip
+        input=pickle.dumps(outline),
+        env=environment,
+        capture_output=True,
+    )
     if done.returncode != 0:
         last = done.stderr.decode(errors="replace").strip().splitlines()
         raise CompileFault(f"the kernels did not compile for {cpu}: {last[-1] if last else '?'}")

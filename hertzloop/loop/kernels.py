@@ -188,9 +188,7 @@ def await_answers(plant_state, forces, window, grant, lane):
 
 
 @kernel
-def advance(
-    plant, plant_state, sensor, sensor_state, forces, commands, window, grant, lane, end
-):  # fmt: skip
+def advance(plant, plant_state, sensor, sensor_state, forces, commands, window, grant, lane, end):
     """Run the plant to step `end`, or as far as `forces` are known. The plant's side.
 
     `commands` act: the array `forces`, or the commands of a repeated run. Ends early where
@@ -264,7 +262,7 @@ def _send_forces(law, law_state, line, line_state, forces, lane, value):
 @kernel
 def answer_samples(
     law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
-):  # fmt: skip
+):
     """Answer samples in the lane from `first` on, up to `limit`. The controller's side.
 
     Writes the mode and the delay of the law after each. Ends early where exchanges are slow.
@@ -308,9 +306,21 @@ def _any_force(forces, step, end):
 
 @kernel
 def closed_loop(
-    plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
-    forces, window, modes, delays, end, impact,
-):  # fmt: skip
+    plant,
+    plant_state,
+    sensor,
+    sensor_state,
+    law,
+    law_state,
+    line,
+    line_state,
+    forces,
+    window,
+    modes,
+    delays,
+    end,
+    impact,
+):
     """Run plant, sensor and controller together up to step `end`.
 
     If the first `impact` is followed, the loop ends as soon as no later step can belong to it;
@@ -344,9 +354,19 @@ def closed_loop(
 
 @kernel
 def loop_in_parts(
-    plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
-    forces, truth, parts, means,
-):  # fmt: skip
+    plant,
+    plant_state,
+    sensor,
+    sensor_state,
+    law,
+    law_state,
+    line,
+    line_state,
+    forces,
+    truth,
+    parts,
+    means,
+):
     """Run the closed loop with a plant that takes `parts` steps in each step of the controller.
 
     The force is held over a step of the controller. With `means` the sensor follows the mean over

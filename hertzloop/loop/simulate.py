@@ -104,10 +104,21 @@ def simulate(
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
         over = loop_kernels.closed_loop(
-            plant.model, plant.state, sensor.model, sensor.state, controller.law,
-            controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, most, ending_of(setup) if impact_only else NEVER,
-        )  # fmt: skip
+            plant.model,
+            plant.state,
+            sensor.model,
+            sensor.state,
+            controller.law,
+            controller.law_state,
+            controller.line,
+            controller.line_state,
+            controller.forces,
+            window,
+            modes,
+            delays,
+            most,
+            ending_of(setup) if impact_only else NEVER,
+        )
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started
     try:
@@ -154,10 +165,21 @@ def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[i
         window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
         window.counts[SAMPLES_FIRST] = counts[SAMPLES_END]
         loop_kernels.closed_loop(
-            plant.model, plant.state, sensor.model, sensor.state, controller.law,
-            controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, first + length, NEVER,
-        )  # fmt: skip
+            plant.model,
+            plant.state,
+            sensor.model,
+            sensor.state,
+            controller.law,
+            controller.law_state,
+            controller.line,
+            controller.line_state,
+            controller.forces,
+            window,
+            modes,
+            delays,
+            first + length,
+            NEVER,
+        )
         try:
             controller.check()
         except LawFault as error:
@@ -188,10 +210,19 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     truth = np.zeros((COLUMNS, steps * parts_of_step))
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         loop_kernels.loop_in_parts(
-            plant.model, plant.state, sensor.model, sensor.state, controller.law,
-            controller.law_state, controller.line, controller.line_state, controller.forces,
-            truth, parts_of_step, SENSED[setup.quantity].over_step,
-        )  # fmt: skip
+            plant.model,
+            plant.state,
+            sensor.model,
+            sensor.state,
+            controller.law,
+            controller.law_state,
+            controller.line,
+            controller.line_state,
+            controller.forces,
+            truth,
+            parts_of_step,
+            SENSED[setup.quantity].over_step,
+        )
     try:
         controller.check()
     except LawFault as error:

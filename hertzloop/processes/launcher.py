@@ -242,8 +242,10 @@ class Launcher:
         """
         Role = fork_server.Role
         stages: list[tuple[Callable[[fork_server.Role], None], Sequence[str]]] = [
-            (Role.terminate, (PLANT,)), (Role.terminate, ROLES), (Role.kill, ROLES)
-        ]  # fmt: skip
+            (Role.terminate, (PLANT,)),
+            (Role.terminate, ROLES),
+            (Role.kill, ROLES),
+        ]
         if not any(child.ready for child in self.children):
             del stages[0]  # they have not met
         if all(child.done for child in self.children):

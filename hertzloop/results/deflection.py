@@ -67,9 +67,14 @@ def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
 
 
 def _modes(
-    spec: PlantSpec, omega: np.ndarray, eta: float | np.ndarray, scale: float,
-    at_contact: np.ndarray, at_actuator: np.ndarray, shapes: tuple[np.ndarray, ...],
-) -> PlateModes:  # fmt: skip
+    spec: PlantSpec,
+    omega: np.ndarray,
+    eta: float | np.ndarray,
+    scale: float,
+    at_contact: np.ndarray,
+    at_actuator: np.ndarray,
+    shapes: tuple[np.ndarray, ...],
+) -> PlateModes:
     """Modes that move as the plant's do; those above its limit stay at rest."""
     h = spec.step_s
     root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
@@ -102,9 +107,14 @@ def separable_modes(
         np.sin(np.outer(n, y_m) * np.pi / plate.size_m[1]),
     )
     return _modes(
-        spec, omega, plate.eta + air_eta(spec, omega), plate.modal_scale_per_kg,
-        plate.mode_shape(mm, nn, points[0]), plate.mode_shape(mm, nn, points[1]), shapes,
-    )  # fmt: skip
+        spec,
+        omega,
+        plate.eta + air_eta(spec, omega),
+        plate.modal_scale_per_kg,
+        plate.mode_shape(mm, nn, points[0]),
+        plate.mode_shape(mm, nn, points[1]),
+        shapes,
+    )
 
 
 def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
@@ -116,9 +126,14 @@ def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.nda
         modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
     moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
     return _modes(
-        spec, modes.omega[moved], modes.eta, modes.scale_per_kg, modes.at_contact[moved],
-        modes.at_actuator[moved], (plate.on_grid(limit, x_m, y_m)[moved],),
-    )  # fmt: skip
+        spec,
+        modes.omega[moved],
+        modes.eta,
+        modes.scale_per_kg,
+        modes.at_contact[moved],
+        modes.at_actuator[moved],
+        (plate.on_grid(limit, x_m, y_m)[moved],),
+    )
 
 
 def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -135,9 +150,14 @@ def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, PlateModes
     modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
     flat = np.zeros((len(modes.omega), 3, 3))
     return *_flat_grid(spec), _modes(
-        spec, modes.omega, modes.eta, modes.scale_per_kg, modes.at_contact, modes.at_actuator,
+        spec,
+        modes.omega,
+        modes.eta,
+        modes.scale_per_kg,
+        modes.at_contact,
+        modes.at_actuator,
         (flat,),
-    )  # fmt: skip
+    )
 
 
 def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, PlateModes]:
@@ -149,9 +169,14 @@ def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.nd
         grid, shapes = table.grid[:2], table.grid[2]
     mass = np.sqrt(table.per_modal_mass_1_kg)
     modes = _modes(
-        spec, table.omega_rad_s, table.loss_factor, 1.0, mass * table.shape_contact,
-        mass * table.shape_actuator, (mass[:, None, None] * shapes,),
-    )  # fmt: skip
+        spec,
+        table.omega_rad_s,
+        table.loss_factor,
+        1.0,
+        mass * table.shape_contact,
+        mass * table.shape_actuator,
+        (mass[:, None, None] * shapes,),
+    )
     return *grid, modes
 
 

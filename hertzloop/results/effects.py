@@ -69,10 +69,17 @@ def neglected(setup: Setup, run: Extremes) -> Neglected:
     """Evaluate all effects in a run, from its setup and largest values."""
     context = RunContext(setup, run)
     found = [
-        ValidityCheck(row.name, row.formula, value, threshold, beyond, state,
-                f"in the model: {part}" if part else row.words(context, value))
+        ValidityCheck(
+            row.name,
+            row.formula,
+            value,
+            threshold,
+            beyond,
+            state,
+            f"in the model: {part}" if part else row.words(context, value),
+        )
         for row, value, threshold, beyond, part, state in _evaluated(context)
-    ]  # fmt: skip
+    ]
     return Neglected(context, found)
 
 

@@ -156,9 +156,15 @@ class ConsistentWindow:
                 plate_speed_max_m_s=peak_speed_m_s(self._fastest.around[0]),
             )
         noise = impact_noise(
-            self.spec, self.modes, np.asarray(self._drive), impact.plate_energy_j,
-            self._speed_max, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
-        )  # fmt: skip
+            self.spec,
+            self.modes,
+            np.asarray(self._drive),
+            impact.plate_energy_j,
+            self._speed_max,
+            impact.duration_s,
+            impact.impact_speed_m_s,
+            impact.rebound_speed_m_s,
+        )
         end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[END])
         return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
@@ -279,13 +285,24 @@ def first_impact(
         return None
     impact, end = part.impact(spec.step_s), lead + part.touching
     noise = impact_noise(
-        spec, modes, part.drive, impact.plate_energy_j, part.speed_max_m_s, impact.duration_s,
-        impact.impact_speed_m_s, impact.rebound_speed_m_s,
-    )  # fmt: skip
+        spec,
+        modes,
+        part.drive,
+        impact.plate_energy_j,
+        part.speed_max_m_s,
+        impact.duration_s,
+        impact.impact_speed_m_s,
+        impact.rebound_speed_m_s,
+    )
     return RowsOfImpact(
-        start, start + part.touching, start + count, rows[F_C, lead:end], end < rows.shape[1],
-        impact, noise,
-    )  # fmt: skip
+        start,
+        start + part.touching,
+        start + count,
+        rows[F_C, lead:end],
+        end < rows.shape[1],
+        impact,
+        noise,
+    )
 
 
 def impacts_of_rows(
@@ -371,9 +388,17 @@ class _PublishedWindow:
         )
         elastic = spec.contact.stiffness * np.maximum(-xi, 0.0) ** 1.5
         noise = published_noise(
-            spec.sphere, spec.simply_supported, modes, spec.contact_point_m, green_v, elastic, f_a,
-            h, impact_speed_m_s=v0, relative_speed_m_s=relative_speed_m_s(xi, v0, h),
-        )  # fmt: skip
+            spec.sphere,
+            spec.simply_supported,
+            modes,
+            spec.contact_point_m,
+            green_v,
+            elastic,
+            f_a,
+            h,
+            impact_speed_m_s=v0,
+            relative_speed_m_s=relative_speed_m_s(xi, v0, h),
+        )
         impact = Impact(
             start_s=self.start * h,
             duration_s=noise.contact_time_s,

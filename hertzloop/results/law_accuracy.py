@@ -95,9 +95,12 @@ def simulated_law_accuracy(setup: Setup, until_s: float) -> LawAccuracy | None:
     if found is None:
         return None
     return LawAccuracy(
-        found, setup.accuracy, model_error.expected_error(short, finer.frequency_limit_hz),
-        latched_us(short, run), latched_us(short, other),
-    )  # fmt: skip
+        found,
+        setup.accuracy,
+        model_error.expected_error(short, finer.frequency_limit_hz),
+        latched_us(short, run),
+        latched_us(short, other),
+    )
 
 
 def stated_error(expected: float | None, found: LawAccuracy | None) -> float | None:

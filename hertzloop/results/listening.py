@@ -214,9 +214,11 @@ def radiated(setup: Setup, drive: Excitation, grid: Grid) -> Radiated | None:
     m, n = m[kept], n[kept]
     x, y = (np.unique(radiator.places_m[:, axis]) for axis in (0, 1))
     products = Products(
-        np.sin(np.outer(m, x) * (np.pi / plate.size_m[0])), x,
-        np.sin(np.outer(n, y) * (np.pi / plate.size_m[1])), y,
-    )  # fmt: skip
+        np.sin(np.outer(m, x) * (np.pi / plate.size_m[0])),
+        x,
+        np.sin(np.outer(n, y) * (np.pi / plate.size_m[1])),
+        y,
+    )
     taken_j, held_j = rung_j(radiator, drive, grid)
     frequency_hz = radiator.omega / (2.0 * math.pi)
 

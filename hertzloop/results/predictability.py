@@ -28,9 +28,13 @@ ROUNDING = 1e-14
 CHAOTIC = 10.0  # times as large as the disturbance: what came before decides
 
 _QUANTITIES = (
-    "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
+    "start_s",
+    "duration_s",
+    "impact_speed_m_s",
+    "rebound_speed_m_s",
+    "peak_force_n",
     "plate_energy_j",
-)  # fmt: skip
+)
 
 _FOLLOWS = ("plate_speed_max_m_s",)  # with waves that samples hardly carry: says little of chaos
 

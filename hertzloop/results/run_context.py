@@ -49,11 +49,15 @@ def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
     if local is not None and not structure.solid and structure.mode_table is None:
         air_share = criteria.air_loss_factor(local) / local.eta if local.eta else math.inf
     return StaticContext(
-        local, bodies.weaker,
+        local,
+        bodies.weaker,
         math.nan if local is None else criteria.zener_inelasticity(sphere, local, spec.contact),
-        revival_s, air_share, criteria.squeezed_film(sphere), criteria.drag_on_the_drop(sphere),
+        revival_s,
+        air_share,
+        criteria.squeezed_film(sphere),
+        criteria.drag_on_the_drop(sphere),
         flexibility_m_n(spec) if spec.contact.hunt_crossley_s_m else math.nan,
-    )  # fmt: skip
+    )
 
 
 class RunContext:

@@ -79,9 +79,15 @@ class WholeRunAccumulator(Accumulator):
         if not impacts:
             return None
         noise = impact_noise(
-            self._spec, self._modes, np.asarray(self._drive), self._work_j, self._speed_max,
-            impacts[0].duration_s, impacts[0].impact_speed_m_s, impacts[-1].rebound_speed_m_s,
-        )  # fmt: skip
+            self._spec,
+            self._modes,
+            np.asarray(self._drive),
+            self._work_j,
+            self._speed_max,
+            impacts[0].duration_s,
+            impacts[0].impact_speed_m_s,
+            impacts[-1].rebound_speed_m_s,
+        )
         return span_figures(len(impacts), max(i.peak_force_n for i in impacts), noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
@@ -95,8 +101,13 @@ class WholeRunAccumulator(Accumulator):
                 continue
             own = piece[:, some[0] : some[-1] + 1]
             self._drive = self._drive + modal_drive(
-                self._modes, -own[F_C], own[F_A], spec.step_s, -own[F_C1],
-                self._done + int(some[0]), own[F_A1],
-            )  # fmt: skip
+                self._modes,
+                -own[F_C],
+                own[F_A],
+                spec.step_s,
+                -own[F_C1],
+                self._done + int(some[0]),
+                own[F_A1],
+            )
         self._before = piece[:, -1:].copy()
         self._done += piece.shape[1]

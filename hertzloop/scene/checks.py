@@ -87,9 +87,11 @@ def _converter_problems(sensors: SensorsTable, control: ControllerTable) -> list
 
 @lru_cache(maxsize=64)
 def _line_problems(
-    control: ControllerTable, actuator: ActuatorTable, run: RunTable,
+    control: ControllerTable,
+    actuator: ActuatorTable,
+    run: RunTable,
     whole_step_keys: tuple[str, ...],
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Of the length of the run, and of the line from law to actuator in it."""
     found, steps, in_steps = [], run.steps, run.in_steps
     if not 1 <= steps <= _MAX_STEPS:

@@ -58,9 +58,12 @@ def bound_law(setup: Setup, ahead: bool = True) -> BoundLaw:
     """Return the law with its constants; without `ahead` its commands alone. Raises SceneError."""
     # All that the contact force without control follows from, which `about` does not show.
     free = (
-        setup.with_edges, setup.touch_phase, setup.scheme, setup.scene.run.plate_model,
+        setup.with_edges,
+        setup.touch_phase,
+        setup.scheme,
+        setup.scene.run.plate_model,
         setup.accuracy,
-    )  # fmt: skip
+    )
     table = setup.scene.controller
     return _bound(_loaded_law(table), table, law_context(setup), setup.mechanics, free, ahead)
 

@@ -61,13 +61,20 @@ def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: A
 
 
 _WANTED = {
-    "int": "a whole number", "float": "a number", "finite_number": "a finite number",
-    "bool": "true or false", "string": "text", "model": "a table", "dict": "a table",
+    "int": "a whole number",
+    "float": "a number",
+    "finite_number": "a finite number",
+    "bool": "true or false",
+    "string": "text",
+    "model": "a table",
+    "dict": "a table",
     "tuple": "a list in brackets, such as [0.1, 0.2]",
-    "greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:g}",
-    "greater_than": "more than {gt:g}", "less_than": "less than {lt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than_equal": "at most {le:g}",
+    "greater_than": "more than {gt:g}",
+    "less_than": "less than {lt:g}",
     "literal_error": "{expected}",
-}  # fmt: skip
+}
 
 
 def _wanted(problem: Any) -> str:

@@ -17,10 +17,20 @@ from hertzloop.scene.scene import Scene
 
 # Endings of names, longer ones first.
 _UNITS = {
-    "_m_s": "m/s", "_m_n": "m/N", "_n_s_m": "N s/m", "_n_s": "N/s", "_kg_m3": "kg/m3",
-    "_pa": "Pa", "_kg": "kg", "_hz": "Hz", "_us": "us", "_ns": "ns", "_m": "m", "_s": "s",
+    "_m_s": "m/s",
+    "_m_n": "m/N",
+    "_n_s_m": "N s/m",
+    "_n_s": "N/s",
+    "_kg_m3": "kg/m3",
+    "_pa": "Pa",
+    "_kg": "kg",
+    "_hz": "Hz",
+    "_us": "us",
+    "_ns": "ns",
+    "_m": "m",
+    "_s": "s",
     "_n": "N",
-}  # fmt: skip
+}
 _WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
@@ -67,10 +77,12 @@ def _docstrings(table: type[BaseModel]) -> dict[str, str]:
     return {
         key.target.id: inspect.cleandoc(said.value.value)
         for key, said in pairwise(definition.body)
-        if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
-        and isinstance(said, ast.Expr) and isinstance(said.value, ast.Constant)
+        if isinstance(key, ast.AnnAssign)
+        and isinstance(key.target, ast.Name)
+        and isinstance(said, ast.Expr)
+        and isinstance(said.value, ast.Constant)
         and isinstance(said.value.value, str)
-    }  # fmt: skip
+    }
 
 
 def _of_laws() -> Iterator[Key]:
@@ -118,11 +130,14 @@ def _kinds(kind: Any) -> Iterator[str]:
 def page() -> str:
     """The keys as a page in Markdown."""
     lines = [
-        "# Scene keys", "",
+        "# Scene keys",
+        "",
         "`hertzloop scene keys --markdown` prints this page. The word before the dot is the table.",
-        "`hertzloop scene keys --law mine.py` lists the keys of your own law.", "",
-        "| key | value | unit | default | means |", "|---|---|---|---|---|",
-    ]  # fmt: skip
+        "`hertzloop scene keys --law mine.py` lists the keys of your own law.",
+        "",
+        "| key | value | unit | default | means |",
+        "|---|---|---|---|---|",
+    ]
     for key in keys():
         lines.append(
             f"| `{key.name}` | {value_of(key)} | {key.unit} | {key.default} | {key.meaning} |"

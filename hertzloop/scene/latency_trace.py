@@ -96,8 +96,10 @@ def _column(text: str) -> list[float]:
     separator = next((mark for mark in (";", "\t", ",") if mark in first), None)
     if separator == "," and not headed:
         separator = None  # and refused, as a comma there can mean two things
-    rows = [(at, [cell.strip(' "') for cell in line.split(separator)] if separator else [line])
-            for at, line in lines]  # fmt: skip
+    rows = [
+        (at, [cell.strip(' "') for cell in line.split(separator)] if separator else [line])
+        for at, line in lines
+    ]
     headings = rows.pop(0)[1] if headed else [""] * len(rows[0][1])
     chosen = 0
     if len(headings) > 1:

@@ -129,10 +129,15 @@ def resolve_mechanics(
     sphere, contact, weaker = _impact(striker, contact_table, of_striker, of_plate)
     rigid = rigid_impact(sphere, contact)
     thin_only = not_in_three_dimensions(
-        striker, plate, contact_table, actuator_table, scheme,
+        striker,
+        plate,
+        contact_table,
+        actuator_table,
+        scheme,
         "infinite" if without_modes else "auto",
-        of_plate.orthotropic, sensor[1] or None,
-    )  # fmt: skip
+        of_plate.orthotropic,
+        sensor[1] or None,
+    )
     theory = plate.theory
     if theory == "auto":
         theory = "kirchhoff"
@@ -183,7 +188,7 @@ def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> D
 
 def _impact(
     striker: Striker, table: ContactTable, own: Material, plate: Material
-) -> tuple[Sphere, Contact, tuple[str, YieldPressure] | None]:  # fmt: skip
+) -> tuple[Sphere, Contact, tuple[str, YieldPressure] | None]:
     """What strikes the plate, of a material of its `own`; its contact: stiffness, damping,
     exponent, and where it yields; and the body that yields first, see `Mechanics`."""
     weaker = softer(plate, own)

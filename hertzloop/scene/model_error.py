@@ -19,18 +19,27 @@ def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
     """Return the error that an infinite plate is expected to have in a run that ends at `end_s`, s,
     relative to the penetration or the plate energy; inf where it is not known."""
     return infinite_plate.infinite_plate_error(
-        setup.mechanics, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
+        setup.mechanics,
+        setup.scheme,
+        setup.reach,
+        setup.line_smoothness,
+        setup.step_s,
         end_s - setup.first_touch_s,
-    )  # fmt: skip
+    )
 
 
 def infinite_plate_lasts_s(setup: Setup, at_most_s: float = math.inf) -> float:
     """Return how long after the first touch an infinite plate meets the accuracy, s, or `at_most_s`
     if that is longer; zero where it does not do so for a whole contact."""
     return infinite_plate.infinite_plate_lasts_s(
-        setup.mechanics, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
-        setup.accuracy, at_most_s,
-    )  # fmt: skip
+        setup.mechanics,
+        setup.scheme,
+        setup.reach,
+        setup.line_smoothness,
+        setup.step_s,
+        setup.accuracy,
+        at_most_s,
+    )
 
 
 def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
@@ -47,9 +56,11 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
         until_hz = min(until_hz, widest_limit_hz(spec.plate, spec.sphere, spec.contact))
     else:
         found = error_of_modes(
-            *bodies, spec.frequency_limit_hz,
-            spring=spec.residual_flexibility, damped=spec.damped_tail,
-        )  # fmt: skip
+            *bodies,
+            spec.frequency_limit_hz,
+            spring=spec.residual_flexibility,
+            damped=spec.damped_tail,
+        )
     if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # modes of a rigid body
         return found
     hold_s = setup.step_s * setup.every_steps
@@ -74,7 +85,9 @@ def _solid_share(setup: Setup, until_hz: float) -> float:
         return share_at_once(share)
     corners_hz = (spec.actuator.bandwidth_hz, setup.sensor.low_pass_hz)
     return velocity_share(
-        spec.plate, reach.share, spec.frequency_limit_hz,
+        spec.plate,
+        reach.share,
+        spec.frequency_limit_hz,
         min(until_hz, 0.5 / (setup.step_s * setup.every_steps)),
         tuple(hz for hz in corners_hz if hz),
-    )  # fmt: skip
+    )

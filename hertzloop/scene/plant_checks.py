@@ -360,10 +360,15 @@ def _scheme_problems(scene: PlantTables) -> list[str]:
         striker = scene.sphere or scene.hammer
         assert striker is not None
         found += not_in_three_dimensions(
-            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model,
+            striker,
+            scene.plate,
+            contact,
+            scene.actuator,
+            run.scheme,
+            run.plate_model,
             find_material(scene.plate.material, scene.materials or ()).orthotropic,
             scene.sensor_mass_kg,
-        )  # fmt: skip
+        )
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m

@@ -104,9 +104,16 @@ class Scene(SceneTable):
         """Sentences on values that are possible alone, but not together. Raises SceneError if the
         law is missing."""
         plant = PlantTables(
-            self.sphere, self.hammer, self.plate, self.contact, self.actuator, self.materials,
-            self.run, self.sensors.point_m, self.sensors.mass_kg,
-        )  # fmt: skip
+            self.sphere,
+            self.hammer,
+            self.plate,
+            self.contact,
+            self.actuator,
+            self.materials,
+            self.run,
+            self.sensors.point_m,
+            self.sensors.mass_kg,
+        )
         try:
             return problems(plant, self.sensors, self.controller)
         except LawError as error:

@@ -268,9 +268,16 @@ class Setup:
         whose plant alone behaves in the same way."""
         scene = self.scene
         return _plant_only(
-            scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator,
-            scene.materials, scene.run, self.touch_phase, _felt(scene.sensors),
-        )  # fmt: skip
+            scene.sphere,
+            scene.hammer,
+            scene.plate,
+            scene.contact,
+            scene.actuator,
+            scene.materials,
+            scene.run,
+            self.touch_phase,
+            _felt(scene.sensors),
+        )
 
     def _scene_with_run(self, key: str, value: str | float) -> Scene:
         return self.scene.replaced(run=_run_with(self.scene.run, key, value))
@@ -293,10 +300,16 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
     mechanics = resolve_mechanics(
-        scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
-        scene.plate.theory == "auto" and run.plate_model == "infinite", run.accuracy,
+        scene.striker,
+        scene.plate,
+        scene.contact,
+        scene.actuator,
+        scene.materials,
+        run.scheme,
+        scene.plate.theory == "auto" and run.plate_model == "infinite",
+        run.accuracy,
         (sensors.point_m, sensors.mass_kg or 0.0),
-    )  # fmt: skip
+    )
     first_touch_s = _first_touch_s(run, mechanics.sphere)
 
     line = resolve_line(control, scene.actuator, run.step_ns)
@@ -308,15 +321,17 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
 
     controlled = mechanics.structure.solid and control.law != NO_CONTROL
     with_edges = describe_plant(
-        mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s,
+        mechanics,
+        scene.plate.tail,
+        run.scheme,
+        run.step_ns,
+        run.lead_in_s,
         run.accuracy / (UNDER_LAW if controlled else 1.0),
-    )  # fmt: skip
+    )
     plate_model = run.plate_model
     if plate_model == "auto":
         until_s = run.duration_s - first_touch_s
-        error = infinite_plate_error(
-            mechanics, run.scheme, reach, smoothness, run.step_s, until_s
-        )  # fmt: skip
+        error = infinite_plate_error(mechanics, run.scheme, reach, smoothness, run.step_s, until_s)
         plate_model = "infinite" if error <= run.accuracy else "modal"
     if plate_model == "infinite":
         plant = on_infinite_plate(with_edges, run.step_ns)
@@ -373,9 +388,15 @@ def _why_not_solid(scene: Scene, mechanics: Mechanics) -> str | None:
     if scene.run.plate_model != "infinite":
         return mechanics.why_not_solid
     return not_in_three_dimensions(
-        scene.striker, scene.plate, scene.contact, scene.actuator, scene.run.scheme,
-        scene.run.plate_model, False, scene.sensors.mass_kg,
-    )[0]  # fmt: skip
+        scene.striker,
+        scene.plate,
+        scene.contact,
+        scene.actuator,
+        scene.run.scheme,
+        scene.run.plate_model,
+        False,
+        scene.sensors.mass_kg,
+    )[0]
 
 
 def _name(material: MaterialKey) -> str:

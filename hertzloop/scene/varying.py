@@ -138,9 +138,13 @@ def resolution_of(scene: Scene, key: str) -> float:
 _KEPT = 4096  # tables: the cases of a sweep give each the same few values again and again
 # What other tables, or files, have a say in.
 _NOT_ALONE = {
-    "plate.modes", "sensors.quantity", "controller.law", "controller.law_digest",
-    "controller.latency_trace", "controller.filter_file",
-}  # fmt: skip
+    "plate.modes",
+    "sensors.quantity",
+    "controller.law",
+    "controller.law_digest",
+    "controller.latency_trace",
+    "controller.filter_file",
+}
 
 
 def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, SceneTable] | None:

@@ -92,11 +92,21 @@ def draw_response(path: Path, responses: Responses, found: Pacing) -> None:
     for name, share in SHARES.items():
         at = responses.within_us(share)
         right.plot(at, 1.0 - share, "o", color=pictures.COLOURS[1])
-        right.annotate(f"{name} {time_words(at)}", (at, 1.0 - share), xytext=(4, 4),
-                       textcoords="offset points", fontsize=7)  # fmt: skip
+        right.annotate(
+            f"{name} {time_words(at)}",
+            (at, 1.0 - share),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=7,
+        )
     for ax in (left, right):
-        ax.axvline(clock.slack_us, color="black", linestyle="--", linewidth=0.8,
-                   label=f"{time_words(clock.slack_us)} that the pace leaves")  # fmt: skip
+        ax.axvline(
+            clock.slack_us,
+            color="black",
+            linestyle="--",
+            linewidth=0.8,
+            label=f"{time_words(clock.slack_us)} that the pace leaves",
+        )
         ax.set_xscale("log")
         ax.set_xlabel("from a sample to its answer (us)")
         ax.legend()

@@ -15,8 +15,9 @@ class TuneRequest:
 
     objectives: Sequence[str] = option(
         ("plate_energy_db", "rebound_percent"),
-        "Minimise this figure; repeat for a Pareto front.", name="minimise",
-    )  # fmt: skip
+        "Minimise this figure; repeat for a Pareto front.",
+        name="minimise",
+    )
     span: Span = option("impact", "Evaluate the first impact or the whole run.")
     generations: int = option(25, "Stop after this many generations.", min=1, max=10_000)
     population: int = option(40, "Evaluate this many settings in a generation.", min=4, max=1000)
@@ -34,9 +35,10 @@ class SweepRequest:
     address."""
 
     over: Sequence[str] = option(
-        (), "Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread points; "
+        (),
+        "Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread points; "
         "repeatable.",
-    )  # fmt: skip
+    )
     design: Literal["grid", "lhs", "sobol"] = option(
         "grid", "Run all combinations, or points spread over the ranges."
     )
@@ -51,9 +53,10 @@ class SweepRequest:
         None, "Run every case at this many touch phases; print mean and range.", min=2, max=1000
     )
     uncertain: Path | None = option(
-        None, "Run every case with --cases draws from the distributions in this TOML file, or "
+        None,
+        "Run every case with --cases draws from the distributions in this TOML file, or "
         "in the tables [uncertain] and [fit] of this scene.",
-    )  # fmt: skip
+    )
     dask: str | None = option(
         None, "Use the Dask scheduler at this address, for example tcp://host:8786."
     )
@@ -69,9 +72,11 @@ class BudgetRequest:
     """What to search for the budget of a law, and how finely."""
 
     goals: Sequence[str] = option(
-        (), "Condition that the law must meet at every touch phase, e.g. 'plate_energy_db <= -3'. "
-        "May be given several times. Default: plate_energy_db <= -0.1.", name="goal",
-    )  # fmt: skip
+        (),
+        "Condition that the law must meet at every touch phase, e.g. 'plate_energy_db <= -3'. "
+        "May be given several times. Default: plate_energy_db <= -0.1.",
+        name="goal",
+    )
     quick: bool = option(False, "Search coarsely, with a thin plate as the real one.")
     only: Sequence[str] = option(
         (), "Quantity to search, e.g. latency_us. May be given several times."

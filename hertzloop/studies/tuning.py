@@ -46,9 +46,15 @@ if TYPE_CHECKING:
 
 # Tried where the user names no law.
 LAWS = (
-    "slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out",
-    "force_feedback", "velocity_feedback", "acceleration_feedback",
-)  # fmt: skip
+    "slope_threshold",
+    "least_squares",
+    "shifted_threshold",
+    "predicted",
+    "fade_out",
+    "force_feedback",
+    "velocity_feedback",
+    "acceleration_feedback",
+)
 
 
 @dataclass(frozen=True)
@@ -115,8 +121,10 @@ def _found(data: dict[str, Any]) -> Found:
 
 
 PUBLISHED: dict[str, Any] = {
-    "controller.law": "slope_threshold", "controller.kappa": 0.8, "controller.v_thr_m_s": -0.25,
-}  # fmt: skip
+    "controller.law": "slope_threshold",
+    "controller.kappa": 0.8,
+    "controller.v_thr_m_s": -0.25,
+}
 _BAD = 1e6  # of a case without figures: unstable, or impossible
 
 
@@ -198,8 +206,9 @@ class _Settings(Problem):
         search = self.search
         names, wanted = [*search.objectives, *search.at_most], len(search.objectives)
         cases = [self.settings(p) for p in x]
-        growths = [unstable_loop(self.scenes, case) if search.require_stable else None
-                   for case in cases]  # fmt: skip
+        growths = [
+            unstable_loop(self.scenes, case) if search.require_stable else None for case in cases
+        ]
         stable = [i for i, growth in enumerate(growths) if growth is None]
         worst = np.full((len(cases), len(names)), _BAD)
         if stable:
@@ -222,9 +231,13 @@ def _growth_per_s(growth: Growth | None) -> float:
 
 
 def worst_of(
-    pool: Pool, scenes: list[Setup], span: Span, cases: list[dict[str, Any]], names: list[str],
+    pool: Pool,
+    scenes: list[Setup],
+    span: Span,
+    cases: list[dict[str, Any]],
+    names: list[str],
     phases: int = 1,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Largest figure over the scenes, shape (cases, names), each the mean over so many `phases` of
     the touch, or at the scene's own if that is 1; _BAD where there is none."""
 
@@ -282,9 +295,12 @@ def tune(
     objectives = search.objectives
     algorithm = (DE if len(objectives) == 1 else NSGA2)(pop_size=search.population)
     result = minimize(
-        problem, algorithm, ("n_gen", search.generations), seed=search.seed,
+        problem,
+        algorithm,
+        ("n_gen", search.generations),
+        seed=search.seed,
         callback=lambda algorithm: on_progress(algorithm.n_gen),
-    )  # fmt: skip
+    )
     if result.X is None:
         return []
     points, values = np.atleast_2d(result.X), np.atleast_2d(result.F)
@@ -312,9 +328,13 @@ def best_of(
     for i, (law, axes) in enumerate(searched):
         before = i * search.generations
         found += tune(
-            pool, scenes, law, axes, search,
+            pool,
+            scenes,
+            law,
+            axes,
+            search,
             lambda n, before=before: on_progress(before + n),  # type: ignore[misc]
-        )  # fmt: skip
+        )
     return front(found, search.objectives)
 
 

@@ -330,13 +330,18 @@ def quartic(t, x0, x1, d0, d1, q):
     """Gap and its derivative by t at t in (0, 1): ends, end slopes, excess of the mean."""
     u = 1.0 - t
     gap = (
-        (1.0 + 2.0 * t) * u * u * x0 + t * t * (3.0 - 2.0 * t) * x1
-        + t * u * u * d0 - t * t * u * d1 + 30.0 * t * t * u * u * q
-    )  # fmt: skip
+        (1.0 + 2.0 * t) * u * u * x0
+        + t * t * (3.0 - 2.0 * t) * x1
+        + t * u * u * d0
+        - t * t * u * d1
+        + 30.0 * t * t * u * u * q
+    )
     slope = (
-        6.0 * t * u * (x1 - x0) + u * (1.0 - 3.0 * t) * d0 + t * (3.0 * t - 2.0) * d1
+        6.0 * t * u * (x1 - x0)
+        + u * (1.0 - 3.0 * t) * d0
+        + t * (3.0 * t - 2.0) * d1
         + 60.0 * t * u * (u - t) * q
-    )  # fmt: skip
+    )
     return gap, slope
 
 
@@ -370,9 +375,7 @@ def touching_part(x0, x1, d0, d1, q):
             if gap < lowest:
                 lowest, at = gap, i / 16.0
         if at > 0.0:
-            return (
-                crossing(at, 0.0, x0, x1, d0, d1, q), crossing(at, 1.0, x0, x1, d0, d1, q)
-            )  # fmt: skip
+            return (crossing(at, 0.0, x0, x1, d0, d1, q), crossing(at, 1.0, x0, x1, d0, d1, q))
     return 0.0, 0.0
 
 
@@ -398,11 +401,18 @@ def added(sums, w, t, force, damping, slope, by_gap, by_slope):
     by_s = by_gap * t * u * u + by_slope * u * (1.0 - 3.0 * t) - by_q / 12.0
     p = 3.0 * (2.0 * t - 1.0)
     return (
-        f0 + w * force, f1 + w * p * force, lost - w * damping * slope,
-        f0_x + w * by_x, f0_d + w * by_d, f0_m + w * by_q,
-        f1_x + w * p * by_x, f1_d + w * p * by_d, f1_m + w * p * by_q,
-        f0_s + w * by_s, f1_s + w * p * by_s,
-    )  # fmt: skip
+        f0 + w * force,
+        f1 + w * p * force,
+        lost - w * damping * slope,
+        f0_x + w * by_x,
+        f0_d + w * by_d,
+        f0_m + w * by_q,
+        f1_x + w * p * by_x,
+        f1_d + w * p * by_d,
+        f1_m + w * p * by_q,
+        f0_s + w * by_s,
+        f1_s + w * p * by_s,
+    )
 
 
 @overload(added, inline="always", jit_options={"_nrt": False})
@@ -494,10 +504,13 @@ def _solve_inside(contact, x0, d0, free_x, free_d, free_mean, guess0, guess1):
         lowest = min(x0, free_x + g[X0] * f0 + g[X1] * f1)
         for i in range(NODES):
             gap = (
-                BY_X0[i] * x0 + BY_X1[i] * free_x
-                + BY_D0[i] * d0 + BY_D1[i] * free_d
-                + BY_MEAN[i] * free_mean + (g[NODE0 + i] * f0 + g[NODE1 + i] * f1)
-            )  # fmt: skip
+                BY_X0[i] * x0
+                + BY_X1[i] * free_x
+                + BY_D0[i] * d0
+                + BY_D1[i] * free_d
+                + BY_MEAN[i] * free_mean
+                + (g[NODE0 + i] * f0 + g[NODE1 + i] * f1)
+            )
             highest = max(highest, gap)
             lowest = min(lowest, gap)
             y = math.sqrt(abs(gap))

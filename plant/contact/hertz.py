@@ -199,6 +199,8 @@ def rigid_impact(sphere: Sphere, contact: Contact) -> RigidImpact:
     given = sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s, contact.exponent
     deepest = rigid_penetration_m(*given)
     return RigidImpact(
-        rigid_contact_time_s(*given), deepest, rigid_peak_force_n(*given),
+        rigid_contact_time_s(*given),
+        deepest,
+        rigid_peak_force_n(*given),
         math.sqrt(deepest) if contact.power is None else deepest ** (contact.exponent - 1.0),
-    )  # fmt: skip
+    )

@@ -325,9 +325,16 @@ def _solve(law, contact, body, x0, d0, free_x, free_d, free_mean, before, guess0
     damped = contact.viscous_n_s_m != 0.0 or contact.hunt_crossley_s_m != 0.0
     if not on_line:
         f0, f1, lost, evaluations, root = elastic.solve_contact(
-            elastic.contact_of(contact, body[CURVE]), x0 + dent, d0, free_x + dent, free_d,
-            free_mean + dent, before, guess0, guess1,
-        )  # fmt: skip
+            elastic.contact_of(contact, body[CURVE]),
+            x0 + dent,
+            d0,
+            free_x + dent,
+            free_d,
+            free_mean + dent,
+            before,
+            guess0,
+            guess1,
+        )
         x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
         d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
         lowest = min(x0, x1)

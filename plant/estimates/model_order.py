@@ -129,9 +129,14 @@ def held_error(
 
 
 def jump_error(
-    sphere: Sphere, plate: Structure, contact: Contact, frequency_limit_hz: float, force_n: float,
-    *, damped: bool,
-) -> float:  # fmt: skip
+    sphere: Sphere,
+    plate: Structure,
+    contact: Contact,
+    frequency_limit_hz: float,
+    force_n: float,
+    *,
+    damped: bool,
+) -> float:
     """Estimated error of gap or plate energy, relative, from an actuator's force that is switched
     on and off at `force_n`, from leaving out all modes above a limit."""
     rigid = rigid_impact(sphere, contact)

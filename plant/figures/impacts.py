@@ -81,10 +81,21 @@ def step_work_j(
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
     rows_kernels.plate_work(
-        xi_p, xi_a, v_p, f_c, f_a, f_c1, unknown if f_a1 is None else f_a1, 0, same_point,
-        mobility_m_ns, math.nan if impedance_n_s_m is None else impedance_n_s_m, step_s,
-        np.empty(len(v_p)), work,
-    )  # fmt: skip
+        xi_p,
+        xi_a,
+        v_p,
+        f_c,
+        f_a,
+        f_c1,
+        unknown if f_a1 is None else f_a1,
+        0,
+        same_point,
+        mobility_m_ns,
+        math.nan if impedance_n_s_m is None else impedance_n_s_m,
+        step_s,
+        np.empty(len(v_p)),
+        work,
+    )
     return work
 
 
@@ -127,16 +138,37 @@ def impacts(
     speeds = np.zeros(len(xi)) if v_p is None else v_p
     at_actuator = xi_p if xi_a is None else xi_a
     work = step_work_j(
-        xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
+        xi_p,
+        f_c,
+        f_a,
+        at_actuator,
+        slope,
+        v_p,
+        step_s,
+        impedance_n_s_m,
+        f_a1,
+        xi_a is None,
         mobility_m_ns,
-    )  # fmt: skip
+    )
     dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(FIGURES), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
         if rows_kernels.contact_figures(
-            xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, gravity_m_s2,
-            step_s, TO_CUBIC, figures,
-        ):  # fmt: skip
+            xi,
+            xi_s,
+            f_c,
+            slope,
+            speeds,
+            dents,
+            first_step,
+            start,
+            end,
+            mass_kg,
+            gravity_m_s2,
+            step_s,
+            TO_CUBIC,
+            figures,
+        ):
             until = starts[i + 1] if i + 1 < len(starts) else len(xi)
             found.append(impact_of(figures, step_s, float(work[start:until].sum())))
     return found
@@ -202,19 +234,40 @@ class ImpactPart(NamedTuple):
 
 
 def part_of(
-    spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
-    continued: bool = False, first_step: int = 0,
-) -> ImpactPart:  # fmt: skip
+    spec: PlantSpec,
+    modes: Oscillators,
+    rows: np.ndarray,
+    lead: int,
+    count: int,
+    continued: bool = False,
+    first_step: int = 0,
+) -> ImpactPart:
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
     figures, drive = np.empty(FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
     known, start, until, touching, speed_max = rows_kernels.read_impact(
-        xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
-        modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
-        _reading(spec, modes), figures, work, speeds, drive,
-    )  # fmt: skip
+        xi,
+        xi_s,
+        v_p,
+        f_c,
+        f_a,
+        xi_a,
+        f_c1,
+        f_a1,
+        lead,
+        count,
+        continued,
+        modal_displacement(spec, rows),
+        work[:0] if dents is None else dents,
+        first_step,
+        _reading(spec, modes),
+        figures,
+        work,
+        speeds,
+        drive,
+    )
     return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
 
 
@@ -260,18 +313,40 @@ def impacts_in(spec: PlantSpec, rows: np.ndarray) -> list[Impact]:
     the next one or the end of the rows."""
     mobility, impedance = _answers_at_once(spec)
     return impacts(
-        rows[XI], rows[XI_S], modal_displacement(spec, rows), rows[F_C], rows[F_A],
-        None if spec.same_point else rows[XI_A], spec.sphere.mass_kg, spec.step_s, rows[F_C1],
-        rows[V_P], impedance, f_a1=rows[F_A1], dent_m=dents_m(spec.contact, rows[DEEPEST]),
-        mobility_m_ns=mobility, gravity_m_s2=spec.sphere.gravity_m_s2,
-    )  # fmt: skip
+        rows[XI],
+        rows[XI_S],
+        modal_displacement(spec, rows),
+        rows[F_C],
+        rows[F_A],
+        None if spec.same_point else rows[XI_A],
+        spec.sphere.mass_kg,
+        spec.step_s,
+        rows[F_C1],
+        rows[V_P],
+        impedance,
+        f_a1=rows[F_A1],
+        dent_m=dents_m(spec.contact, rows[DEEPEST]),
+        mobility_m_ns=mobility,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
+    )
 
 
 def work_j(spec: PlantSpec, rows: np.ndarray, first: int) -> float:
     """Work of both forces on the plate over rows (10, steps) from `first` on, J."""
     work, speeds = np.empty((2, rows.shape[1]))
     rows_kernels.plate_work(
-        modal_displacement(spec, rows), rows[XI_A], rows[V_P], rows[F_C], rows[F_A], rows[F_C1],
-        rows[F_A1], first, spec.same_point, *_answers_at_once(spec), spec.step_s, speeds, work,
-    )  # fmt: skip
+        modal_displacement(spec, rows),
+        rows[XI_A],
+        rows[V_P],
+        rows[F_C],
+        rows[F_A],
+        rows[F_C1],
+        rows[F_A1],
+        first,
+        spec.same_point,
+        *_answers_at_once(spec),
+        spec.step_s,
+        speeds,
+        work,
+    )
     return float(work[first:].sum())

@@ -169,8 +169,9 @@ def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarr
     # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
     small = np.abs(half) < 1e-2
     a = np.where(small, 1.0, half)
-    odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
-                   (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
+    odd = np.where(
+        small, half / 3.0 * (1.0 - half * half / 10.0), (np.sin(a) - a * np.cos(a)) / (a * a)
+    )
     tilted = -1j * odd * np.exp(-1j * half) * step_s
     powers = np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * omega)
     return np.stack([powers.real, powers.imag]), held, tilted
@@ -219,9 +220,14 @@ def modal_drive(
     """
     driven, none = np.zeros(len(modes.omega), complex), np.zeros(0)
     rows_kernels.drive(
-        contact_n, none if slope_n is None else slope_n, 1.0, actuator_n,
-        none if actuator_slope_n is None else actuator_slope_n, spectra_of(modes, step_s), driven,
-    )  # fmt: skip
+        contact_n,
+        none if slope_n is None else slope_n,
+        1.0,
+        actuator_n,
+        none if actuator_slope_n is None else actuator_slope_n,
+        spectra_of(modes, step_s),
+        driven,
+    )
     return turned(modes, driven, first_step * step_s)
 
 
@@ -245,9 +251,12 @@ def audible_alone(modes: Oscillators) -> Oscillators:
     count = audible(modes)
     eta = modes.eta[:count] if isinstance(modes.eta, np.ndarray) else modes.eta
     return replace(
-        modes, omega=modes.omega[:count], contact=modes.contact[:count],
-        actuator=modes.actuator[:count], eta=eta,
-    )  # fmt: skip
+        modes,
+        omega=modes.omega[:count],
+        contact=modes.contact[:count],
+        actuator=modes.actuator[:count],
+        eta=eta,
+    )
 
 
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:

@@ -135,9 +135,21 @@ def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance,
 
 @kernel
 def plate_work(
-    displaced, xi_a, v_p, f_c, f_a, f_c1, f_a1, first, same_point, mobility, impedance, step_s,
-    speeds, work,
-):  # fmt: skip
+    displaced,
+    xi_a,
+    v_p,
+    f_c,
+    f_a,
+    f_c1,
+    f_a1,
+    first,
+    same_point,
+    mobility,
+    impedance,
+    step_s,
+    speeds,
+    work,
+):
     """The `work` of every row from `first` on, as `step_work` has it; `speeds` is room. `mobility`,
     `impedance`: see `Reading`."""
     if not math.isnan(mobility):
@@ -148,9 +160,19 @@ def plate_work(
     part = slice(first, work.size)
     place = displaced[part] if same_point else xi_a[part]
     step_work(
-        displaced[part], f_c[part], f_a[part], place, f_c1[part], f_a1[part], v_p[part],
-        speeds[part], step_s, impedance, same_point, work[part],
-    )  # fmt: skip
+        displaced[part],
+        f_c[part],
+        f_a[part],
+        place,
+        f_c1[part],
+        f_a1[part],
+        v_p[part],
+        speeds[part],
+        step_s,
+        impedance,
+        same_point,
+        work[part],
+    )
 
 
 @kernel
@@ -261,10 +283,15 @@ def peak_force(mean, slope, to_cubic):
     most = -math.inf
     for i in range(max(at - 1, 1), min(at, mean.size - 3) + 1):
         m0, s0, m1, s1 = mean[i], slope[i], mean[i + 1], slope[i + 1]
-        most = max(most, _largest(
-            _of_two(to_cubic, 0, m0, s0, m1, s1), _of_two(to_cubic, 1, m0, s0, m1, s1),
-            _of_two(to_cubic, 2, m0, s0, m1, s1), _of_two(to_cubic, 3, m0, s0, m1, s1),
-        ))  # fmt: skip
+        most = max(
+            most,
+            _largest(
+                _of_two(to_cubic, 0, m0, s0, m1, s1),
+                _of_two(to_cubic, 1, m0, s0, m1, s1),
+                _of_two(to_cubic, 2, m0, s0, m1, s1),
+                _of_two(to_cubic, 3, m0, s0, m1, s1),
+            ),
+        )
     return most if most > -math.inf else top
 
 
@@ -304,9 +331,21 @@ def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
 
 @kernel
 def contact_figures(
-    xi, xi_s, f_c, f_c1, v_p, dents, first_step, start, end, mass, gravity, step_s, to_cubic,
+    xi,
+    xi_s,
+    f_c,
+    f_c1,
+    v_p,
+    dents,
+    first_step,
+    start,
+    end,
+    mass,
+    gravity,
+    step_s,
+    to_cubic,
     figures,
-):  # fmt: skip
+):
     """Figures of the contact from row `start` to before `end`, which is -1 of one without an end;
     returns whether it has any. `dents` may be empty. See plant.figures.impacts.impacts."""
     last, ends = xi.size - 1, end >= 0
@@ -429,9 +468,26 @@ class Reading(NamedTuple):
 
 @kernel(allocates=True)
 def read_impact(
-    xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued, displaced, dents, first_step,
-    by, figures, work, speeds, found,
-):  # fmt: skip
+    xi,
+    xi_s,
+    v_p,
+    f_c,
+    f_a,
+    xi_a,
+    f_c1,
+    f_a1,
+    lead,
+    count,
+    continued,
+    displaced,
+    dents,
+    first_step,
+    by,
+    figures,
+    work,
+    speeds,
+    found,
+):
     """Read `count` rows of an impact, those after the first `lead`; some more may follow.
 
     Writes the `contact_figures` of the first contact, or of its part where it is `continued`, the
@@ -443,9 +499,21 @@ def read_impact(
     size, own = xi.size, slice(lead, lead + count)
     part = slice(lead if continued else 0, size)
     plate_work(
-        displaced, xi_a, v_p, f_c, f_a, f_c1, f_a1, part.start, by.same_point, by.mobility,
-        by.impedance, by.step_s, speeds, work,
-    )  # fmt: skip
+        displaced,
+        xi_a,
+        v_p,
+        f_c,
+        f_a,
+        f_c1,
+        f_a1,
+        part.start,
+        by.same_point,
+        by.mobility,
+        by.impedance,
+        by.step_s,
+        speeds,
+        work,
+    )
     start = part.start
     while start < size and f_c[start] == 0.0:
         start += 1
@@ -455,11 +523,26 @@ def read_impact(
     until = end
     while until < size and f_c[until] == 0.0:
         until += 1
-    known = start < size and size - part.start > 2 and contact_figures(
-        xi[part], xi_s[part], f_c[part], f_c1[part], v_p[part], dents[part], first_step,
-        start - part.start, end - part.start if end < size else -1, by.mass_kg, by.gravity_m_s2,
-        by.step_s, by.to_cubic, figures,
-    )  # fmt: skip
+    known = (
+        start < size
+        and size - part.start > 2
+        and contact_figures(
+            xi[part],
+            xi_s[part],
+            f_c[part],
+            f_c1[part],
+            v_p[part],
+            dents[part],
+            first_step,
+            start - part.start,
+            end - part.start if end < size else -1,
+            by.mass_kg,
+            by.gravity_m_s2,
+            by.step_s,
+            by.to_cubic,
+            figures,
+        )
+    )
     touching = 0
     while touching < count and f_c[lead + touching] != 0.0:
         touching += 1

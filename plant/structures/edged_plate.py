@@ -208,10 +208,12 @@ def low_modes(edges: str, size_m: tuple[float, float], of: Bending) -> LowModes:
         blocks.append(_Block(x, y, np.sqrt(values), vectors))
         fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
         coarse.append(np.sqrt(_solved(bases, *fewer, of, shift)[0]))
-    before = np.concatenate([
-        np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
-        for fewer, block in zip(coarse, blocks, strict=True)
-    ])  # fmt: skip
+    before = np.concatenate(
+        [
+            np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
+            for fewer, block in zip(coarse, blocks, strict=True)
+        ]
+    )
     return _in_order(bases, blocks, before, shift)
 
 
@@ -455,8 +457,9 @@ def _phase(edge: str, k: np.ndarray, t2: np.ndarray, of: Bending) -> tuple[np.nd
     return phase, a * np.sin(phase) / b
 
 
-def _numbers(count: np.ndarray, edges: str, length: float, k: np.ndarray, t2: np.ndarray,
-             of: Bending) -> np.ndarray:  # fmt: skip
+def _numbers(
+    count: np.ndarray, edges: str, length: float, k: np.ndarray, t2: np.ndarray, of: Bending
+) -> np.ndarray:
     """The next estimate of the wave number of mode `count` between two edges."""
     turned = _phase(edges[0], k, t2, of)[0] + _phase(edges[1], k, t2, of)[0]
     return np.asarray((count * np.pi - turned) / length)
@@ -556,8 +559,9 @@ def _left(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> l
     and nearly so around."""
     pairs = zip(
         _labelled(edges, size_m, isotropic(nu), k_max),
-        _by_nodes(*_nodes(edges, size_m, k_max), nu), strict=True,
-    )  # fmt: skip
+        _by_nodes(*_nodes(edges, size_m, k_max), nu),
+        strict=True,
+    )
     return [_summed(list(pair), np.array([1.0, -1.0])) for pair in pairs]
 
 
@@ -658,9 +662,12 @@ class EdgedPlate(SizedPlate):
             count = int(np.searchsorted(omega, self._speed * self._most(omega_max), side="right"))
             omega, shapes = omega[:count], shapes[:count]
         return Modes(
-            omega, self.plate.eta, self.plate.modal_scale_per_kg,
-            shapes[:, 0], shapes[:, -1],
-        )  # fmt: skip
+            omega,
+            self.plate.eta,
+            self.plate.modal_scale_per_kg,
+            shapes[:, 0],
+            shapes[:, -1],
+        )
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N: mode by mode up to _TAIL times

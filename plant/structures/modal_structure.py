@@ -106,9 +106,13 @@ class ModalStructure(Structure):
         one_eta = bool(len(eta)) and bool(np.all(eta == eta[0]))
         largest = max(np.abs(contact).max(initial=0.0), np.abs(actuator).max(initial=0.0))
         return Modes(
-            omega, float(eta[0]) if one_eta else eta, scale, contact, actuator,
+            omega,
+            float(eta[0]) if one_eta else eta,
+            scale,
+            contact,
+            actuator,
             NO_PARTICIPATION * float(largest),
-        )  # fmt: skip
+        )
 
     def sensor_at(
         self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
@@ -129,9 +133,11 @@ class ModalStructure(Structure):
 
     def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
         """Shapes at the sensor; the file says where it is, not the points."""
-        seen = self.mode_table.shape_contact if self.mode_table.shape_sensor is None else (
-            self.mode_table.shape_sensor
-        )  # fmt: skip
+        seen = (
+            self.mode_table.shape_contact
+            if self.mode_table.shape_sensor is None
+            else (self.mode_table.shape_sensor)
+        )
         below = self.mode_table.omega_rad_s <= omega_max
         per_mass = self.mode_table.per_modal_mass_1_kg[below]
         if len(per_mass) and np.all(per_mass == per_mass[0]):
@@ -164,6 +170,9 @@ def made(description: Description) -> ModalStructure:
     if description.thickness_m is not None:
         local = Plate(description.material, (1.0, 1.0), description.thickness_m)  # modes have sizes
     return ModalStructure(
-        name, read_modes(name, content), description.material, local,
+        name,
+        read_modes(name, content),
+        description.material,
+        local,
         description.residual_flexibility_m_n,
-    )  # fmt: skip
+    )

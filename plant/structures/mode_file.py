@@ -163,10 +163,15 @@ def _checked(name: str, found: Mapping[str, np.ndarray]) -> ModeTable:
     if RESIDUAL in found:
         residual = float(_column(name, RESIDUAL, np.atleast_1d(found[RESIDUAL]))[0])
     return ModeTable(
-        omega, columns["loss_factor"], per_mass, contact,
-        columns.get("shape_actuator", contact), residual, _grid(name, found, count),
+        omega,
+        columns["loss_factor"],
+        per_mass,
+        contact,
+        columns.get("shape_actuator", contact),
+        residual,
+        _grid(name, found, count),
         columns.get("shape_sensor"),
-    )  # fmt: skip
+    )
 
 
 def _needed(name: str, found: Mapping[str, np.ndarray]) -> None:

@@ -78,8 +78,10 @@ class Plate(ModeSource):
             orthotropic=material.orthotropic,
             mass_per_area_kg_m2=area,
             modal_scale_per_kg=4.0 / (area * self.size_m[0] * self.size_m[1]),
-            local_plate=self, simply_supported=itself, separable=itself,
-        )  # fmt: skip
+            local_plate=self,
+            simply_supported=itself,
+            separable=itself,
+        )
         nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
         if not material.orthotropic:
             bending = material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
@@ -206,9 +208,17 @@ class Plate(ModeSource):
         omega, terms = np.empty(most), np.empty(most)
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
         count = rising.flexibilities(
-            along_x, along_y, _sines(len(along_x), x), _sines(len(along_y), y), speed,
-            omega_max, beyond, *_room(along_x, along_y), omega, terms,
-        )  # fmt: skip
+            along_x,
+            along_y,
+            _sines(len(along_x), x),
+            _sines(len(along_y), y),
+            speed,
+            omega_max,
+            beyond,
+            *_room(along_x, along_y),
+            omega,
+            terms,
+        )
         return tail + self.modal_scale_per_kg * float(np.sum(terms[:count]))
 
 

@@ -53,7 +53,7 @@ def top(above, up_to, piece, slices):
 @kernel
 def flexibilities(
     along_x, along_y, sin_x, sin_y, speed, above, up_to, slices, nexts, starts, omega, terms
-):  # fmt: skip
+):
     """(phi/w)^2 of all modes above a frequency and up to another, phi the product of both sines;
     how many there are. `omega` is room for one slice after the other."""
     skip(along_x, along_y, speed, above, nexts)

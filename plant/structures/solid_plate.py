@@ -102,9 +102,10 @@ class Branches:
                 [[self.x[0]], branch.solve(omega_c, extrapolate=False), [LONGEST]]
             )
             parts += [
-                (b, float(start), float(end)) for start, end in pairwise(ends)
+                (b, float(start), float(end))
+                for start, end in pairwise(ends)
                 if branch(0.5 * (start + end)) >= omega_c
-            ]  # fmt: skip
+            ]
         static, inertia = (
             (rest + sum(self._integral(n, *part) for part in parts)) / (2.0 * math.pi)
             for n, rest in zip((2, 4), self.rest, strict=True)
@@ -324,8 +325,11 @@ class SolidPlate(SizedPlate):
         order = np.argsort(omega[branch, mode], kind="stable")
         branch, mode = branch[order], mode[order]
         return (
-            m[mode], n[mode], omega[branch, mode] * self.unit_rad_s, np.sqrt(weight[branch, mode])
-        )  # fmt: skip
+            m[mode],
+            n[mode],
+            omega[branch, mode] * self.unit_rad_s,
+            np.sqrt(weight[branch, mode]),
+        )
 
 
 def made(description: Description) -> SolidPlate:

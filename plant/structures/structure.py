@@ -121,7 +121,7 @@ def oscillator_shapes(
     actuator_m: Point,
     omega_max: float,
     of_modes: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
     modes = structure.modes(omega_max, contact_m, actuator_m)
     return grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)

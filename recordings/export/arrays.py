@@ -51,8 +51,10 @@ def _write_array(
     is_time = name == "time_ns"
     dtype = np.dtype("<i8") if is_time else samples.dtype(stream, name)
     header = {
-        "descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (count,)
-    }  # fmt: skip
+        "descr": np.lib.format.dtype_to_descr(dtype),
+        "fortran_order": False,
+        "shape": (count,),
+    }
     with archive.open(f"{stream}/{name}.npy", "w", force_zip64=True) as entry:
         np.lib.format.write_array_header_2_0(entry, header)
         for steps, arrays in samples.pieces(stream):
@@ -75,9 +77,15 @@ def write_hdf5(samples: Samples, path: Path) -> None:
             for stream, name, (unit, meaning) in _columns(samples):
                 dtype = np.dtype("<i8") if name == "time_ns" else samples.dtype(stream, name)
                 made = file.create_dataset(
-                    f"{stream}/{name}", (0,), dtype, maxshape=(None,), chunks=(1 << 14,),
-                    compression="gzip", compression_opts=1, shuffle=True,
-                )  # fmt: skip
+                    f"{stream}/{name}",
+                    (0,),
+                    dtype,
+                    maxshape=(None,),
+                    chunks=(1 << 14,),
+                    compression="gzip",
+                    compression_opts=1,
+                    shuffle=True,
+                )
                 made.attrs["units"], made.attrs["long_name"] = unit, meaning
                 datasets[f"{stream}/{name}"] = made
             for window in samples.windows():

@@ -12,9 +12,12 @@ from hertzloop.recordings.export.tables import columns_file, write_columns, writ
 from hertzloop.recordings.writer import RecordingError
 
 FORMATS: dict[str, Callable[[Samples, Path], None]] = {
-    ".mcap": write_mcap, ".parquet": write_parquet, ".csv": write_csv, ".npz": write_npz,
+    ".mcap": write_mcap,
+    ".parquet": write_parquet,
+    ".csv": write_csv,
+    ".npz": write_npz,
     ".h5": write_hdf5,
-}  # fmt: skip
+}
 
 
 def outputs(path: Path) -> list[Path]:

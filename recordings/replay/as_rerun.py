@@ -17,19 +17,29 @@ from hertzloop.recordings.replay.scene3d import times, with_unit
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
 _LINE_COLOURS = {
-    "xi": (96, 165, 250), "F_c": (248, 113, 113), "F_a": (74, 222, 128),
-    "v_p": (192, 132, 252), "measured": (250, 204, 21), "sphere": (96, 165, 250),
-    "plate": (192, 132, 252), "contact": (248, 113, 113), "fed": (74, 222, 128),
+    "xi": (96, 165, 250),
+    "F_c": (248, 113, 113),
+    "F_a": (74, 222, 128),
+    "v_p": (192, 132, 252),
+    "measured": (250, 204, 21),
+    "sphere": (96, 165, 250),
+    "plate": (192, 132, 252),
+    "contact": (248, 113, 113),
+    "fed": (74, 222, 128),
     "held": (251, 146, 60),
-}  # fmt: skip
+}
 _FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
 _EXACT_SHARE = 5e-4  # error of a curve at the cursor, of its axis: below one pixel
 _MOST_LISTED = 2000  # contacts
 _LINE = 66  # characters of an event that the dashboard shows
 _STATE_COLOURS = {
-    "apart": 0x3A4150FF, "in contact": 0xFFB020FF, "off": 0x3A4150FF, "idle": 0x3A4150FF,
-    "watching": 0x3B82F6FF, "acting": 0x22A05AFF,
-}  # fmt: skip
+    "apart": 0x3A4150FF,
+    "in contact": 0xFFB020FF,
+    "off": 0x3A4150FF,
+    "idle": 0x3A4150FF,
+    "watching": 0x3B82F6FF,
+    "acting": 0x22A05AFF,
+}
 
 
 def save(replay: ReplayData, path: Path, still: bool = False) -> None:
@@ -44,10 +54,17 @@ def save(replay: ReplayData, path: Path, still: bool = False) -> None:
     stream = rr.RecordingStream(name, recording_id=run_id)
     # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
     memory = stream.memory_recording()
-    stream.send_blueprint(blueprint.dashboard(
-        replay.plots, replay.when, replay.deflection, _surface_title(replay),
-        has_contacts=bool(replay.contacts), has_spectrum=bool(replay.labels.spectra), still=still,
-    ))  # fmt: skip
+    stream.send_blueprint(
+        blueprint.dashboard(
+            replay.plots,
+            replay.when,
+            replay.deflection,
+            _surface_title(replay),
+            has_contacts=bool(replay.contacts),
+            has_spectrum=bool(replay.labels.spectra),
+            still=still,
+        )
+    )
     fill(stream, replay, still)
     write_whole(path, memory.drain_as_bytes())
 

@@ -19,9 +19,15 @@ _ZOOM_TO_OVERVIEW = [1.25, 1.0]
 
 
 def dashboard(
-    plots: Sequence[Plot], when: Moments, plate: Deflection, title: str, *, has_contacts: bool,
-    has_spectrum: bool, still: bool = False,
-) -> rrb.Blueprint:  # fmt: skip
+    plots: Sequence[Plot],
+    when: Moments,
+    plate: Deflection,
+    title: str,
+    *,
+    has_contacts: bool,
+    has_spectrum: bool,
+    still: bool = False,
+) -> rrb.Blueprint:
     """The one blueprint of a replay, with the `title` of the plate. Pressing play shows
     `when.selection_ns`; zoom plots follow the cursor. A `still` picture goes without the menu."""
     first, last = when.selection_ns

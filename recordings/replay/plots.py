@@ -11,16 +11,20 @@ from hertzloop.recordings.replay.decimation import Decimator, Line, full_rate_sp
 
 # Of truth: plot, curve, field, factor, held from one step to the next.
 SIGNALS = (
-    ("gap", "xi", "xi_m", 1e6, False), ("force", "F_c", "f_c_n", 1.0, True),
-    ("force", "F_a", "f_a_n", 1.0, True), ("velocity", "v_p", "v_p_m_s", 1.0, False),
-)  # fmt: skip
+    ("gap", "xi", "xi_m", 1e6, False),
+    ("force", "F_c", "f_c_n", 1.0, True),
+    ("force", "F_a", "f_a_n", 1.0, True),
+    ("velocity", "v_p", "v_p_m_s", 1.0, False),
+)
 
 
 TITLES = {
-    "gap": "Gap xi (µm)", "force": "Contact F_c, actuator F_a (N)",
-    "velocity": "Plate velocity v_p (m/s)", "acceleration": "Plate acceleration (m/s²)",
+    "gap": "Gap xi (µm)",
+    "force": "Contact F_c, actuator F_a (N)",
+    "velocity": "Plate velocity v_p (m/s)",
+    "acceleration": "Plate acceleration (m/s²)",
     "late": "Force too old (steps)",
-}  # fmt: skip
+}
 # Of a paced run, too: by how much the force that acted was too old.
 LATE = ("late", "held", "held_steps", 1.0, True)
 
@@ -97,9 +101,10 @@ def plots(
         times = recording.truth.step_at(line.at) * recording.truth.step_ns
         curves[plot].append(curve_of(name, line, times, factor, held, name + own))
     plot, factor = {
-        "v_p": ("velocity", 1.0), "acceleration": ("acceleration", 1.0),
+        "v_p": ("velocity", 1.0),
+        "acceleration": ("acceleration", 1.0),
         "contact_force": ("force", 1.0),
-    }.get(recording.scene_value("sensors", "quantity", "xi"), ("gap", 1e6))  # fmt: skip
+    }.get(recording.scene_value("sensors", "quantity", "xi"), ("gap", 1e6))
     if recording.daq.samples:
         line = _measured(recording, spans)
         times = recording.daq.step_at(line.at) * recording.daq.step_ns
@@ -108,9 +113,14 @@ def plots(
 
 
 def curve_of(
-    name: str, line: Line, time_ns: np.ndarray, factor: float = 1.0, held: bool = False,
-    label: str = "", faint: bool = False,
-) -> PlotCurve:  # fmt: skip
+    name: str,
+    line: Line,
+    time_ns: np.ndarray,
+    factor: float = 1.0,
+    held: bool = False,
+    label: str = "",
+    faint: bool = False,
+) -> PlotCurve:
     """Return a decimated signal as a curve, in the plot's unit."""
     values = line.values if factor == 1.0 else factor * line.values
     return PlotCurve(name, time_ns, values, held, label, faint, line.overview)

@@ -303,9 +303,10 @@ def _send_head(
     parts = (("head", _HEAD, _STEEL, tips + up), ("handle", _HANDLE, _WOOD, tips + up + along))
     for name, sizes, colour, centres in parts:
         shape = rr.Boxes3D.from_fields(
-            half_sizes=[tuple(radius_m * size for size in sizes)], colors=[colour],
+            half_sizes=[tuple(radius_m * size for size in sizes)],
+            colors=[colour],
             fill_mode="solid",
-        )  # fmt: skip
+        )
         stream.log(f"scene/hammer/{name}", shape, static=True)
         columns = rr.Boxes3D.columns(centers=centres)
         stream.send_columns(f"scene/hammer/{name}", [times(deflection.times_ns)], columns)

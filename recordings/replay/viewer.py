@@ -128,9 +128,11 @@ def loaded(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
 # Field of a block, entity, factor: the plots of a live view.
 _CURVES = (
-    ("xi_m", "live/gap/xi", 1e6), ("f_c_n", "live/force/F_c", 1.0),
-    ("f_a_n", "live/force/F_a", 1.0), ("v_p_m_s", "live/velocity/v_p", 1.0),
-)  # fmt: skip
+    ("xi_m", "live/gap/xi", 1e6),
+    ("f_c_n", "live/force/F_c", 1.0),
+    ("f_a_n", "live/force/F_a", 1.0),
+    ("v_p_m_s", "live/velocity/v_p", 1.0),
+)
 _PIECES = 4  # of a block at least, each with its minimum and maximum
 _PIECE_STEPS = 250  # at most
 

@@ -36,9 +36,13 @@ _QUICK_WITHOUT = ("plate.theory", "run.accuracy")
 # At an accuracy of 1e-3 a solid's modes end at 244 kHz, and velocity fed back 3, 7 or 11 us late
 # excites that end: an instability that modes up to half the sampling frequency do not show.
 REAL: dict[str, Any] = {
-    "run.accuracy": 1e-4, "contact.plasticity": "thornton", "plate.theory": "3d",
-    "actuator.bandwidth_hz": 300e3, "actuator.damping": 0.7, "sensors.bits": 16,
-}  # fmt: skip
+    "run.accuracy": 1e-4,
+    "contact.plasticity": "thornton",
+    "plate.theory": "3d",
+    "actuator.bandwidth_hz": 300e3,
+    "actuator.damping": 0.7,
+    "sensors.bits": 16,
+}
 NOISE = 1e-4  # rms, of the converter's range, in the real plant
 
 
@@ -207,9 +211,16 @@ def budget(
         real = of_plant(changed, 1 + both, left_out)
     on_progress(1.0)
     return Budget(
-        setup.name, setup.law_reference, span, tuple(goals), ideal, real, other, other_db,
+        setup.name,
+        setup.law_reference,
+        span,
+        tuple(goals),
+        ideal,
+        real,
+        other,
+        other_db,
         counted[0] + 1,
-    )  # fmt: skip
+    )
 
 
 def nominal_of(
@@ -255,8 +266,9 @@ def as_data(found: Budget) -> dict[str, Any]:
         "law": found.law,
         "span": found.span,
         "goal": " and ".join(map(str, found.goals)),
-        "goals": [{"figure": g.figure, "relation": g.relation, "limit": g.limit}
-                  for g in found.goals],
+        "goals": [
+            {"figure": g.figure, "relation": g.relation, "limit": g.limit} for g in found.goals
+        ],
         "met": found.ideal.nominal.met,
         "missed": list(found.ideal.nominal.missed),
         "nominal": found.ideal.nominal.figures,
@@ -265,7 +277,8 @@ def as_data(found: Budget) -> dict[str, Any]:
         "binds_first": found.ideal.binds_first,
         "other_span_db": found.other_db,
         "other_span": {limit.quantity: _limit(limit) for limit in found.other.limits}
-        if found.other else None,
+        if found.other
+        else None,
         "real_plant": {limit.quantity: _limit(limit) for limit in real.limits} if real else None,
         "real_plant_met": real.nominal.met if real else None,
         "real_plant_nominal": real.nominal.figures if real else None,
@@ -278,7 +291,7 @@ def as_data(found: Budget) -> dict[str, Any]:
         "unstable": found.ideal.unstable,
         "probability": None,
         "cases": found.cases,
-    }  # fmt: skip
+    }
 
 
 def _spreads(nominal: Baseline) -> dict[str, dict[str, float]]:

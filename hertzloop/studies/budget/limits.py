@@ -177,29 +177,79 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
     line, sensors, actuator = scene.controller, scene.sensors, scene.actuator
     own_hz = actuator.bandwidth_hz
     return [
-        BudgetQuantity("latency_us", "controller.latency_us", "us", times,
-                 "the latency is as long as the contact", usual,
-                 _place(times, line.latency_us), finer=2),
-        BudgetQuantity("jitter_us", "controller.jitter_us", "us", times,
-                 "the jitter is as long as the contact", usual,
-                 _place(times, line.jitter_us), by_chance=True, finer=2),
-        BudgetQuantity("bits", "sensors.bits", "bits", bits,
-                 "the converter only tells two values apart", None, bits.index(sensors.bits),
-                 scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
-        BudgetQuantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
-                 "the noise is as large as the range of the converter", None,
-                 _place(noises, sensors.noise_rms), by_chance=True, finer=4),
-        BudgetQuantity("sampling_us", "sensors.every_steps", "us", periods,
-                 "the contact has one sample", used - 1,
-                 _place(periods, sensors.every_steps), scale=step_us, finer=4,
-                 scan=tuple(range(used)) if used <= _FEW else ()),
-        BudgetQuantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
-                 "the actuator is slower than the contact", len(bandwidths) - len(slower) - 1,
-                 0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
-        BudgetQuantity("mass_kg", "actuator.mass_kg", "kg", masses,
-                 f"the actuator is too heavy for the {setup.sphere.noun} to move", None,
-                 _place(masses, actuator.mass_kg or 0.0)),
-    ]  # fmt: skip
+        BudgetQuantity(
+            "latency_us",
+            "controller.latency_us",
+            "us",
+            times,
+            "the latency is as long as the contact",
+            usual,
+            _place(times, line.latency_us),
+            finer=2,
+        ),
+        BudgetQuantity(
+            "jitter_us",
+            "controller.jitter_us",
+            "us",
+            times,
+            "the jitter is as long as the contact",
+            usual,
+            _place(times, line.jitter_us),
+            by_chance=True,
+            finer=2,
+        ),
+        BudgetQuantity(
+            "bits",
+            "sensors.bits",
+            "bits",
+            bits,
+            "the converter only tells two values apart",
+            None,
+            bits.index(sensors.bits),
+            scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits))),
+        ),
+        BudgetQuantity(
+            "noise",
+            "sensors.noise_rms",
+            f"{SENSED[setup.quantity].unit} rms",
+            noises,
+            "the noise is as large as the range of the converter",
+            None,
+            _place(noises, sensors.noise_rms),
+            by_chance=True,
+            finer=4,
+        ),
+        BudgetQuantity(
+            "sampling_us",
+            "sensors.every_steps",
+            "us",
+            periods,
+            "the contact has one sample",
+            used - 1,
+            _place(periods, sensors.every_steps),
+            scale=step_us,
+            finer=4,
+            scan=tuple(range(used)) if used <= _FEW else (),
+        ),
+        BudgetQuantity(
+            "bandwidth_hz",
+            "actuator.bandwidth_hz",
+            "Hz",
+            bandwidths,
+            "the actuator is slower than the contact",
+            len(bandwidths) - len(slower) - 1,
+            0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1),
+        ),
+        BudgetQuantity(
+            "mass_kg",
+            "actuator.mass_kg",
+            "kg",
+            masses,
+            f"the actuator is too heavy for the {setup.sphere.noun} to move",
+            None,
+            _place(masses, actuator.mass_kg or 0.0),
+        ),
+    ]
 
 
 def converter_width(setup: Setup) -> float | None:
@@ -279,9 +329,11 @@ class _Known:
         comes first from then on."""
         pairs = [
             (place, one)
-            for place, some in wanted.items() if place not in self.failed
-            for one in some if one not in self.tried.get(place, [])
-        ]  # fmt: skip
+            for place, some in wanted.items()
+            if place not in self.failed
+            for one in some
+            if one not in self.tried.get(place, [])
+        ]
         if not pairs:
             return
         lasts = {} if self.lasts_s is None else {"run.duration_s": self.lasts_s}
@@ -412,9 +464,13 @@ def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows
 
 
 def _result(
-    quantity: BudgetQuantity, known: _Known, good: int | None, scan: Sequence[int],
-    boundary: Boundary, top: int | None = None,
-) -> BudgetLimit:  # fmt: skip
+    quantity: BudgetQuantity,
+    known: _Known,
+    good: int | None,
+    scan: Sequence[int],
+    boundary: Boundary,
+    top: int | None = None,
+) -> BudgetLimit:
     last = len(quantity.values) - 1 if top is None else top
     beyond = last if boundary is Boundary.IMPOSSIBLE else -1 if good is None else good
     again = [place for place in scan if place > beyond and place not in known.failed]

@@ -56,8 +56,10 @@ def map_of(
     places = [_places(known[limit.quantity], limit) for limit in limits]
     cases = [
         {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase} | lasts
-        for j in places[1] for i in places[0] for phase in search.phases
-    ]  # fmt: skip
+        for j in places[1]
+        for i in places[0]
+        for phase in search.phases
+    ]
     rows = evaluate(pool, setup, span, cases)
     met = np.array([all_met(goals, row) for row in rows], dtype=float)
     shape = (len(places[1]), len(places[0]), len(search.phases))
@@ -78,14 +80,19 @@ def draw_map(found: Map) -> Figure:
     shown = ax.imshow(found.met, origin="lower", aspect="auto", vmin=0.0, vmax=1.0, cmap="RdYlBu")
     ax.grid(False)
     for axis, quantity, places in (
-        (ax.xaxis, found.across, found.across_places), (ax.yaxis, found.down, found.down_places),
-    ):  # fmt: skip
-        words = [str(quantity.values[place]) if quantity.reported(place) is None
-                 else f"{quantity.reported(place):.3g}" for place in places]  # fmt: skip
+        (ax.xaxis, found.across, found.across_places),
+        (ax.yaxis, found.down, found.down_places),
+    ):
+        words = [
+            str(quantity.values[place])
+            if quantity.reported(place) is None
+            else f"{quantity.reported(place):.3g}"
+            for place in places
+        ]
         axis.set_major_locator(MaxNLocator(8, integer=True))
-        axis.set_major_formatter(FuncFormatter(
-            lambda x, _, w=words: w[round(x)] if 0 <= round(x) < len(w) else ""
-        ))  # fmt: skip
+        axis.set_major_formatter(
+            FuncFormatter(lambda x, _, w=words: w[round(x)] if 0 <= round(x) < len(w) else "")
+        )
     ax.set_xlabel(f"{found.across.name} ({found.across.unit})")
     ax.set_ylabel(f"{found.down.name} ({found.down.unit})")
     sheet.colorbar(shown, ax=ax, label="share of touch phases that meet the goal")
@@ -98,8 +105,7 @@ def _share_bars(found: Budget) -> Figure:
     ax = axes[0, 0]
     names = [limit.quantity for limit in found.ideal.limits]
     for i, (name, plant) in enumerate(plants):
-        shares = [1.0 if limit.boundary in _HELD else limit.share or 0.0
-                  for limit in plant.limits]  # fmt: skip
+        shares = [1.0 if limit.boundary in _HELD else limit.share or 0.0 for limit in plant.limits]
         places = np.arange(len(names)) + 0.38 * i
         ax.barh(places, shares, height=0.36, label=name, color=pictures.COLOURS[i])
     ax.set_yticks(np.arange(len(names)) + 0.19 * (len(plants) - 1), names)
@@ -112,9 +118,13 @@ def _share_bars(found: Budget) -> Figure:
 
 
 def write_page(
-    folder: Path, setup: Setup, found: Budget, mapped: Map | None, lines: Sequence[str],
+    folder: Path,
+    setup: Setup,
+    found: Budget,
+    mapped: Map | None,
+    lines: Sequence[str],
     command: str,
-) -> Path:  # fmt: skip
+) -> Path:
     """Write budget.html into a folder.
 
     Args:
@@ -141,10 +151,15 @@ def write_page(
     alone = "Each quantity alone, with the others as in the plant."
     tables = [ResultTable(name, *_headings_and_cells(plant), alone) for name, plant in plants]
     text = template("results.html.j2").render(
-        title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
-        charts=charts, tables=tables, commands=[command], versions=code_version(),
+        title=f"Budget of {found.law} in {found.scene}",
+        lines=list(lines),
+        warnings=[],
+        charts=charts,
+        tables=tables,
+        commands=[command],
+        versions=code_version(),
         scenes=[(found.scene, to_toml(setup.scene))],
-    )  # fmt: skip
+    )
     path = folder / "budget.html"
     write_whole(path, text)
     return path

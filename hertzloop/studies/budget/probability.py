@@ -113,10 +113,9 @@ def probability(
         unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows),
         quantiles={name: _quantiles(rows, name) for name in FIGURES},
         worst={key: worst[key] for key in drawn[0]},
-        worst_figures={name: math.nan if worst[name] is None else worst[name]
-                       for name in FIGURES},
+        worst_figures={name: math.nan if worst[name] is None else worst[name] for name in FIGURES},
         drawn=tuple(drawn),
-    )  # fmt: skip
+    )
 
 
 def _quantiles(rows: Rows, figure: str) -> dict[float, float]:
@@ -140,9 +139,12 @@ class Sensitivity:
 
 
 def sobol_indices(
-    parts: Sequence[UncertainInput], figures: Sequence[str], base: int,
-    run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]], seed: int = 1,
-) -> list[Sensitivity]:  # fmt: skip
+    parts: Sequence[UncertainInput],
+    figures: Sequence[str],
+    base: int,
+    run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]],
+    seed: int = 1,
+) -> list[Sensitivity]:
     """Return first-order and total Sobol indices.
 
     Args:
@@ -162,8 +164,10 @@ def sobol_indices(
     names = [key for part in parts for key in part.keys]
     groups = [str(number) for number, part in enumerate(parts) for _ in part.keys]
     problem: dict[str, Any] = {
-        "num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names),
-    }  # fmt: skip
+        "num_vars": len(names),
+        "names": names,
+        "bounds": [[0.0, 1.0]] * len(names),
+    }
     if len(parts) < len(names):
         problem["groups"] = groups
     points = sampling.sample(problem, base, calc_second_order=False, seed=seed)
@@ -201,8 +205,9 @@ def sensitivities(
 
     def run(points: list[list[float]]) -> Rows:
         rows = evaluate(pool, setup, span, [uncertain.at(point) for point in points])
-        return [{name: math.nan if row[name] is None else row[name] for name in FIGURES}
-                for row in rows]  # fmt: skip
+        return [
+            {name: math.nan if row[name] is None else row[name] for name in FIGURES} for row in rows
+        ]
 
     names = list(dict.fromkeys(goal.figure for goal in goals))
     return sobol_indices(uncertain.parts, names, base, run, setup.seed)

@@ -275,8 +275,10 @@ def check(pool: Pool, row: Row) -> Checked:
             pool, setup, one.goals, uncertain, one.span, within=0.01, most=one.cases
         )
         low, high = found.interval
-        said = (f"probability {found.value:z.4f} ({low:z.4f} to {high:z.4f}, {found.cases} cases), "
-                f"required {one.probability:g}")  # fmt: skip
+        said = (
+            f"probability {found.value:z.4f} ({low:z.4f} to {high:z.4f}, {found.cases} cases), "
+            f"required {one.probability:g}"
+        )
         # The lower end counts: the required probability has to be shown, not only possible.
         if low >= one.probability:
             holds.append(said)
@@ -287,9 +289,15 @@ def check(pool: Pool, row: Row) -> Checked:
     said_already = unstable or any(grows in sentence for sentence in fails)
     warnings = () if not grows or said_already else (grows,)
     return Checked(
-        row, tuple(holds), tuple(fails), command, unstable or bool(grows),
-        time.perf_counter() - began_s, measured, warnings,
-    )  # fmt: skip
+        row,
+        tuple(holds),
+        tuple(fails),
+        command,
+        unstable or bool(grows),
+        time.perf_counter() - began_s,
+        measured,
+        warnings,
+    )
 
 
 def _check_limits(
@@ -353,15 +361,22 @@ def _limit_sentence(found: BudgetLimit, wanted: float, margin: Margin | None, sp
 def junit(path: Path, found: Sequence[Checked]) -> None:
     """Write the results as JUnit XML. Raises NotWritten."""
     suite = ET.Element(
-        "testsuite", name="hertzloop budget", tests=str(len(found)),
-        failures=str(sum(not one.passed for one in found)), errors="0", skipped="0",
+        "testsuite",
+        name="hertzloop budget",
+        tests=str(len(found)),
+        failures=str(sum(not one.passed for one in found)),
+        errors="0",
+        skipped="0",
         time=f"{sum(one.seconds for one in found):z.3f}",
-    )  # fmt: skip
+    )
     for one in found:
         case = ET.SubElement(
-            suite, "testcase", classname=f"requirements.{one.row.scene}", name=one.row.name,
+            suite,
+            "testcase",
+            classname=f"requirements.{one.row.scene}",
+            name=one.row.name,
             time=f"{one.seconds:z.3f}",
-        )  # fmt: skip
+        )
         if not one.passed:
             failure = ET.SubElement(case, "failure", message="; ".join(one.fails))
             failure.text = f"{'; '.join(one.fails)}\nReproduce: {one.command}"

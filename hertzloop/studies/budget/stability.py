@@ -66,9 +66,16 @@ def tolerated(
     number = verdicts.index(False)
     if number == 0:
         return replace(
-            limit, boundary=Boundary.UNSTABLE, value=None, first_failure=None, interval=True,
-            holds_again=(), share=None, reason="", impact_alone=limit,
-        )  # fmt: skip
+            limit,
+            boundary=Boundary.UNSTABLE,
+            value=None,
+            first_failure=None,
+            interval=True,
+            holds_again=(),
+            share=None,
+            reason="",
+            impact_alone=limit,
+        )
     last, bad = places[number - 1], places[number]
     while bad - last > 1:
         middle = (last + bad) // 2
@@ -79,11 +86,17 @@ def tolerated(
     again += [value for value in limit.holds_again if stable(held[value])]
     end = len(quantity.within(limit).values) - 1
     return replace(
-        limit, boundary=Boundary.STABILITY, value=quantity.reported(last),
-        first_failure=quantity.reported(bad), interval=not again,
+        limit,
+        boundary=Boundary.STABILITY,
+        value=quantity.reported(last),
+        first_failure=quantity.reported(bad),
+        interval=not again,
         holds_again=tuple(value for value in again if value is not None),
-        share=(last - quantity.own) / end, reason="", remark="stability", impact_alone=limit,
-    )  # fmt: skip
+        share=(last - quantity.own) / end,
+        reason="",
+        remark="stability",
+        impact_alone=limit,
+    )
 
 
 def _last_good(quantity: BudgetQuantity, limit: BudgetLimit) -> int:

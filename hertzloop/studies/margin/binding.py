@@ -67,10 +67,13 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     at_actuator = plate.mode_shape(m[same], n[same], spec.actuator_point_m)
     moved = np.maximum(np.abs(at_contact), np.abs(at_actuator)) > NO_PARTICIPATION
     return BindingMode(
-        omega / (2.0 * math.pi), share, number,
+        omega / (2.0 * math.pi),
+        share,
+        number,
         [[int(a), int(b)] for a, b in zip(m[same][moved], n[same][moved], strict=True)],
-        at_contact[moved].tolist(), at_actuator[moved].tolist(),
-    )  # fmt: skip
+        at_contact[moved].tolist(),
+        at_actuator[moved].tolist(),
+    )
 
 
 def hertz(frequency_hz: float) -> str:

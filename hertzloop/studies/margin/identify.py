@@ -94,9 +94,12 @@ class Cascade(LawFilter):
         on_circle = np.abs(size - 1.0) < INSIDE
         poles = np.where(on_circle, poles * (1.0 - INSIDE) / np.maximum(size, 0.5), poles)
         return cls(
-            np.nan, poles, np.full(len(poles), np.nan + 0j), gain=float(declared.gain),
+            np.nan,
+            poles,
+            np.full(len(poles), np.nan + 0j),
+            gain=float(declared.gain),
             numerators=tuple(b for b, _ in declared.stages),
-        )  # fmt: skip
+        )
 
     def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
@@ -129,13 +132,15 @@ def law_filter(setup: Setup) -> LawFilter:
     line = setup.line
     for why, given in (
         ("controller.jitter_us is not zero, so the line varies with time", line.jitter_steps),
-        ("controller.drop_out_probability is not zero, so the line varies with time",
-         line.drop_out_probability),
+        (
+            "controller.drop_out_probability is not zero, so the line varies with time",
+            line.drop_out_probability,
+        ),
         ("controller.slew_n_s limits the slope of the force", line.slew_n_s is not None),
         ("controller.latency_trace varies with time", line.trace),
         ("actuator.stuck_from_s holds the force from a moment on", line.stuck_step is not None),
         ("sensors.fault changes samples", setup.sensor.fault is not None),
-    ):  # fmt: skip
+    ):
         if given:
             raise NotLinearError(why)
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
@@ -179,9 +184,11 @@ def _probe(setup: Setup, answered: list[int]) -> LawFilter:
     noise = rng.standard_normal((2, _SAMPLES))
     slow = np.sin(np.linspace(0.0, 3.0, _SAMPLES))
     for one, kind in (
-        (noise[0], "random"), (np.abs(noise[0]), "positive"), (-np.abs(noise[0]), "negative"),
+        (noise[0], "random"),
+        (np.abs(noise[0]), "positive"),
+        (-np.abs(noise[0]), "negative"),
         (slow, "slow"),
-    ):  # fmt: skip
+    ):
         base = answer(scale * one)
         size = max(float(np.abs(base).max()), 1e-300)
         for factor in _AMPLITUDES:

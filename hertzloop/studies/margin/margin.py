@@ -301,13 +301,24 @@ def margin_of(setup: Setup) -> Margin:
         binding = None if poles is None else _fastest_hz(poles, sample_s)
     peak, disk = _sensitivity(loop, delay) if stable else (None, None)
     return Margin(
-        applicable=True, reason="", stable=stable, unstable_poles=growth.unstable_poles,
-        growth_per_s=growth.per_s, growth_frequency_hz=growth.frequency_hz, e_folds=growth.e_folds,
-        latency_us=latency * step_us, latency_limit_steps=limit, latency_limit_us=limit_us,
-        stable_windows_us=_windows(loops, limit, step_us), gain_margin=_gain_margin(loop, delay),
-        peak_sensitivity=peak, disk_margin=disk, binding_frequency_hz=binding,
-        modes=len(loops.plant.poles), step_ns=setup.step_ns,
-    )  # fmt: skip
+        applicable=True,
+        reason="",
+        stable=stable,
+        unstable_poles=growth.unstable_poles,
+        growth_per_s=growth.per_s,
+        growth_frequency_hz=growth.frequency_hz,
+        e_folds=growth.e_folds,
+        latency_us=latency * step_us,
+        latency_limit_steps=limit,
+        latency_limit_us=limit_us,
+        stable_windows_us=_windows(loops, limit, step_us),
+        gain_margin=_gain_margin(loop, delay),
+        peak_sensitivity=peak,
+        disk_margin=disk,
+        binding_frequency_hz=binding,
+        modes=len(loops.plant.poles),
+        step_ns=setup.step_ns,
+    )
 
 
 def _fastest_hz(poles: np.ndarray, sample_s: float) -> float:

@@ -105,9 +105,10 @@ def _gain(ax: Any, drawn: _Drawn) -> None:
         )
         ax.legend(loc="lower left")
     ax.set(
-        xlabel="frequency (Hz)", ylabel="loop gain |L|", title="Loop gain; only above 1 (dashed) "
-        "can the loop become unstable",
-    )  # fmt: skip
+        xlabel="frequency (Hz)",
+        ylabel="loop gain |L|",
+        title="Loop gain; only above 1 (dashed) can the loop become unstable",
+    )
 
 
 def _curved(value: np.ndarray) -> np.ndarray:
@@ -132,9 +133,13 @@ def _nyquist(ax: Any, drawn: _Drawn) -> None:
     ax.plot(-1.0, 0.0, "+", color=_PINK, markersize=11, markeredgewidth=2, label="-1")
     size = min(max(1.8, 1.1 * float(np.abs(value).max())), _RADIUS)
     ax.set(
-        xlim=(-size, size), ylim=(-size, size), aspect="equal", xlabel="real part",
-        ylabel="imaginary part", title="Nyquist plot, radius log2(1 + |L|)",
-    )  # fmt: skip
+        xlim=(-size, size),
+        ylim=(-size, size),
+        aspect="equal",
+        xlabel="real part",
+        ylabel="imaginary part",
+        title="Nyquist plot, radius log2(1 + |L|)",
+    )
     ax.legend(loc="upper right")
 
 
@@ -164,9 +169,10 @@ def _poles(ax: Any, drawn: _Drawn) -> None:
     lowest = series[0][1][0]
     ax.set_xlim(0.5 * float(lowest[lowest > 0.0].min()), 0.5e-3 / drawn.sample_s)
     ax.set(
-        xlabel="frequency (kHz)", ylabel="growth (1/s)",
+        xlabel="frequency (kHz)",
+        ylabel="growth (1/s)",
         title="Closed-loop poles; above 0 the loop is unstable",
-    )  # fmt: skip
+    )
     ax.legend(loc="lower left")
 
 
@@ -191,18 +197,23 @@ def _latencies(ax: Any, drawn: _Drawn) -> None:
             growth.append(fastest)
     for i, (first, end) in enumerate(margin.stable_windows_us or []):
         ax.axvspan(
-            first, last * step_us if end is None else min(end, last * step_us), color=_GREEN,
-            alpha=0.15, linewidth=0, label=None if i else "stable",
-        )  # fmt: skip
+            first,
+            last * step_us if end is None else min(end, last * step_us),
+            color=_GREEN,
+            alpha=0.15,
+            linewidth=0,
+            label=None if i else "stable",
+        )
     if at:
         ax.plot(at, growth, "-o", color=_BLUE, markersize=4, label="fastest growth")
     ax.axhline(0.0, color="#444444", linewidth=1.0)
     ax.axvline(margin.latency_us, color=_PINK, linestyle="--", label="latency of this scene")
     ax.set(
-        xlabel="latency (us)", ylabel="growth of the fastest pole (1/s)",
+        xlabel="latency (us)",
+        ylabel="growth of the fastest pole (1/s)",
         xlim=(-0.02 * last * step_us, last * step_us),
         title="Growth and number of unstable poles over latency",
-    )  # fmt: skip
+    )
     other = ax.twinx()
     other.step(every * step_us, count, where="mid", color=_ORANGE, linewidth=1.0, linestyle="--")
     other.set_ylabel("unstable poles (dashed orange)")

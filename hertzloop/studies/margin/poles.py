@@ -44,9 +44,16 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
     if not (np.all(np.isfinite(own_residues)) and np.all(np.isfinite(filters))):
         return None  # a law without partial fractions
     sums_kernels.shifts(
-        at, np.where(which < n, which, -1), np.where(which >= n, which - n, -1), rows, own_rows,
-        plant.fir, filters, delay, shift,
-    )  # fmt: skip
+        at,
+        np.where(which < n, which, -1),
+        np.where(which >= n, which - n, -1),
+        rows,
+        own_rows,
+        plant.fir,
+        filters,
+        delay,
+        shift,
+    )
     still = np.abs(shift) <= _NO_SHIFT
     fixed = np.concatenate([twins, at[still]])
     moving = at[~still] + shift[~still] * np.minimum(1.0, _MOST_SHIFT / np.abs(shift[~still]))

@@ -60,9 +60,14 @@ class LinearSystem(PoleForm):
         held = form.held(every, late % every)
         name = quantity or setup.quantity
         return cls(
-            held.poles, held.residues, held.fir, every * setup.step_ns / 1e9, name,
-            SENSED[name].unit, late // every,
-        )  # fmt: skip
+            held.poles,
+            held.residues,
+            held.fir,
+            every * setup.step_ns / 1e9,
+            name,
+            SENSED[name].unit,
+            late // every,
+        )
 
     def frequency_response(self, frequency_hz: Any, latency: bool = False) -> np.ndarray:
         """Return the complex response, unit of the quantity per N.
@@ -164,10 +169,16 @@ class LinearSystem(PoleForm):
             write_rows(path, ["frequency_hz", "real", "imag"], rows)
             return
         arrays: dict[str, Any] = {
-            "poles": self.poles, "residues": self.residues, "fir": self.fir,
-            "step_s": self.step_s, "delay": self.delay, "quantity": self.quantity,
-            "unit": self.unit, "frequency_hz": frequency_hz, "response": response,
-        }  # fmt: skip
+            "poles": self.poles,
+            "residues": self.residues,
+            "fir": self.fir,
+            "step_s": self.step_s,
+            "delay": self.delay,
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "frequency_hz": frequency_hz,
+            "response": response,
+        }
         if statespace:
             arrays |= self.to_statespace()._asdict()
         with whole_file(path) as unfinished:

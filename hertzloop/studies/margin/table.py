@@ -120,9 +120,17 @@ class FrequencyResponse:
         box = np.clip(box, 0, len(self._edges) - 2)
         value, slope = np.empty((2, len(theta))), np.empty((2, len(theta)))
         sums_kernels.circle_sums(
-            theta, box, self._edges, self._first, self._last, self._poles, self._residues,
-            self._far, value, slope,
-        )  # fmt: skip
+            theta,
+            box,
+            self._edges,
+            self._first,
+            self._last,
+            self._poles,
+            self._residues,
+            self._far,
+            value,
+            slope,
+        )
         near, (b_1, b_2) = 1.0 / z, self.plant.fir
         p = value[0] + 1j * value[1] + near * (b_1 + b_2 * near)
         p_1 = slope[0] + 1j * slope[1] - near * near * (b_1 + 2.0 * b_2 * near)

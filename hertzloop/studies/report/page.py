@@ -67,9 +67,10 @@ def spectra(shown: ReplayData) -> str:
     for i, found in enumerate(shown.labels.spectra):
         ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
     ax.set(
-        xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
+        xlabel="frequency (Hz)",
+        ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
         title="Plate velocity at the contact, whole run",
-    )  # fmt: skip
+    )
     _legend(ax)
     return svg(sheet)
 
@@ -187,7 +188,7 @@ def page_of(recording: Recording) -> str:
         again=again,
         commands=commands,
         versions=_versions(recording),
-    )  # fmt: skip
+    )
 
 
 def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
@@ -201,9 +202,10 @@ def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
     names = ["with control", "without"] if found.free else ["this run"]
     compare = compare and found.free is not None
     rows = noise_rows(
-        [run.noise[0] for run in runs], compare,
+        [run.noise[0] for run in runs],
+        compare,
         [errors_of(each, 0, "noise_errors") for each in digits],
-    )  # fmt: skip
+    )
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
@@ -266,17 +268,20 @@ def _animation(shown: ReplayData) -> dict[str, Any]:
     actuator = shown.labels.actuator_m
     return {
         "frames": base64.b64encode(frames.tobytes()).decode(),
-        "count": len(inside), "nx": len(plate.x_m), "ny": len(plate.y_m),
+        "count": len(inside),
+        "nx": len(plate.x_m),
+        "ny": len(plate.y_m),
         "x": ((plate.x_m - corner[0]) / size[0]).tolist(),
         "y": (1.0 - (plate.y_m[::-1] - corner[1]) / size[1]).tolist(),
-        "aspect": size[1] / size[0], "size": [f"{1e3 * side:g} mm" for side in size],
+        "aspect": size[1] / size[0],
+        "size": [f"{1e3 * side:g} mm" for side in size],
         "times": [f"{1e-6 * t:z.4f} ms" for t in plate.times_ns[inside].tolist()],
         "touching": (gap_m < 0.0).tolist(),
         "force": [with_unit(float(f), "N") for f in np.nan_to_num(force_n)],
         "contact": place(plate.contact_point_m),
         "actuator": place(actuator) if actuator else None,
         "full": "" if shown.drawn.flat else with_unit(full, "m"),
-    }  # fmt: skip
+    }
 
 
 def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], str]:
@@ -306,10 +311,12 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
         return (
             f"The forces came from a controller outside hertzloop with the law {own}. Start that "
             "controller and these two processes in three terminals, in any order.",
-            [f"hertzloop node recorder --out {again}",
-             f"hertzloop node plant {setup.name}.toml    {saved}",
-             f"hertzloop compare {again} {file}    # afterwards"],
-        )  # fmt: skip
+            [
+                f"hertzloop node recorder --out {again}",
+                f"hertzloop node plant {setup.name}.toml    {saved}",
+                f"hertzloop compare {again} {file}    # afterwards",
+            ],
+        )
     if "held_steps" in recording.truth.arrays:
         return (
             "Some forces arrived late in this run. The repetition applies them with the same "

@@ -126,9 +126,15 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
         reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
         shown = ax.pcolormesh(
-            across, up, z, cmap="RdBu_r", vmin=-reach, vmax=reach, shading="nearest",
+            across,
+            up,
+            z,
+            cmap="RdBu_r",
+            vmin=-reach,
+            vmax=reach,
+            shading="nearest",
             rasterized=True,
-        )  # fmt: skip
+        )
         ax.grid(False)
         name, _, unit = words.against_none(figure).partition(" against no control ")
         unit = "points" if CASE_ROWS[figure].without else unit.strip("()")
@@ -201,10 +207,14 @@ def _page_of_sweep(path: Path) -> str:
     ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys, figures)]
     tables = [ResultTable("Least and largest", ("figure", "least", "at", "largest", "at"), ends)]
     listed = [
-        [str(row["case"]), *(short(row[key]) for key in keys),
-         *(_digits(row[f]) if known([row], f) else "" for f in figures), row["status"] or ""]
+        [
+            str(row["case"]),
+            *(short(row[key]) for key in keys),
+            *(_digits(row[f]) if known([row], f) else "" for f in figures),
+            row["status"] or "",
+        ]
         for row in rows[:_MOST_ROWS]
-    ]  # fmt: skip
+    ]
     more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
     headings = ("case", *map(key_words, keys), *(words.FIGURES[f] for f in figures), "")
     sort = f"Click on a heading to sort.{more}"
@@ -253,9 +263,11 @@ def _page_of_tuned(tuned: Tuned) -> str:
         cells += [str(found.spreads[name]) if name in found.spreads else "" for name in objectives]
         rows.append([*cells, *(short(found.values.get(key, "")) for key in keys)])
     headings = (
-        "law", *names, *(f"{name}, over touch phases: mean (least to most)" for name in names),
+        "law",
+        *names,
+        *(f"{name}, over touch phases: mean (least to most)" for name in names),
         *map(key_words, keys),
-    )  # fmt: skip
+    )
     scenes = [(parse(text, recorded=True), text) for text in tuned.scenes]
     title = "Tuning of " + ", ".join(setup.name for setup, _ in scenes)
     limits = "".join(f", {words.against_none(k)} at most {v:g}" for k, v in tuned.at_most.items())

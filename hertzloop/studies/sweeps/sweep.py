@@ -98,8 +98,11 @@ def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
             digest += secrets.token_hex(8)
         constants = "" if law.name in shipped() else _constants_digest(setup, reference)
         found[reference] = {
-            "name": law.name, "digest": digest, "source": law.source, "constants": constants,
-        }  # fmt: skip
+            "name": law.name,
+            "digest": digest,
+            "source": law.source,
+            "constants": constants,
+        }
     return found
 
 
@@ -340,8 +343,10 @@ def column_of(values: list[Any]) -> pa.Array:
         return pa.array(values)
     known = np.array([value is not None for value in values])
     data = np.array([kind() if value is None else value for value in values])
-    memory = [np.packbits(part, bitorder="little") if part.dtype == bool else part
-              for part in (known, data)]  # fmt: skip
+    memory = [
+        np.packbits(part, bitorder="little") if part.dtype == bool else part
+        for part in (known, data)
+    ]
     return pa.Array.from_buffers(_TYPES[kind], len(values), [pa.py_buffer(m) for m in memory])
 
 

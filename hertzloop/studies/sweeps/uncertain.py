@@ -222,8 +222,10 @@ def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
     table = given if isinstance(given, dict) else {}
     keys = tuple(map(str, table.get("keys", ())))
     mean = _floats(table.get("mean", []), len(keys), "correlated.mean", name)
-    rows = [_floats(row, len(keys), "correlated.covariance", name)
-            for row in table.get("covariance", [])]  # fmt: skip
+    rows = [
+        _floats(row, len(keys), "correlated.covariance", name)
+        for row in table.get("covariance", [])
+    ]
     try:
         matrix = np.array(rows)
         if len(keys) < 2 or len(rows) != len(keys) or not np.allclose(matrix, matrix.T):
@@ -235,9 +237,12 @@ def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
             "with a row and a column a key. Give at least two keys"
         ) from None
     return UncertainInput(
-        keys, "correlated", mean, tuple(tuple(map(float, row)) for row in factor),
+        keys,
+        "correlated",
+        mean,
+        tuple(tuple(map(float, row)) for row in factor),
         tuple(setup.resolution_of(key) for key in keys),
-    )  # fmt: skip
+    )
 
 
 def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:
@@ -250,8 +255,11 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:
         )
     variance = np.array(table.covariance_log).reshape(n, n).diagonal()
     # A key in whole steps, such as a latency, has no variance. It keeps its value.
-    known = [i for i, verdict in enumerate(table.verdicts)
-             if verdict == _IDENTIFIED and variance[i] > 0.0]  # fmt: skip
+    known = [
+        i
+        for i, verdict in enumerate(table.verdicts)
+        if verdict == _IDENTIFIED and variance[i] > 0.0
+    ]
     if not known:
         raise SceneError(
             f"{name}: the fit identified no key that can be drawn. Fit a record that tells more."
@@ -267,9 +275,12 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:
     sizes, axes = np.linalg.eigh(covariance)
     factor = axes * np.sqrt(np.maximum(sizes, 0.0))
     return UncertainInput(
-        tuple(table.keys[i] for i in known), "fitted", tuple(table.values[i] for i in known),
-        tuple(tuple(map(float, row)) for row in factor), (0.0,) * len(known),
-    )  # fmt: skip
+        tuple(table.keys[i] for i in known),
+        "fitted",
+        tuple(table.values[i] for i in known),
+        tuple(tuple(map(float, row)) for row in factor),
+        (0.0,) * len(known),
+    )
 
 
 def _floats(values: Any, count: int, key: str, name: str) -> tuple[float, ...]:
