@@ -6,6 +6,7 @@ See docs/how-to/laws.md; `hertzloop law new mine.py` writes a commented start.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -92,20 +93,20 @@ class LawContext:
     yield_depth_m: float = math.inf
     uncontrolled_force_n: Callable[[], np.ndarray] = field(default=_nothing, compare=False)
 
-    step_s: float = field(init=False, repr=False, compare=False)
-    """length of a step, s"""
-    sample_s: float = field(init=False, repr=False, compare=False)
-    """time from one sample to the next, s"""
-    horizon_s: float = field(init=False, repr=False, compare=False)
-    """time from a sample to the first step on which its force acts, s"""
+    @cached_property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.step_ns * 1e-9
 
-    def __post_init__(self) -> None:
-        step_s = self.step_ns * 1e-9
-        vars(self).update(
-            step_s=step_s,
-            sample_s=self.every_steps * step_s,
-            horizon_s=self.horizon_steps * step_s,
-        )
+    @cached_property
+    def sample_s(self) -> float:
+        """Time from one sample to the next, s."""
+        return self.every_steps * self.step_s
+
+    @cached_property
+    def horizon_s(self) -> float:
+        """Time from a sample to the first step on which its force acts, s."""
+        return self.horizon_steps * self.step_s
 
     def samples(self, time_us: float) -> int:
         """Return a time (us) in samples, rounded to whole steps."""

@@ -1,8 +1,8 @@
 """The actuator between the controller's line and the plate: bandwidth, moving mass, limit."""
 
 import math
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,17 +27,17 @@ class Actuator:
     mass_kg: float = 0.0
     force_limit_n: float | None = None
 
-    ideal: bool = field(init=False, repr=False, compare=False)
-    """whether every command acts on the plate alone, as it is"""
-    delay_s: float = field(init=False, repr=False, compare=False)
-    """by how much a slow command comes later, 2 zeta/w, s"""
+    @cached_property
+    def ideal(self) -> bool:
+        """Whether every command acts on the plate unchanged."""
+        return self.bandwidth_hz is None and self.force_limit_n is None and self.mass_kg == 0.0
 
-    def __post_init__(self) -> None:
-        slow = self.bandwidth_hz
-        vars(self).update(
-            ideal=slow is None and self.force_limit_n is None and self.mass_kg == 0.0,
-            delay_s=0.0 if slow is None else 2.0 * self.damping / (2.0 * math.pi * slow),
-        )
+    @cached_property
+    def delay_s(self) -> float:
+        """Delay of a slow command, 2 zeta/w, s."""
+        if self.bandwidth_hz is None:
+            return 0.0
+        return 2.0 * self.damping / (2.0 * math.pi * self.bandwidth_hz)
 
 
 IDEAL = Actuator()

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
@@ -137,20 +137,23 @@ class SensorSpec(Filters):
     bits: int | None = None
     noise_rms: float = 0.0
     fault: Fault | None = None
-    converter_step: float = field(init=False, repr=False, compare=False)
-    """distance of two levels of the converter; zero of an ideal one"""
-    low_pass_delay_s: float = field(init=False, repr=False, compare=False)
-    """group delay of the low-pass at low frequencies, s"""
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
             raise ValueError(problem)
-        step = 0.0
-        if self.bits is not None and self.full_scale is not None:
-            step = converter_step(self.bits, self.full_scale)
+
+    @cached_property
+    def converter_step(self) -> float:
+        """Distance of two levels of the converter; zero of an ideal one."""
+        if self.bits is None or self.full_scale is None:
+            return 0.0
+        return converter_step(self.bits, self.full_scale)
+
+    @cached_property
+    def low_pass_delay_s(self) -> float:
+        """Group delay of the low-pass at low frequencies, s."""
         poles = self.low_pass_poles()
-        delay_s = sum((-1.0 / p).real * (2.0 if p.imag else 1.0) for p in poles)
-        vars(self).update(converter_step=step, low_pass_delay_s=delay_s)
+        return sum((-1.0 / p).real * (2.0 if p.imag else 1.0) for p in poles)
 
 
 def _problems(spec: SensorSpec) -> Iterator[str]:

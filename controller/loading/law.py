@@ -3,7 +3,7 @@
 import math
 from collections import namedtuple
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,18 +35,16 @@ class Law:
     A law that is loaded again is another one: what it prepares may have changed.
 
     Attributes:
-        digest: of the text and of the identity; of the text alone for a shipped law or a library.
-        identity: of the functions and the values that they read; None for those two.
-        keys, key_names: its scene keys.
-        whole_steps: those that have to be a whole number of steps.
-        senses: the quantity that it has to be given; "any" if that is all the same. Of several,
-            with a comma between them, the first is the default.
-        latches: whether the state's delay is one that the law latches.
-        models_yield: whether the law allows for the dent that a yielding contact leaves.
-        open_loop: whether its forces are known before the run, so that nothing is fed back.
-        not_linear: why the law is not linear, as a clause for a message; empty if it may be.
+        name: Name of the law, or path of its file.
+        path: File of the law.
+        source: Text of the file.
+        digest: Digest of text and identity; of the text alone for a shipped law or a library.
+        home: Module or class with the functions of the law.
+        identity: Functions of the law and the values that they read; None for a shipped law or a
+            library.
 
-    A law declares the last five by these names in its module or class.
+    A law declares `senses`, `latches`, `models_yield`, `open_loop` and `not_linear` by these names
+    in its module or class.
     """
 
     name: str
@@ -57,34 +55,60 @@ class Law:
     identity: Identity | None = field(default=None, repr=False, compare=False)
     _bound: dict[Any, BoundLaw] = field(default_factory=dict, repr=False, compare=False)
     _prepared: list[Identity] = field(default_factory=list, repr=False, compare=False)
-    keys: type[BaseModel] = field(init=False, repr=False, compare=False)
-    key_names: tuple[str, ...] = field(init=False, repr=False, compare=False)
-    whole_steps: list[str] = field(init=False, repr=False, compare=False)
-    senses: str = field(init=False, repr=False, compare=False)
-    latches: bool = field(init=False, repr=False, compare=False)
-    models_yield: bool = field(init=False, repr=False, compare=False)
-    open_loop: bool = field(init=False, repr=False, compare=False)
-    not_linear: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        senses, keys = self._declared()
-        open_loop = bool(getattr(self.home, "open_loop", False))
-        fixed = "its force is computed before the run and does not depend on the samples"
-        vars(self).update(
-            keys=keys,
-            key_names=tuple(keys.model_fields),
-            whole_steps=[
-                k for k, info in keys.model_fields.items() if WHOLE_STEPS in info.metadata
-            ],
-            senses=senses,
-            latches=bool(getattr(self.home, "latches", False)),
-            models_yield=bool(getattr(self.home, "models_yield", False)),
-            open_loop=open_loop,
-            not_linear=fixed if open_loop else str(getattr(self.home, "not_linear", "")),
-        )
+        """Read the declaration now, so that an error in it appears when the law is loaded."""
+        _ = self._declared
 
+    @cached_property
     def _declared(self) -> tuple[str, type[BaseModel]]:
+        """Sensed quantity and model of the scene keys."""
         return str(getattr(self.home, "senses", "xi")), getattr(self.home, "Parameters", Keys)
+
+    @cached_property
+    def keys(self) -> type[BaseModel]:
+        """Model of the scene keys of the law."""
+        return self._declared[1]
+
+    @cached_property
+    def key_names(self) -> tuple[str, ...]:
+        """Names of its scene keys."""
+        return tuple(self.keys.model_fields)
+
+    @cached_property
+    def whole_steps(self) -> list[str]:
+        """Keys that must be a whole number of steps."""
+        return [k for k, info in self.keys.model_fields.items() if WHOLE_STEPS in info.metadata]
+
+    @cached_property
+    def senses(self) -> str:
+        """Quantity that the law needs; "any" if it accepts each.
+
+        Of several, separated by commas, the first is the default.
+        """
+        return self._declared[0]
+
+    @cached_property
+    def latches(self) -> bool:
+        """Whether the delay in its state is latched at a threshold."""
+        return bool(getattr(self.home, "latches", False))
+
+    @cached_property
+    def models_yield(self) -> bool:
+        """Whether it allows for the permanent indentation of a contact that yields."""
+        return bool(getattr(self.home, "models_yield", False))
+
+    @cached_property
+    def open_loop(self) -> bool:
+        """Whether its forces are known before the run, so that it has no feedback."""
+        return bool(getattr(self.home, "open_loop", False))
+
+    @cached_property
+    def not_linear(self) -> str:
+        """Why it is not linear, as a clause for a message; empty if it may be."""
+        if self.open_loop:
+            return "its force is computed before the run and does not depend on the samples"
+        return str(getattr(self.home, "not_linear", ""))
 
     def note(self, keys: Any) -> str:
         """A sentence on its keys that a user should read before a run; usually empty."""

@@ -50,6 +50,7 @@ class LibraryLaw(Law):
     def _description(self) -> _Description:
         return _Description.in_dll(self.home, "hertzloop_law")
 
+    @cached_property
     def _declared(self) -> tuple[str, type[BaseModel]]:
         fields: dict[str, Any] = {}
         table = ctypes.cast(
@@ -205,6 +206,7 @@ class UnitLaw(Law):
             raise _other_dimension(path, made, "a force")
         return given, made
 
+    @cached_property
     def _declared(self) -> tuple[str, type[BaseModel]]:
         """By the name or the unit of its input, and its real parameters with their bounds. Raises
         LawError."""

@@ -1,8 +1,9 @@
 """What strikes a plate, its contact by Hertz or by a power of the penetration, and its damping."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import scipy
@@ -35,24 +36,30 @@ class Sphere:
     noun: ClassVar[str] = "sphere"
     touches: ClassVar[str] = "sphere"  # what the contact is between, as a sentence names it
     gravity_m_s2: ClassVar[float] = GRAVITY_M_S2  # that acts on it
-    hand: HammerWithdrawal | None = field(
-        init=False, repr=False, compare=False
-    )  # that withdraws it
-    ball_radius_m: float = field(init=False, repr=False, compare=False)
-    """radius of the body as a whole, m; nan of one that is no ball"""
-    mass_kg: float = field(init=False, repr=False, compare=False)
-    impact_speed_m_s: float = field(init=False, repr=False, compare=False)
-    """sqrt(2 g h), m/s"""
 
-    def __post_init__(self) -> None:
-        mass, speed = self.given_mass_kg, self.given_speed_m_s
-        if mass is None:
-            mass = self.material.density_kg_m3 * 4.0 / 3.0 * math.pi * self.radius_m**3
-        if speed is None:
-            speed = math.sqrt(2.0 * GRAVITY_M_S2 * self.drop_height_m)
-        vars(self).update(
-            hand=None, ball_radius_m=self.radius_m, mass_kg=mass, impact_speed_m_s=speed
-        )
+    @cached_property
+    def hand(self) -> HammerWithdrawal | None:
+        """Withdrawal after the first contact; None of a falling sphere."""
+        return None
+
+    @cached_property
+    def ball_radius_m(self) -> float:
+        """Radius of the whole body, m; nan if it is not a ball."""
+        return self.radius_m
+
+    @cached_property
+    def mass_kg(self) -> float:
+        """Mass, kg: as given, or of a ball of this radius."""
+        if self.given_mass_kg is not None:
+            return self.given_mass_kg
+        return self.material.density_kg_m3 * 4.0 / 3.0 * math.pi * self.radius_m**3
+
+    @cached_property
+    def impact_speed_m_s(self) -> float:
+        """Speed at the first contact: as given, or sqrt(2 g h), m/s."""
+        if self.given_speed_m_s is not None:
+            return self.given_speed_m_s
+        return math.sqrt(2.0 * GRAVITY_M_S2 * self.drop_height_m)
 
 
 @dataclass(frozen=True)
@@ -67,10 +74,15 @@ class Hammer(Sphere):
     touches: ClassVar[str] = "tip"
     gravity_m_s2: ClassVar[float] = 0.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        hand = None if self.bounces else HammerWithdrawal(self.impact_speed_m_s)
-        vars(self).update(hand=hand, ball_radius_m=math.nan)
+    @cached_property
+    def hand(self) -> HammerWithdrawal | None:
+        """Withdrawal after the first contact; None if the hammer bounces."""
+        return None if self.bounces else HammerWithdrawal(self.impact_speed_m_s)
+
+    @cached_property
+    def ball_radius_m(self) -> float:
+        """Not a number: a hammer is not a ball."""
+        return math.nan
 
 
 HERTZ = 1.5  # exponent of his law
@@ -111,16 +123,15 @@ class Contact:
     limit: Limit | None = None
     exponent: float = HERTZ
 
-    power: Power | None = field(init=False, repr=False, compare=False)
-    """the exponent, for kernels; None if it is Hertz's"""
-    has_damper: bool = field(init=False, repr=False, compare=False)
-    """whether a force follows the rate of the penetration"""
+    @cached_property
+    def power(self) -> Power | None:
+        """Exponent for kernels; None if it is Hertz's."""
+        return None if self.exponent == HERTZ else Power(self.exponent)
 
-    def __post_init__(self) -> None:
-        vars(self).update(
-            power=None if self.exponent == HERTZ else Power(self.exponent),
-            has_damper=self.viscous_n_s_m > 0.0 or self.hunt_crossley_s_m > 0.0,
-        )
+    @cached_property
+    def has_damper(self) -> bool:
+        """Whether a force follows the rate of the penetration."""
+        return self.viscous_n_s_m > 0.0 or self.hunt_crossley_s_m > 0.0
 
 
 def hertz_stiffness(radius_m: float, sphere: Material, plate: Material) -> float:

@@ -4,7 +4,8 @@ of file."""
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 
 # Speed of sound sqrt(E/rho) of a solid, m/s; outside, a number has another unit than it should.
@@ -54,24 +55,27 @@ class Material:
     shear_pa: float | None = None
     poisson_xy: float | None = None
 
-    orthotropic: bool = field(init=False, repr=False, compare=False)
-    """whether the plate's stiffness depends on the direction"""
-    plane_strain_modulus_pa: float = field(init=False, repr=False, compare=False)
-    """E / (1 - nu^2), Pa"""
-    shear_modulus_pa: float = field(init=False, repr=False, compare=False)
-    """G = E / (2 (1 + nu)), Pa, unless it is given"""
-    shear_speed_m_s: float = field(init=False, repr=False, compare=False)
-    """c_T = sqrt(G/rho), m/s"""
+    @cached_property
+    def orthotropic(self) -> bool:
+        """Whether the plate's stiffness depends on the direction."""
+        return self.young_x_pa is not None
 
-    def __post_init__(self) -> None:
-        young, nu, shear = self.youngs_modulus_pa, self.poisson_ratio, self.shear_pa
-        shear = young / (2.0 * (1.0 + nu)) if shear is None else shear
-        vars(self).update(
-            orthotropic=self.young_x_pa is not None,
-            plane_strain_modulus_pa=young / (1.0 - nu**2),
-            shear_modulus_pa=shear,
-            shear_speed_m_s=math.sqrt(shear / self.density_kg_m3),
-        )
+    @cached_property
+    def plane_strain_modulus_pa(self) -> float:
+        """E / (1 - nu^2), Pa."""
+        return self.youngs_modulus_pa / (1.0 - self.poisson_ratio**2)
+
+    @cached_property
+    def shear_modulus_pa(self) -> float:
+        """Shear modulus, Pa: as given, or G = E / (2 (1 + nu))."""
+        if self.shear_pa is not None:
+            return self.shear_pa
+        return self.youngs_modulus_pa / (2.0 * (1.0 + self.poisson_ratio))
+
+    @cached_property
+    def shear_speed_m_s(self) -> float:
+        """Speed of shear waves, c_T = sqrt(G/rho), m/s."""
+        return math.sqrt(self.shear_modulus_pa / self.density_kg_m3)
 
 
 def material_of(where: str, table: Mapping[str, object]) -> Material:

@@ -37,12 +37,6 @@ class ModalStructure(Structure):
     residual: float | None = None
 
     # pyrefly: ignore[bad-override]
-    highest_hz: float = field(init=False, repr=False, compare=False)
-    """a limit just above the last mode"""
-    # pyrefly: ignore[bad-override]
-    quality: Mapping[str, Any] = field(init=False, repr=False, compare=False)
-    """how many modes the file has, and `mobility_ratio`"""
-
     def __post_init__(self) -> None:
         said = self.residual is not None or self.mode_table.residual_flexibility_m_n is not None
         if not said and self.local_plate is None:
@@ -59,16 +53,25 @@ class ModalStructure(Structure):
                 "if the structure is rigid), or modes above 0 Hz"
             )
         ratio = self.mobility_ratio
-        vars(self).update(
-            highest_hz=float(omega[-1]) / (2.0 * math.pi) * (1.0 + 1e-9),
-            quality={"modes_in_file": len(omega), "mobility_ratio": ratio},
-        )
         if ratio is not None and not _LEAST_MOBILITY <= ratio <= _MOST_MOBILITY:
             raise ValueError(
                 f"the modes of {self.name} are {ratio:.2g} times as mobile as an infinite plate of "
                 "plate.thickness_m and plate.material; frequency_hz must be in Hz, modal_mass_kg "
                 "in kg with matching shapes. Give plate.thickness_m in m, and only for a plate."
             )
+
+    @cached_property
+    def highest_hz(self) -> float:  # type: ignore[override]  # a constant in other structures
+        """Frequency limit just above the last mode, Hz."""
+        return float(self.mode_table.omega_rad_s[-1]) / (2.0 * math.pi) * (1.0 + 1e-9)
+
+    @cached_property
+    def quality(self) -> Mapping[str, Any]:  # type: ignore[override]  # likewise
+        """Number of modes in the file, and `mobility_ratio`."""
+        return {
+            "modes_in_file": len(self.mode_table.omega_rad_s),
+            "mobility_ratio": self.mobility_ratio,
+        }
 
     def __str__(self) -> str:
         return f"the modes of {self.name}"

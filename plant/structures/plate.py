@@ -5,7 +5,8 @@ sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -45,64 +46,88 @@ class Plate(ModeSource):
     thickness_m: float
     loss_factor: float | None = None
 
-    eta: float = field(init=False, repr=False, compare=False)
-    orthotropic: bool = field(init=False, repr=False, compare=False)
-    """whether its stiffness depends on the direction"""
-    rigidity: Rigidity = field(init=False, repr=False, compare=False)
-    bending_stiffness_n_m: float = field(init=False, repr=False, compare=False)
-    """B' = E h^3 / (12 (1 - nu^2)), N m; of an orthotropic plate that of an isotropic one with the
-    same modal density and point impedance: D over the square of 2/pi K((1 - eta)/2)"""
-    mass_per_area_kg_m2: float = field(init=False, repr=False, compare=False)
-    """m'' = rho h, kg/m^2"""
-    modal_scale_per_kg: float = field(init=False, repr=False, compare=False)
-    """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg"""
-    infinite_plate_impedance_n_s_m: float = field(init=False, repr=False, compare=False)
-    """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m"""
-    fundamental_hz: float = field(init=False, repr=False, compare=False)
-    """frequency of mode (1, 1), the lowest, Hz"""
+    @cached_property
+    def eta(self) -> float:
+        """Loss factor."""
+        return self.material.loss_factor if self.loss_factor is None else self.loss_factor
 
-    # What it offers, see `hertzloop.plant.structures.structure`; that module imports this one.
-    local_plate: "Plate" = field(init=False, repr=False, compare=False)
-    simply_supported: "Plate | None" = field(init=False, repr=False, compare=False)
-    """the plate itself; None of an orthotropic one, whose radiation is not known"""
-    separable: "Plate | None" = field(init=False, repr=False, compare=False)
-    """the plate itself: every mode is a product of sines. None of an orthotropic one, whose
-    frequencies are no sums"""
+    @cached_property
+    def orthotropic(self) -> bool:
+        """Whether its stiffness depends on the direction."""
+        return self.material.orthotropic
 
-    def __post_init__(self) -> None:
-        material, cubed = self.material, self.thickness_m**3 / 12.0
-        itself = None if material.orthotropic else self
-        of, area = vars(self), material.density_kg_m3 * self.thickness_m
-        of.update(
-            eta=material.loss_factor if self.loss_factor is None else self.loss_factor,
-            orthotropic=material.orthotropic,
-            mass_per_area_kg_m2=area,
-            modal_scale_per_kg=4.0 / (area * self.size_m[0] * self.size_m[1]),
-            local_plate=self,
-            simply_supported=itself,
-            separable=itself,
-        )
-        nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
+    @cached_property
+    def rigidity(self) -> Rigidity:
+        """Bending stiffness, by direction if the plate is orthotropic."""
+        material, nu = self.material, self.material.poisson_ratio  # nu = sqrt(nu_xy nu_yx)
         if not material.orthotropic:
             bending = material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
-            of["rigidity"] = Rigidity(bending, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
-            turns = math.sqrt(bending / area) * sum((math.pi / side) ** 2 for side in self.size_m)
+            return Rigidity(bending, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
+        cubed = self.thickness_m**3 / 12.0
+        x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
+        assert x is not None and y is not None  # noqa: PT018
+        assert shear is not None
+        mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
+        twist = 4.0 * shear * cubed / mean
+        return Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
+
+    @cached_property
+    def bending_stiffness_n_m(self) -> float:
+        """B' = E h^3 / (12 (1 - nu^2)), N m.
+
+        Of an orthotropic plate, that of an isotropic one with the same modal density and point
+        impedance: D over the square of 2/pi K((1 - eta)/2).
+        """
+        if not self.orthotropic:
+            return self.rigidity.mean_n_m
+        bent = float(scipy.special.ellipk(0.5 * (1.0 - self.rigidity.eta))) * 2.0 / math.pi
+        return self.rigidity.mean_n_m / bent**2
+
+    @cached_property
+    def mass_per_area_kg_m2(self) -> float:
+        """m'' = rho h, kg/m^2."""
+        return self.material.density_kg_m3 * self.thickness_m
+
+    @cached_property
+    def modal_scale_per_kg(self) -> float:
+        """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg."""
+        return 4.0 / (self.mass_per_area_kg_m2 * self.size_m[0] * self.size_m[1])
+
+    @cached_property
+    def infinite_plate_impedance_n_s_m(self) -> float:
+        """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
+        return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
+
+    @cached_property
+    def fundamental_hz(self) -> float:
+        """Frequency of mode (1, 1), the lowest, Hz."""
+        if self.orthotropic:
+            omega = float(self._orthotropic_omega(np.ones(1), np.ones(1))[0])
         else:
-            x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
-            assert x is not None and y is not None  # noqa: PT018
-            assert shear is not None
-            mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
-            twist = 4.0 * shear * cubed / mean
-            bend = Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
-            of["rigidity"] = bend
-            bent = float(scipy.special.ellipk(0.5 * (1.0 - bend.eta))) * 2.0 / math.pi
-            bending = mean / bent**2
-            turns = float(self._orthotropic_omega(np.ones(1), np.ones(1))[0])
-        of.update(
-            bending_stiffness_n_m=bending,
-            infinite_plate_impedance_n_s_m=8.0 * math.sqrt(bending * area),
-            fundamental_hz=turns / (2.0 * math.pi),
-        )
+            wave_number_squared = sum((math.pi / side) ** 2 for side in self.size_m)
+            speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
+            omega = speed * wave_number_squared
+        return omega / (2.0 * math.pi)
+
+    # Capabilities, see `hertzloop.plant.structures.structure`; that module imports this one.
+
+    @property
+    def local_plate(self) -> "Plate":
+        """The plate that the contact feels until reflections return: this one."""
+        return self
+
+    @property
+    def simply_supported(self) -> "Plate | None":
+        """This plate; None if it is orthotropic, since its radiation is not known."""
+        return None if self.orthotropic else self
+
+    @property
+    def separable(self) -> "Plate | None":
+        """This plate, whose modes are products of sines.
+
+        None if it is orthotropic: its frequencies are not sums.
+        """
+        return None if self.orthotropic else self
 
     def __str__(self) -> str:
         return "a simply supported orthotropic plate" if self.orthotropic else repr(self)

@@ -11,8 +11,8 @@ of the half space as well. Contact and actuator are on the same face.
 """
 
 import math
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -225,13 +225,12 @@ class SolidPlate(SizedPlate):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
 
     solid = True
-    # pyrefly: ignore[bad-override]
-    highest_hz: float = field(init=False, repr=False, compare=False)
-    """up to where the branches are known, Hz"""
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def highest_hz(self) -> float:  # type: ignore[override]  # a constant in other structures
+        """Frequency up to which the branches are known, Hz."""
         below = (1.0 - 1e-12) * HIGHEST  # whatever the rounding
-        vars(self)["highest_hz"] = below * self.unit_rad_s / (2.0 * math.pi)
+        return below * self.unit_rad_s / (2.0 * math.pi)
 
     def __str__(self) -> str:
         return "a simply supported plate in three dimensions"
