@@ -64,15 +64,19 @@ class Own(event.Listener):
             self.running[-1][1] += taken
 
 event.register("numba:compile", Own())
-from hertzloop.results.figures import figures_of
-from hertzloop.results.model import chosen_model
-from hertzloop.loop.in_process import record_in_process
-from hertzloop.loop.simulate import simulate
-from hertzloop.scene.setup import load
 try:
+    from hertzloop.loop.in_process import record_in_process
+    from hertzloop.loop.simulate import simulate
+    from hertzloop.results.figures import figures_of
+    from hertzloop.results.model import chosen_model
     from hertzloop.scene.build import free_series
+    from hertzloop.scene.setup import load
 except ImportError:  # an earlier version
-    from hertzloop.scene.parts import free_series
+    from hertzloop.analysis.figures import figures_of
+    from hertzloop.analysis.model import chosen_model
+    from hertzloop.loop.compiled import record_in_process, simulate
+    from hertzloop.setup import load
+    from hertzloop.setup.parts import free_series
 scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.006"])
 with tempfile.TemporaryDirectory() as folder:
     for compiled in (False, True):
