@@ -133,10 +133,10 @@ class Liveliness:
         """
         if not self._left_s or RECORDER in self._complete:
             return []
-        said, watched = self._ended, list(self._watched.items())
-        lost = [role for role, one in watched if one not in self.alive[role] and role not in said]
-        to_say = self._watched.keys() - said - {*lost}
-        before_s = clock.now() - (_EXPLAIN_S if to_say else 0.0)
+        ended, watched = self._ended, list(self._watched.items())
+        lost = [role for role, one in watched if one not in self.alive[role] and role not in ended]
+        to_report = self._watched.keys() - ended - {*lost}
+        before_s = clock.now() - (_EXPLAIN_S if to_report else 0.0)
         return [role for role in lost if self._left_s[role] <= before_s]
 
     def look_again_s(self) -> float:

@@ -251,13 +251,13 @@ def compare_set_up(announced: Hello, ran: SetUp) -> None:
 def _compare_set_up(announced: Hello, ran: SetUp) -> None:
     if not ran.scene_toml:
         raise StreamFault("the final message of the controller names no scene")
-    for said, done in zip_longest(
+    for stated, done in zip_longest(
         announced.scene_toml.splitlines(), ran.scene_toml.splitlines(), fillvalue="nothing"
     ):
-        if said != done:
+        if stated != done:
             raise StreamFault(
                 f"the controller used another scene: '{done[:100]}' where the plant "
-                f"announced '{said[:100]}'"
+                f"announced '{stated[:100]}'"
             )
     if ran.stiffness != announced.stiffness:
         raise StreamFault(
@@ -270,11 +270,11 @@ def other_version(versions: str, who: str) -> str:
     """Both versions, in brackets, of the `versions` in a hello or a recording (JSON by package);
     empty where they are of this version, or say nothing."""
     try:
-        said = json.loads(versions)["hertzloop"]
+        stated = json.loads(versions)["hertzloop"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return ""
     here = version("hertzloop")
-    if not isinstance(said, str) or said == here:
+    if not isinstance(stated, str) or stated == here:
         return ""
-    shown = "".join(c for c in said if c.isprintable())[:_LONGEST_VERSION]
+    shown = "".join(c for c in stated if c.isprintable())[:_LONGEST_VERSION]
     return f" ({who} hertzloop {shown}, this is {here})"

@@ -83,8 +83,8 @@ def endpoints_named(config_file: Path) -> list[str]:
     """
     config, named = _read(config_file), []
     for kind in ("listen", "connect"):
-        said = json.loads(config.get_json(f"{kind}/endpoints")) or []
-        by_mode = list(said.values()) if isinstance(said, dict) else [said]
+        endpoints = json.loads(config.get_json(f"{kind}/endpoints")) or []
+        by_mode = list(endpoints.values()) if isinstance(endpoints, dict) else [endpoints]
         named += [endpoint for endpoints in by_mode for endpoint in endpoints or []]
     return named
 

@@ -61,8 +61,8 @@ def cache_folder() -> Path:
     if base != next(_places()):
         os.environ[_CHOSEN] = str(base)
     if refused:
-        said = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
-        print(said, file=sys.stderr)
+        message = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
+        print(message, file=sys.stderr)
     return base / name
 
 

@@ -85,9 +85,9 @@ def keep(path: Path, content: str | bytes) -> None:
 def note_not_written(reason: str) -> None:
     """Note that the disk does not take compiled code; say so the first time."""
     if not _not_written:
-        said = f"compiled kernels cannot be kept in {cache_folder()}: {reason}"
+        message = f"compiled kernels cannot be kept in {cache_folder()}: {reason}"
         print(
-            f"hertzloop: {said}. Every process compiles them again. Make room there.",
+            f"hertzloop: {message}. Every process compiles them again. Make room there.",
             file=sys.stderr,
         )
     _not_written.append(reason)

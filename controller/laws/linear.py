@@ -204,26 +204,26 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
     name = keys.get("filter_file")
     if not isinstance(name, str) or not name:
         return
-    said = f"controller.filter_file = '{name[-80:]}'"
+    where = f"controller.filter_file = '{name[-80:]}'"
     given = [key for key in ("numerator", "denominator", "sections") if key in keys]
-    found = _arrays(folder / name, said)
-    form = _form(found, said)
-    designed_us = _designed_us(found.get("dt"), said)
+    found = _arrays(folder / name, where)
+    form = _form(found, where)
+    designed_us = _designed_us(found.get("dt"), where)
     for key in given:  # left by an earlier file, or a default that a recording wrote out
         del keys[key]
     del keys["filter_file"]
     values = [found[part] for part in form]
     for part, value in zip(form, values, strict=True):
         if not np.all(np.isfinite(value)):
-            raise ValueError(f"{said}: '{part}' holds numbers that are not finite.")
+            raise ValueError(f"{where}: '{part}' holds numbers that are not finite.")
     if form == ("sos",):
         rows = np.atleast_2d(values[0])
         if rows.ndim != 2 or rows.shape[1] != 6:
-            raise ValueError(f"{said}: 'sos' has shape {rows.shape}. Give n rows of 6 numbers.")
+            raise ValueError(f"{where}: 'sos' has shape {rows.shape}. Give n rows of 6 numbers.")
         gains = found.get("g", np.ones(1))
         if gains.size not in (1, len(rows) + 1) or not np.all(np.isfinite(gains)):
             raise ValueError(
-                f"{said}: 'g' beside 'sos' has {gains.size} numbers. Give the gain, or the gains "
+                f"{where}: 'g' beside 'sos' has {gains.size} numbers. Give the gain, or the gains "
                 f"of the {len(rows)} sections and of the output."
             )
         rows[0, :3] *= np.prod(gains)
@@ -233,7 +233,7 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
         for part, value in zip(form, (top, bottom), strict=True):
             if value.ndim > 1:
                 raise ValueError(
-                    f"{said}: '{part}' has shape {value.shape}, as of several outputs or of "
+                    f"{where}: '{part}' has shape {value.shape}, as of several outputs or of "
                     "a state space. Save the one filter from the samples to the force."
                 )
         if form == ("num", "den"):
@@ -241,7 +241,7 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
             late = len(bottom) - len(top)
             if late < 0 or not len(top):
                 raise ValueError(
-                    f"{said}: 'num' has {len(top)} coefficients and 'den' {len(bottom)}. A filter "
+                    f"{where}: 'num' has {len(top)} coefficients and 'den' {len(bottom)}. A filter "
                     "that can run has at most as many in 'num'."
                 )
             top = np.concatenate([np.zeros(late), top])
@@ -249,44 +249,44 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
     keys["designed_us"] = designed_us
 
 
-def _form(found: dict[str, np.ndarray], said: str) -> tuple[str, ...]:
+def _form(found: dict[str, np.ndarray], where: str) -> tuple[str, ...]:
     """Names of the arrays that are the filter. Raises ValueError without exactly one filter."""
     forms = [form for form in _FORMS if all(part in found for part in form)]
     # Beside another filter, two numbers `b` and `a` are lengths rather than a gain.
     filters = [form for form in forms if any(found[part].size > 1 for part in form)] or forms
     if not filters:
         raise ValueError(
-            f"{said}: holds no filter. Save the arrays sos, or b and a, or num and den."
+            f"{where}: holds no filter. Save the arrays sos, or b and a, or num and den."
         )
     if len(filters) > 1:
         names = " and ".join(", ".join(form) for form in filters)
-        raise ValueError(f"{said}: holds more than one filter: {names}. Save one alone.")
+        raise ValueError(f"{where}: holds more than one filter: {names}. Save one alone.")
     if filters == [("b", "a")] and found["b"].size == found["a"].size == 1 and "c, d" in found:
         raise ValueError(
-            f"{said}: a, b, c and d may be a state space. Save it as the arrays num and den."
+            f"{where}: a, b, c and d may be a state space. Save it as the arrays num and den."
         )
     return filters[0]
 
 
-def _designed_us(dt: np.ndarray | None, said: str) -> float:
+def _designed_us(dt: np.ndarray | None, where: str) -> float:
     """The sampling interval of the design, us; 0 if it is not known. Raises ValueError."""
     if dt is None or dt.dtype == bool:
         return 0.0
     step_s = float(dt.ravel()[0]) if dt.size else 0.0
     if step_s == 0.0:
         raise ValueError(
-            f"{said}: dt = 0 marks a continuous filter. Convert it to discrete time at the scene's "
-            "sampling interval, as with control.sample_system."
+            f"{where}: dt = 0 marks a continuous filter. Convert it to discrete time at the "
+            "scene's sampling interval, as with control.sample_system."
         )
     if dt.size > 1 or not np.isfinite(step_s):
-        raise ValueError(f"{said}: 'dt' must be one finite number, the sampling interval in s.")
+        raise ValueError(f"{where}: 'dt' must be one finite number, the sampling interval in s.")
     return max(0.0, 1e6 * step_s)
 
 
-def _arrays(path: Path, said: str) -> dict[str, np.ndarray]:
+def _arrays(path: Path, where: str) -> dict[str, np.ndarray]:
     """Arrays of numbers in a file, by name. Raises ValueError."""
     if path.suffix not in _ENDINGS:
-        raise ValueError(f"{said}: unknown format. Use a file that ends in .npz or .mat.")
+        raise ValueError(f"{where}: unknown format. Use a file that ends in .npz or .mat.")
     found: dict[str, Any] = {}
     try:
         if path.suffix == ".npz":
@@ -301,18 +301,18 @@ def _arrays(path: Path, said: str) -> dict[str, np.ndarray]:
             found = scipy.io.loadmat(path, squeeze_me=True)
             there = set(found)
     except OSError as error:
-        raise ValueError(f"{said}: cannot be read: {error.strerror or error}") from error
+        raise ValueError(f"{where}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # SciPy raises whatever its parser meets
-        raise ValueError(f"{said}: cannot be read: {str(error)[:120]}") from error
+        raise ValueError(f"{where}: cannot be read: {str(error)[:120]}") from error
     numbers = {"c, d": np.empty(0)} if {"c", "d"} <= there else {}
     for name in _NAMES:
         if name not in found:
             continue
         value = np.asarray(found[name])
         if np.iscomplexobj(value) and np.any(value.imag != 0.0):
-            raise ValueError(f"{said}: '{name}' has complex numbers. A law needs real ones.")
+            raise ValueError(f"{where}: '{name}' has complex numbers. A law needs real ones.")
         try:
             numbers[name] = value if value.dtype == bool else value.real.astype(float)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{said}: '{name}' holds something else than numbers.") from error
+            raise ValueError(f"{where}: '{name}' holds something else than numbers.") from error
     return numbers

@@ -277,9 +277,13 @@ def _first_line(error: Exception, function: str) -> str:
     our functions, and the line of the law, or the function where that is not said."""
     inner = re.sub(r"\x1b\[\d+m", "", str(error)).rpartition("(step: nopython frontend)")[2]
     lines = [line.strip() for line in inner.splitlines()]
-    said = [line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))]
+    reasons = [
+        line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))
+    ]
     at = re.search(r"^ *File (?!.*hertzloop_law_).*, (line \d+):", inner, re.MULTILINE)
-    return f"{said[0] if said else type(error).__name__} ({at[1] if at else 'in ' + function})"
+    return (
+        f"{reasons[0] if reasons else type(error).__name__} ({at[1] if at else 'in ' + function})"
+    )
 
 
 # Parameters and states as records: the same bytes for compiled Python, plain Python and C.

@@ -139,12 +139,12 @@ class Law:
         """Ranges that a search takes for its keys: what it says, else their bounds. Raises
         LawError."""
         if hasattr(self.home, "tune"):
-            said = self._asked("tune", about)
+            result = self._asked("tune", about)
             try:
-                return {str(key): (float(low), float(high)) for key, (low, high) in said.items()}
+                return {str(key): (float(low), float(high)) for key, (low, high) in result.items()}
             except (AttributeError, TypeError, ValueError):
                 raise LawError(
-                    f"law {self.name}: tune returned {said!r}. Return {{key: (low, high)}}."
+                    f"law {self.name}: tune returned {result!r}. Return {{key: (low, high)}}."
                 ) from None
         found = {}
         for name, info in self.keys.model_fields.items():
@@ -191,8 +191,8 @@ class Law:
         except LawError:
             raise
         except (Exception, SystemExit) as error:
-            said = said_of(error, self.path)
-            raise LawError(f"law {self.name}: {function} failed: {said}") from error
+            result = error_text(error, self.path)
+            raise LawError(f"law {self.name}: {function} failed: {result}") from error
 
     def bind(self, keys: Any, about: LawContext, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises LawError."""
@@ -221,15 +221,15 @@ _PREPARES_CHECKED = 4  # the first: it takes 0.1 ms, and a sweep prepares a law 
 _FEW = 64
 
 
-def said_of(error: BaseException, path: Path) -> str:
+def error_text(error: BaseException, path: Path) -> str:
     """An exception, with the line of the law's file."""
     trace, line = error.__traceback__, None
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
             line = trace.tb_lineno
         trace = trace.tb_next
-    said = ": ".join(filter(None, (type(error).__name__, str(error))))
-    return said + (f" (line {line})" if line else "")
+    result = ": ".join(filter(None, (type(error).__name__, str(error))))
+    return result + (f" (line {line})" if line else "")
 
 
 def _exactly(constants: Any) -> tuple[Any, ...] | None:

@@ -59,10 +59,10 @@ class LibraryLaw(Law):
         for key in iter(table):
             if not key.name:
                 break
-            said = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
+            description = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
             low = None if key.least == -math.inf else key.least
             high = None if key.most == math.inf else key.most
-            fields[key.name.decode()] = _field(key.initial, low, high, said)
+            fields[key.name.decode()] = _field(key.initial, low, high, description)
         senses = (self._description.senses or b"").decode()
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
@@ -215,10 +215,10 @@ class UnitLaw(Law):
         if senses not in _QUANTITIES:
             senses = _DIMENSIONS.get(given.dimension or _NUMBER, "any")
         for key, variable in self._parameters.items():
-            said = variable.description or "of the unit"
+            description = variable.description or "of the unit"
             if variable.unit:
-                said += f" ({variable.unit})"
-            fields[key] = _field(variable.start or 0.0, variable.min, variable.max, said)
+                description += f" ({variable.unit})"
+            fields[key] = _field(variable.start or 0.0, variable.min, variable.max, description)
         return senses, create_model("Parameters", __base__=Keys, **fields)
 
     def constants(self, keys: Any, about: LawContext) -> Any:
@@ -260,7 +260,7 @@ class BoundUnit(BoundLaw):
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the unit said last, or did."""
-        return f"the law {self.name}, at sample {index}, {self._instance.said}"
+        return f"the law {self.name}, at sample {index}, {self._instance.fault}"
 
 
 @dataclass
@@ -269,7 +269,7 @@ class _Instance:
 
     law: UnitLaw
     constants: Any
-    said: str = ""  # the first that went wrong: more samples follow before a run ends
+    fault: str = ""  # the first fault; more samples may follow before the run ends
     _unit: Any = None
     _done: int = 0
     _held: Any = None
@@ -287,16 +287,16 @@ class _Instance:
             unit.doStep(i * step_s, step_s)
             force = made.factor * _get(unit, made.reference)
         except Exception as error:
-            self.said = self.said or f"failed: {error}"
+            self.fault = self.fault or f"failed: {error}"
             raise
         self._done = i + 1
         if not math.isfinite(force):
-            self.said = self.said or f"commanded {force} N"
+            self.fault = self.fault or f"commanded {force} N"
         s.mode = ACTING if force != 0.0 else WATCHING
         return force
 
     def _begin(self) -> None:
-        self.said = ""
+        self.fault = ""
         if self._unit is None:
             self._make()
         else:
@@ -329,8 +329,8 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
         about = fmpy.read_model_description(str(path))
         platforms = fmpy.supported_platforms(str(path))
     except Exception as error:
-        said = " ".join(str(error).split())
-        raise LawError(f"law {path}: is not a co-simulation unit: {said}") from error
+        message = " ".join(str(error).split())
+        raise LawError(f"law {path}: is not a co-simulation unit: {message}") from error
     if about.fmiVersion == "1.0" or about.coSimulation is None:
         raise LawError(
             f"the law {path} is for FMI {about.fmiVersion}"

@@ -25,7 +25,7 @@ from hertzloop.common.text_files import python_text
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
-from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
+from hertzloop.controller.loading.law import Law, LawError, check_home, error_text
 from hertzloop.controller.loading.library import library_law, unit_law
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
@@ -266,7 +266,7 @@ def _loading(law: str, path: Path) -> Iterator[None]:
             "loop."
         ) from None
     except (Exception, SystemExit) as error:
-        raise LawError(f"law {law}: cannot be loaded: {said_of(error, path)}") from error
+        raise LawError(f"law {law}: cannot be loaded: {error_text(error, path)}") from error
 
 
 _own_modules: set[str] = set()  # that laws have imported

@@ -24,7 +24,7 @@ from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.signals import INTERRUPTED, ending_signals
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import load as load_scene
-from hertzloop.scene.plate_model import TOLD_S, build_time_s
+from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
 from hertzloop.warmup import all_compiled, anything_compiled, ensure_compiled
 
@@ -110,7 +110,7 @@ def scene_from(
     if not anything_compiled():
         announce_compilation()
     takes_s, spec = build_time_s(setup.plant), setup.plant
-    if takes_s >= TOLD_S:
+    if takes_s >= WARN_ABOVE_S:
         count = spec.plate.modes_below(spec.frequency_limit_hz)
         err.say(f"Computing about {count:.2g} modes takes about {takes_s:.0f} s of processor time.")
     if not tried:

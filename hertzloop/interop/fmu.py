@@ -135,20 +135,20 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
 def _add_variables(root: ET.Element, every: list[Variable], version: Version) -> None:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(every):
-        said = {"name": variable.name, "valueReference": str(reference),
+        attributes = {"name": variable.name, "valueReference": str(reference),
                 "causality": variable.causality, "description": variable.meaning}  # fmt: skip
         if variable.causality == "parameter":
-            said["variability"] = "fixed"
+            attributes["variability"] = "fixed"
         elif variable.whole:
-            said["variability"] = "discrete"
+            attributes["variability"] = "discrete"
         typed = {"unit": variable.unit} if variable.unit else {}
         if variable.start is not None:
             typed["start"] = repr(variable.start)
         if version == "2":
-            scalar = ET.SubElement(listed, "ScalarVariable", said)
+            scalar = ET.SubElement(listed, "ScalarVariable", attributes)
             ET.SubElement(scalar, "Integer" if variable.whole else "Real", typed)
         else:
-            ET.SubElement(listed, "Int64" if variable.whole else "Float64", said | typed)
+            ET.SubElement(listed, "Int64" if variable.whole else "Float64", attributes | typed)
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [(r, v) for r, v in enumerate(every) if v.causality == "output"]
     if version == "3":
@@ -197,8 +197,8 @@ def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
 
 def _token(image: Image, cpu: str, version: Version) -> str:
     """What tells one unit from any other."""
-    said = f"{__version__} {cpu} {version} {image.constants} {variables(image)}".encode()
-    digest = hashlib.sha256(image.data + said).hexdigest()
+    inputs = f"{__version__} {cpu} {version} {image.constants} {variables(image)}".encode()
+    digest = hashlib.sha256(image.data + inputs).hexdigest()
     return "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20])) + "}"
 
 
@@ -239,8 +239,8 @@ def write_library(
             cwd=folder, capture_output=True, text=True,
         )  # fmt: skip
         if done.returncode != 0:
-            said = next(iter(done.stderr.strip().splitlines()), "no reason given")
-            raise NoCompiler(f"cc did not make the library: {said}")
+            reason = next(iter(done.stderr.strip().splitlines()), "no reason given")
+            raise NoCompiler(f"cc did not make the library: {reason}")
         write_whole(out, (folder / "made.so").read_bytes())
 
 

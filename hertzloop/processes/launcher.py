@@ -293,9 +293,9 @@ def _cause(
     for child in sorted(failed, key=lambda c: (c.program != "", (c.process.returncode or 0) >= 0)):
         if reason := child.own_reason():
             # What a program of the user's says on the bus tells more than how it then exits.
-            said = (one.fault for one in failed if one.role == PLANT and one.others)
+            faults = (one.fault for one in failed if one.role == PLANT and one.others)
             ended_by_it = child.program and not any(one.lost for one in failed)
-            return next(said, reason) if ended_by_it else reason
+            return next(faults, reason) if ended_by_it else reason
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
     if hung := sorted(silent or running & missed):

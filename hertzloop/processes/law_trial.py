@@ -53,9 +53,9 @@ def try_law(setup: Setup) -> str:
     samples = impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:
-        said = _in_child(bound, samples, setup, folder)
-    if said:
-        raise SceneError(said)
+        problem = _in_child(bound, samples, setup, folder)
+    if problem:
+        raise SceneError(problem)
     notes = [law.identity_note()]
     if isinstance(bound, BoundPython) and bound.trouble:
         if bound.trouble.startswith("NameError"):  # Python says so only when it gets there
@@ -107,8 +107,8 @@ def check_repeatable(setup: Setup) -> None:
     samples = impact_samples(setup, about)
     bound = bound_law(setup, True)
     first = _forces(bound, samples, setup.step_s, 0.0)
-    if said := _unrepeatable(first, bound, samples, setup.step_s):
-        raise SceneError(said)
+    if problem := _unrepeatable(first, bound, samples, setup.step_s):
+        raise SceneError(problem)
     if note := law.identity_note():
         warnings.warn(note, stacklevel=4)
 
@@ -157,12 +157,12 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
     by_zero = _forces(bound, samples, step_s, 0.0)
     if isinstance(by_zero, str):
         return by_zero
-    if said := _unrepeatable(by_zero, bound, samples, step_s):
-        return said
+    if problem := _unrepeatable(by_zero, bound, samples, step_s):
+        return problem
     with suppress(LawTimeout), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
-        said = bound.reads_unknown(samples)
-        if said:
-            return said
+        problem = bound.reads_unknown(samples)
+        if problem:
+            return problem
     if by_zero != _forces(bound, samples, step_s, math.nan):
         return (
             f"law {bound.name}: reads values before samples[0] or after samples[i], since its "
@@ -190,13 +190,13 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        said, tempfile.tempdir = "", folder
+        problem, tempfile.tempdir = "", folder
         try:
-            said = _trial(bound, samples, setup.step_s)
+            problem = _trial(bound, samples, setup.step_s)
         except BaseException as error:
-            said = f"law {bound.name}: failed: {error!r}"
+            problem = f"law {bound.name}: failed: {error!r}"
         finally:
-            os.write(writing, said.encode()[:4000])
+            os.write(writing, problem.encode()[:4000])
             os._exit(0)
     os.close(writing)
     try:
@@ -206,13 +206,13 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
                 f"law {bound.name}: did not answer {_SAMPLES} samples within "
                 f"{_PATIENCE_S:g} s. Check it for an endless loop."
             )
-        said = os.read(reading, 4000).decode()
+        problem = os.read(reading, 4000).decode()
     finally:
         os.close(reading)
         by_signal = _kill_child(child)
-    if not said and by_signal:
+    if not problem and by_signal:
         return f"law {bound.name}: ended its process by signal {by_signal}"
-    return said
+    return problem
 
 
 def _kill_child(pid: int) -> int:

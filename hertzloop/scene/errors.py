@@ -82,8 +82,8 @@ def _wanted(problem: Any) -> str:
     kind = problem["type"]
     words = _WANTED.get(kind) or _WANTED.get(kind.partition("_")[0])
     if words is None or "pattern" in kind or "too" in kind:
-        said: str = problem["msg"]
-        return said.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
+        message: str = problem["msg"]
+        return message.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
     return words.format(**problem.get("ctx", {}))
 
 

@@ -75,13 +75,13 @@ def _docstrings(table: type[BaseModel]) -> dict[str, str]:
     (definition,) = ast.parse(inspect.getsource(table)).body
     assert isinstance(definition, ast.ClassDef)
     return {
-        key.target.id: inspect.cleandoc(said.value.value)
-        for key, said in pairwise(definition.body)
+        key.target.id: inspect.cleandoc(docstring.value.value)
+        for key, docstring in pairwise(definition.body)
         if isinstance(key, ast.AnnAssign)
         and isinstance(key.target, ast.Name)
-        and isinstance(said, ast.Expr)
-        and isinstance(said.value, ast.Constant)
-        and isinstance(said.value.value, str)
+        and isinstance(docstring, ast.Expr)
+        and isinstance(docstring.value, ast.Constant)
+        and isinstance(docstring.value.value, str)
     }
 
 

@@ -22,10 +22,10 @@ def draw_latencies(table: dict[str, Any]) -> list[float]:
     The logarithms form a first-order autoregressive process. `least_us` is added, `seed` and
     `samples` are 1 and 4096 if left out.
     """
-    said = "controller.latency_trace"
+    where = "controller.latency_trace"
     known = {*_DRAWN, "least_us", "seed", "samples"}
     if unknown := sorted(set(table) - known):
-        raise ValueError(f"{said}.{unknown[0]}: unknown key. Use {', '.join(sorted(known))}")
+        raise ValueError(f"{where}.{unknown[0]}: unknown key. Use {', '.join(sorted(known))}")
     numbers: dict[str, Any] = {"least_us": 0.0, "seed": 1, "samples": _SAMPLES} | table
     for name, least in {**_DRAWN, "least_us": 0.0, "seed": 0, "samples": 1}.items():
         value = numbers.get(name)
@@ -34,8 +34,8 @@ def draw_latencies(table: dict[str, Any]) -> list[float]:
         most = {"autocorrelation": 1.0 - 1e-9, "samples": _MOST_LATENCIES}.get(name, 1e6)
         if not good or not least <= cast(float, value) <= most:
             raise ValueError(
-                f"{said}.{name} = {shown(value)}: must be a {'whole ' if whole else ''}number from "
-                f"{least:g} to {most:g}"
+                f"{where}.{name} = {shown(value)}: must be a {'whole ' if whole else ''}number "
+                f"from {least:g} to {most:g}"
             )
     normal = np.random.Generator(np.random.Philox(key=[numbers["seed"], _TRACE])).standard_normal(
         numbers["samples"]
@@ -68,7 +68,7 @@ def read_latencies(path: Path) -> list[float]:
     Raises:
         ValueError: there is no latency in each line, or the file can mean two things.
     """
-    said = f"controller.latency_trace = {quoted_path(path)}"
+    where = f"controller.latency_trace = {quoted_path(path)}"
     try:
         if path.suffix == ".mcap":
             # 0.03 s of every start, for traces of this kind alone.
@@ -79,9 +79,9 @@ def read_latencies(path: Path) -> list[float]:
         else:
             found = _column(text_of(path.read_bytes()))
     except (ValueError, OSError, RuntimeError) as error:
-        raise ValueError(f"{said}: {shortened(str(error))}") from error
+        raise ValueError(f"{where}: {shortened(str(error))}") from error
     if not 1 <= len(found) <= _MOST_LATENCIES:
-        raise ValueError(f"{said}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
+        raise ValueError(f"{where}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
     return found
 
 

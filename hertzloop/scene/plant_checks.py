@@ -54,8 +54,8 @@ def _striker_problems(scene: PlantTables) -> list[str]:
     """What a scene says of the sphere or the hammer that does not make one striker."""
     sphere, hammer = scene.sphere, scene.hammer
     if (sphere is None) == (hammer is None):
-        said = "no table" if sphere is None else "two tables"
-        return [f"[sphere] and [hammer]: {said} of what strikes the plate. Give one of the two."]
+        count = "no table" if sphere is None else "two tables"
+        return [f"[sphere] and [hammer]: {count} of what strikes the plate. Give one of the two."]
     striker = sphere or hammer
     assert striker is not None
     if find_material(striker.material, scene.materials or ()).orthotropic:

@@ -17,7 +17,7 @@ NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, 
 _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
-TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
+WARN_ABOVE_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
@@ -235,7 +235,7 @@ def build_time_s(spec: PlantSpec) -> float:
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
     found = modes * spec.plate.seconds_per_mode
     masses = sum(mass > 0.0 for mass in spec.masses)
-    if masses and _MASS_S * modes**2 > TOLD_S:
+    if masses and _MASS_S * modes**2 > WARN_ABOVE_S:
         limit = 2.0 * math.pi * spec.frequency_limit_hz
         felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
         found += masses * _MASS_S * felt**2

@@ -38,15 +38,15 @@ class ModalStructure(Structure):
 
     # pyrefly: ignore[bad-override]
     def __post_init__(self) -> None:
-        said = self.residual is not None or self.mode_table.residual_flexibility_m_n is not None
-        if not said and self.local_plate is None:
+        given = self.residual is not None or self.mode_table.residual_flexibility_m_n is not None
+        if not given and self.local_plate is None:
             raise ValueError(
                 f"{self.name} does not give residual_flexibility_m_n of the truncated modes. "
                 "Give it there, as plate.residual_flexibility_m_n (0 if the modes are complete), "
                 "or plate.thickness_m to take that of an infinite plate"
             )
         omega = self.mode_table.omega_rad_s
-        if not said and omega[-1] == 0.0:
+        if not given and omega[-1] == 0.0:
             raise ValueError(
                 f"{self.name} has modes of a rigid body only, so plate.thickness_m does not give "
                 "the flexibility of the truncated modes. Give plate.residual_flexibility_m_n (0 "

@@ -318,5 +318,5 @@ def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:
     if limit.quantity != "jitter_us" or not limit.value:
         return limit
     mean_us = mean_latency_us(setup.vary({limit.key: limit.value}))
-    said = f"mean latency {mean_us:.3g} us"
-    return replace(limit, remark=f"{limit.remark}, {said}" if limit.remark else said)
+    remark = f"mean latency {mean_us:.3g} us"
+    return replace(limit, remark=f"{limit.remark}, {remark}" if limit.remark else remark)

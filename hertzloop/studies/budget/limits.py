@@ -342,8 +342,10 @@ class _Known:
         self.cases += len(rows)
         lacking = not_run(rows)
         if lacking and not self.reason:
-            said = lacking[0]["status"]
-            self.reason = said if self.quantity.key in said else f"{self.quantity.key}: {said}"
+            status = lacking[0]["status"]
+            self.reason = (
+                status if self.quantity.key in status else f"{self.quantity.key}: {status}"
+            )
         for (place, one), row in zip(pairs, rows, strict=True):
             self.tried.setdefault(place, []).append(one)
             excess = worst_excess(self.goals, row)

@@ -184,9 +184,9 @@ def read_requirements(path: Path) -> list[Row]:
         except ValidationError as error:
             problem = error.errors()[0]
             where = ".".join(map(str, problem["loc"]))
-            said = problem["msg"].removeprefix("Value error, ")
+            sentence = problem["msg"].removeprefix("Value error, ")
             raise SceneError(
-                f"{path}, requirement {number}{where and f', {where}'}: {said}. Correct the row"
+                f"{path}, requirement {number}{where and f', {where}'}: {sentence}. Correct the row"
             ) from error
         for scene in one.scenes or (one.scene or "",):
             rows.append(Row(one, scene, one.law or for_all.get("law"), path.parent))
@@ -242,11 +242,13 @@ def check(pool: Pool, row: Row) -> Checked:
             measured[figure] = math.nan if got is None else float(got)
             allowed = one.tolerance.get(figure, digits_of(setup, figure, value))
             off = abs(measured[figure] - value)
-            said = f"{figure} = {measured[figure]:.6g}, expected {value:.6g} within {allowed:.2g}"
+            sentence = (
+                f"{figure} = {measured[figure]:.6g}, expected {value:.6g} within {allowed:.2g}"
+            )
             if off <= allowed:
-                holds.append(said)
+                holds.append(sentence)
             elif not unstable:
-                fails.append(said)
+                fails.append(sentence)
                 command = command or row.command({})
         for goal in one.goals if one.probability is None else ():
             worst = max(range(len(over)), key=lambda i: worst_excess([goal], over[i]))
@@ -275,15 +277,15 @@ def check(pool: Pool, row: Row) -> Checked:
             pool, setup, one.goals, uncertain, one.span, within=0.01, most=one.cases
         )
         low, high = found.interval
-        said = (
+        sentence = (
             f"probability {found.value:z.4f} ({low:z.4f} to {high:z.4f}, {found.cases} cases), "
             f"required {one.probability:g}"
         )
         # The lower end counts: the required probability has to be shown, not only possible.
         if low >= one.probability:
-            holds.append(said)
+            holds.append(sentence)
         else:
-            fails.append(said)
+            fails.append(sentence)
             command = command or row.command(found.worst)
     # A row that fails by the instability says so already.
     said_already = unstable or any(grows in sentence for sentence in fails)
@@ -328,11 +330,11 @@ def _check_limits(
             found.value is not None
             and (found.value <= wanted if least else found.value >= wanted - 1e-12)
         )
-        said = _limit_sentence(found, wanted, margin, one.span)
+        sentence = _limit_sentence(found, wanted, margin, one.span)
         if enough:
-            holds.append(said)
+            holds.append(sentence)
         else:
-            fails.append(said)
+            fails.append(sentence)
             if found.boundary is Boundary.UNSTABLE:  # the scene shows it, latency at its least
                 case = case or ({found.key: 0} if found.quantity == "latency_us" else {})
                 continue

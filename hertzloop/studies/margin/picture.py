@@ -128,8 +128,8 @@ def _nyquist(ax: Any, drawn: _Drawn) -> None:
     peak = drawn.margin.peak_sensitivity
     radius = 1.0 / peak if peak else 0.5
     circle = _curved(-1.0 + radius * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 300)))
-    said = f"|1 + L| = {radius:.3g}" + (", closest approach" if peak else "")
-    ax.plot(circle.real, circle.imag, color=_ORANGE, label=said)
+    label = f"|1 + L| = {radius:.3g}" + (", closest approach" if peak else "")
+    ax.plot(circle.real, circle.imag, color=_ORANGE, label=label)
     ax.plot(-1.0, 0.0, "+", color=_PINK, markersize=11, markeredgewidth=2, label="-1")
     size = min(max(1.8, 1.1 * float(np.abs(value).max())), _RADIUS)
     ax.set(

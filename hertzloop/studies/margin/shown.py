@@ -100,10 +100,10 @@ def margin_lines(m: Margin) -> list[str]:
             f"latency limit: {m.latency_limit_steps} steps ({m.latency_limit_us:.4g} us){at}"
         )
     windows = m.stable_windows_us or []
-    said = ", ".join(
+    latencies = ", ".join(
         f"{a:.4g} to {'any' if b is None else format(b, '.4g')}" for a, b in windows[:8]
     )
-    lines.append(f"stable latencies, us: {said or 'none'}{' ...' if len(windows) > 8 else ''}")
+    lines.append(f"stable latencies, us: {latencies or 'none'}{' ...' if len(windows) > 8 else ''}")
     gain = "without limit" if m.gain_margin is None else f"{m.gain_margin:.4g}"
     lines.append(f"gain margin (factor on the gain at which stability ends): {gain}")
     if m.peak_sensitivity is not None and m.disk_margin is not None:

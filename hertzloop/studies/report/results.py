@@ -39,14 +39,14 @@ def telling_figures(rows: Rows) -> tuple[list[str], list[str]]:
     there = [figure for figure in SHOWN if known(rows, figure)]
     shown = {figure: {_digits(row[figure]) for row in known(rows, figure)} for figure in there}
     differing = [figure for figure in there if len(shown[figure]) > 1] or there
-    said = [
+    sentences = [
         f"{words.against_none(figure)}: no value in any case"
         if figure not in there
         else f"{words.against_none(figure)}: {min(shown[figure])} in every case"
         for figure in SHOWN
         if figure not in differing
     ]
-    return differing, said
+    return differing, sentences
 
 
 def _digits(value: float) -> str:

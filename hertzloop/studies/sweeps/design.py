@@ -267,8 +267,8 @@ def _check_ends(setup: Setup, design: Design) -> None:
                 try:
                     setup.vary({**first, **law, axis.key: value})
                 except SceneError as error:
-                    said = f"--over {shortened(axis.key)}, value {shown(value)}"
-                    raise SceneError(f"{said}: {error}") from error
+                    where = f"--over {shortened(axis.key)}, value {shown(value)}"
+                    raise SceneError(f"{where}: {error}") from error
 
 
 # Figures over the phase of the first touch within a sample, which nobody controls.
