@@ -22,7 +22,7 @@ from hertzloop.plant.schemes import discrete_gradient_kernels as whole
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
-close_balance, modal_energy = whole.close_balance, whole.modal_energy
+close_balance, contact_energy = whole.close_balance, whole.contact_energy
 
 @kernel(inline=True)
 def step(model, state, f_a):
@@ -38,7 +38,7 @@ from tests.hertzloop.with_lines import with_line
 
 with_line(
     "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
-    '    "half": Scheme("half:HalfPlant", "half:HalfModel"),\\n',
+    '    "half": Scheme("half:HalfPlant"),\\n',
 )
 import numpy as np
 
@@ -76,7 +76,7 @@ from hertzloop.plant.schemes import collocation_kernels as whole
 from hertzloop.plant.schemes.collocation import CollocationPlant
 
 FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotations__.items()))
-close_balance, modal_energy = whole.close_balance, whole.modal_energy
+close_balance, contact_energy = whole.close_balance, whole.contact_energy
 has_slope, yields = whole.has_slope, whole.yields
 
 @kernel
@@ -93,7 +93,7 @@ from tests.hertzloop.with_lines import with_line
 
 with_line(
     "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
-    '    "fourth": Scheme("fourth:FourthPlant", "fourth:FourthModel", records_slope=True, '
+    '    "fourth": Scheme("fourth:FourthPlant", records_slope=True, '
     'supports_tail=True),\\n',
 )
 import numpy as np
