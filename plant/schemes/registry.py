@@ -80,10 +80,6 @@ SCHEMES = {
         supports_actuator_dynamics=True, supports_hammer=True, supports_exponent=True,
         supports_sensor_elsewhere=True, supports_export=True,
     ),
-    "discrete_gradient": Scheme(
-        f"{_AT}.discrete_gradient:DiscreteGradientPlant",
-        supports_hammer=True, supports_export=True,
-    ),
     "thesis2008": Scheme(
         f"{_AT}.thesis2008:ThesisPlant",
         converges=False, conserves=False, note="published numerics, flaws included",

@@ -136,7 +136,7 @@ def test_the_digest_sees_all_that_is_compiled_in() -> None:
     assert all((ROOT / "hertzloop" / name).samefile(ROOT / name) for name in LINKED)
     sources = kernel_sources()
     assert {
-        "hertzloop/plant/schemes/discrete_gradient_kernels.py",
+        "hertzloop/plant/schemes/collocation_kernels.py",
         "hertzloop/plant/schemes/registry.py",
         "hertzloop/common/jit/decorator.py",
     } <= set(sources)
