@@ -37,7 +37,7 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.plant import Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes.registry import SCHEMES, Scheme
-from hertzloop.plant.state_kernels import BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE, ROWS
+from hertzloop.plant.state_kernels import AWAKE, BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE
 from hertzloop.plant.structures.modes import Oscillators
 
 NAME = "discrete_gradient"
@@ -135,10 +135,12 @@ def _loss_form(
     theta: np.ndarray, rho: float, h: float, turn: np.ndarray, energy: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energy lost in a step as rr yr^2 + ri yr yi + ii yi^2 of y = yr + i yi at its end."""
+    dissipation = state_kernels.dissipation
+    dissipation = getattr(dissipation, "py_func", dissipation)  # for arrays
 
     def lost(y_end: complex) -> np.ndarray:
         y = y_end / turn
-        terms = state_kernels.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
+        terms = dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
         return np.asarray(energy * terms)
 
     rr, ii = lost(1.0), lost(1.0j)
@@ -163,5 +165,5 @@ class DiscreteGradientPlant(Plant):
             balance=np.zeros(BALANCE_SIZE),
             counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[ROWS] = rows
+        state.counts[AWAKE] = rows
         return state

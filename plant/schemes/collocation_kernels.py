@@ -39,6 +39,7 @@ from hertzloop.plant.state_kernels import (
     A_P,
     A_S,
     AIR,
+    AWAKE,
     AWAY_M,
     F_A,
     F_A1,
@@ -51,7 +52,6 @@ from hertzloop.plant.state_kernels import (
     NEWTON_MAX,
     NEWTON_TOTAL,
     PLASTIC_DISSIPATED,
-    ROWS,
     SILENT_M,
     STEP,
     V_P,
@@ -470,12 +470,12 @@ def yields(model):
 @kernel(inline=True)
 def _silence(state):
     """Leave out the modes of highest frequency that have died away."""
-    n = state.counts[ROWS]
+    n = state.counts[AWAKE]
     while n > 0 and abs(state.z[0, n - 1]) + abs(state.z[1, n - 1]) <= SILENT_M:
         n -= 1
         state.z[0, n] = 0.0
         state.z[1, n] = 0.0
-    state.counts[ROWS] = n
+    state.counts[AWAKE] = n
 
 
 @kernel(inline=True)
@@ -535,10 +535,10 @@ def step(model, state, command):
     sloped = act.has_slope(model.actuator)
     pushed = f_a != 0.0 or (sloped and f_a1 != 0.0)
     if not quiet or pushed:
-        counts[ROWS] = state.z.shape[1]
+        counts[AWAKE] = state.z.shape[1]
     elif counts[STEP] % LOOK_EVERY == 0:
         _silence(state)
-    awake = counts[ROWS]
+    awake = counts[AWAKE]
     swing = mean = 0.0
     drifts = quiet and model.same_point
     if drifts:

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import FLIGHT_X, GRAVITY_M_S2, ROWS, V_P, XI, XI_P, XI_S
+from hertzloop.plant.state_kernels import AWAKE, FLIGHT_X, GRAVITY_M_S2, V_P, XI, XI_P, XI_S
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
 
@@ -89,10 +89,10 @@ def test_leaving_out_silent_modes_changes_nothing() -> None:
     steps = 6000
     optimised, awake = oak(), oak()
     rows = run(optimised, steps)
-    left = int(optimised.state.counts[ROWS])
+    left = int(optimised.state.counts[AWAKE])
     # A force of no consequence keeps every mode in the sums.
     other = run(awake, steps, np.full(steps, 1e-280))
-    assert awake.state.counts[ROWS] == awake.state.z.shape[1]
+    assert awake.state.counts[AWAKE] == awake.state.z.shape[1]
     assert left < 0.6 * awake.state.z.shape[1]  # or nothing was left out
     # Sums of fewer terms, and means that are taken another way, round otherwise.
     for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
@@ -103,7 +103,7 @@ def test_leaving_out_silent_modes_changes_nothing() -> None:
         step(plant.model, plant.state, 5.0)
         step(plant.model, plant.state, 0.0)
         step(plant.model, plant.state, 0.0)
-    assert optimised.state.counts[ROWS] == optimised.state.z.shape[1]
+    assert optimised.state.counts[AWAKE] == optimised.state.z.shape[1]
     assert optimised.state.body[XI_P] == pytest.approx(awake.state.body[XI_P], rel=1e-9)
 
 
