@@ -30,11 +30,11 @@ from benchmarks.program import (
     write_records,
     written,
 )
+from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.plant.numerics import phi
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.scene.setup import load

@@ -26,6 +26,7 @@ from benchmarks.program import (
     write_records,
     written,
 )
+from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from benchmarks.speed_accuracy import Problem, problem
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
@@ -34,7 +35,6 @@ from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import thesis2008_kernels as tk
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import V_P
 from hertzloop.plant.structures.structure import oscillators

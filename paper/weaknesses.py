@@ -25,6 +25,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
+from benchmarks.schemes import discrete_gradient_kernels
+from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -36,7 +38,6 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import (
@@ -308,14 +309,12 @@ def _consistent_contact(step_us: float) -> tuple[float, float]:
 
 def consistent_first_contact(spec: PlantSpec, longest_s: float) -> tuple[float, float]:
     """Contact time (us) and sphere speed (m/s) after the first contact without control."""
-    from hertzloop.plant.schemes import discrete_gradient_kernels as discrete_gradient
-
     plant = DiscreteGradientPlant(spec)
     body = plant.state.body
     began = None
     for _ in range(round(longest_s / spec.step_s)):
         gap = float(body[XI])
-        discrete_gradient.step(plant.model, plant.state, 0.0)
+        discrete_gradient_kernels.step(plant.model, plant.state, 0.0)
         after = float(body[XI])
         at = (float(plant.state.counts[STEP]) - after / (after - gap)) if after != gap else 0.0
         if began is None and after < 0.0:

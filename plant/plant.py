@@ -282,9 +282,11 @@ def _stirred(modes: Oscillators, seen: bool) -> Oscillators:
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
-    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`
-    and `close_balance(model, state)`, which returns the energy of the modes. Its state has the
-    arrays `body`, `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
+    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
+    `contact_energy(model, state)`, J, and `close_balance(model, state)`, which returns the energy
+    of the modes. The class of its model is defined in that module too: a model's kernels are found
+    by its class. Its state has the arrays `body`, `balance` and `counts` of
+    `hertzloop.plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any
@@ -339,8 +341,6 @@ class Plant(ABC):
         )  # fmt: skip
 
     def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J: `contact_energy` of the kernels, or
-        of those of the class that a scheme extends."""
-        offered = [vars(one)["kernels"] for one in type(self).__mro__ if "kernels" in vars(one)]
-        stored = next(one.contact_energy for one in offered if hasattr(one, "contact_energy"))
+        """Energy stored in the contact at the present step, J."""
+        stored = self.kernels.contact_energy
         return float(getattr(stored, "py_func", stored)(self.model, self.state))

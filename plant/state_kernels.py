@@ -27,19 +27,20 @@ MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPA
 TAIL_DISSIPATED = 6
 BALANCE_SIZE = 7
 # Indices into a state's counts.
-# WITHDRAWN: whether a hand has taken back the striker.
-STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, ROWS, WITHDRAWN = range(8)
+# AWAKE: number of modes, from the lowest on, that have not died away. WITHDRAWN: whether a hand has
+# taken back the striker.
+STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, AWAKE, WITHDRAWN = range(8)
 COUNTS_SIZE = 8
 
-# In flight a row of oscillators below this (m) is set to zero and left out: far below
-# anything a double can show, and it avoids denormal numbers, which are 50 times slower.
+# In flight a mode below this is set to zero and left out: far below anything a double can show, and
+# it avoids denormal numbers, which are 50 times slower.
 SILENT_M = 1e-60
 LOOK_EVERY = 64  # steps
 
 GRAVITY_M_S2 = 9.81
 
 
-@kernel(allocates=True)  # where Python calls it with arrays
+@kernel
 def dissipation(theta, rho, duration, yr, yi, er, ei):
     """2 * integral of 2 delta v^2 over `duration`, v = Theta Re((1 + i rho) y exp(s t)).
 

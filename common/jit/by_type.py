@@ -1,5 +1,6 @@
 """How kernels call each other: chosen by type, kept apart, or with one rounding."""
 
+import sys
 from collections.abc import Callable, Mapping
 from functools import update_wrapper
 from typing import Any
@@ -21,16 +22,32 @@ def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
     what a kernel returns as a constant is one in its caller. Its attribute `uncompiled` is the same
     function in Python.
     """
+    return _function_of(kernels.get)
+
+
+def by_module(name: str, otherwise: Callable[..., Any] | None = None) -> Any:
+    """The same with the kernel `name` of the module that defines the part's class; `otherwise`
+    where that module has none."""
+
+    def kernel_of(part: Any) -> Any:
+        module = sys.modules.get(getattr(part, "__module__", ""))
+        return getattr(module, name, otherwise)
+
+    return _function_of(kernel_of)
+
+
+def _function_of(kernel_of: Callable[[Any], Any]) -> Any:
+    """A function that calls the kernel that `kernel_of` finds for a part's class, None if none."""
 
     def chosen(part: Any, *arguments: Any) -> Any:
-        return kernels[type(part)](part, *arguments)
+        return kernel_of(type(part))(part, *arguments)
 
     def uncompiled(part: Any, *arguments: Any) -> Any:
-        kernel = kernels[type(part)]
+        kernel = kernel_of(type(part))
         return getattr(kernel, "py_func", kernel)(part, *arguments)
 
     chosen.uncompiled = uncompiled  # type: ignore[attr-defined]
-    infer_global(chosen, _ByType(kernels))
+    infer_global(chosen, _ByType(kernel_of))
     return chosen
 
 
@@ -38,12 +55,12 @@ class _ByType(types.Callable, types.Dummy):
     """The type of a function by type: a call of it is one of the kernel that it chooses, with no
     function between that would be compiled for each choice."""
 
-    def __init__(self, kernels: Mapping[type, Callable[..., Any]]) -> None:
-        self._kernels = kernels
-        super().__init__(f"by_type({id(kernels)})")
+    def __init__(self, kernel_of: Callable[[Any], Any]) -> None:
+        self._kernel_of = kernel_of
+        super().__init__(f"by_type({id(kernel_of)})")
 
     def _chosen(self, arguments: tuple[Any, ...]) -> Any:
-        found = self._kernels.get(_class_of(arguments[0]))
+        found = self._kernel_of(_class_of(arguments[0]))
         return found and cpu_target.typing_context.resolve_value_type(found)
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:

@@ -13,9 +13,9 @@ from hertzloop.cli import options
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.common.optional_dependencies import need
-from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.studies.budget import budget as budget_study
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
 from hertzloop.studies.budget.limits import NAMES, Boundary, limit_words
@@ -81,8 +81,7 @@ def budget(
     if trace is not None:
         given += ["controller.latency_us=0", f"controller.latency_trace={trace}"]
     resolved = options.scene_from(scene, given, seed)
-    if not SCHEMES[resolved.scheme].conserves:
-        fail(NO_CASE_OF_THESIS)
+    check_conserves(resolved.scheme)
     wanted = [parse_goal(text) for text in request.goals or [DEFAULT_GOAL]]
     sobol, quick, of = request.sobol, request.quick, request.first_span
     if not resolved.has_law:

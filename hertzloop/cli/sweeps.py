@@ -12,10 +12,9 @@ import typer
 from hertzloop.cli import options
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.common.optional_dependencies import need
-from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.cases import OTHER, SHOWN
-from hertzloop.scene.errors import NO_CASE_OF_THESIS
 from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE
@@ -67,8 +66,7 @@ def sweep(
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
-    if not SCHEMES[resolved.scheme].conserves:
-        fail(NO_CASE_OF_THESIS)
+    check_conserves(resolved.scheme)
     if request.dask is not None:
         _check_scheduler(request.dask)
     planned, uncertain = planned_by(resolved, request), request.uncertain

@@ -18,10 +18,10 @@ from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import words_of
-from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.cases import OBJECTIVES
-from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml, toml_text
 from hertzloop.studies.margin.shown import unstable_line
@@ -72,8 +72,8 @@ def tune(
 
     options.check_json(json_file)
     bases = [options.scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
-    if any(not SCHEMES[base.scheme].conserves for base in bases):
-        fail(NO_CASE_OF_THESIS)
+    for base in bases:
+        check_conserves(base.scheme)
     search = replace(
         search, objectives=tuple(search.objectives), at_most=_limits(at_most or []),
         seed=1 if seed is None else seed,

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.jit.object_code import leaves
-from hertzloop.interop.kernels import ENERGIES, Unit, is_known
+from hertzloop.interop.kernels import ENERGIES, Unit
 from hertzloop.interop.objects import needed
 from hertzloop.loop.kernels import SAMPLES_END
 from hertzloop.loop.plant_streams import empty_window
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import STEP, V_P, XI, XI_P, XI_S
 from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scene.build import build_plant, build_sensor
@@ -55,11 +56,12 @@ class Image:
 
 def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    plant, sensor = build_plant(setup), build_sensor(setup)
-    if not is_known(plant.model):
+    if not SCHEMES[setup.scheme].supports_export:
         raise SceneError(
-            f"run.scheme = {setup.scheme!r} cannot be exported. Use 'modal' or 'discrete_gradient'."
+            f"run.scheme = {setup.scheme!r} cannot be exported. "
+            f"Use {supporting('supports_export')}."
         )
+    plant, sensor = build_plant(setup), build_sensor(setup)
     unit = Unit(
         plant.model,
         plant.state,

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.by_type import by_type
+from hertzloop.common.jit.by_type import by_module
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.plant import state_kernels
-from hertzloop.plant.schemes.registry import offering
 from hertzloop.plant.state_kernels import (
     AIR,
     CONTACT_DISSIPATED,
@@ -46,14 +45,7 @@ class Unit(NamedTuple):
     lead_s: float
 
 
-_STORED = offering("contact_energy")
-_stored = by_type(_STORED)
-_close_balance = by_type(offering("close_balance"))
-
-
-def is_known(model: Any) -> bool:
-    """Whether a plant's model can be exported: its kernels tell all energies."""
-    return type(model) in _STORED
+_stored, _close_balance = by_module("contact_energy"), by_module("close_balance")
 
 
 @kernel

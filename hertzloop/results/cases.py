@@ -16,7 +16,6 @@ from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
-from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import EffectState, names_by_state
 from hertzloop.results.figure_rows import described, figure, rows_of
 from hertzloop.results.impacts import first_impact, impacts_of_rows
@@ -27,7 +26,8 @@ from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
 from hertzloop.scene import model_error
 from hertzloop.scene.controller import loaded_law
-from hertzloop.scene.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
 
 Span = Literal["impact", "run"]
@@ -235,8 +235,7 @@ def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
 
 def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures]:
     """`figures_of_case`, which pauses between its parts unless its rows are many."""
-    if not SCHEMES[setup.scheme].conserves:
-        raise SceneError(NO_CASE_OF_THESIS)
+    check_conserves(setup.scheme)
     try:
         setup, run = _follow(setup, span)
     except LawStopped as error:

@@ -10,7 +10,7 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_C, XI
 from hertzloop.results.impacts import first_impact
@@ -63,7 +63,7 @@ def check_verifiable(setup: Setup) -> None:
     if not SCHEMES[setup.scheme].converges:
         raise SceneError(
             f"run.scheme = '{setup.scheme}' does not converge and cannot be verified. "
-            "Use 'modal' or 'discrete_gradient'."
+            f"Use {supporting('converges')}."
         )
     fine = finer_spec(setup)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)

@@ -15,11 +15,6 @@ class SceneError(ValueError):
     exit_status = 2
 
 
-NO_CASE_OF_THESIS = (
-    "run.scheme = 'thesis2008': not supported here. Use 'modal' or 'discrete_gradient'."
-)
-
-
 _LONGEST = 80  # letters of a value, of another's sentence some more
 LONGEST = 600  # letters of a whole sentence
 

@@ -8,7 +8,7 @@ from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.registry import STRUCTURES
-from hertzloop.scene.errors import shortened
+from hertzloop.scene.errors import SceneError, shortened
 from hertzloop.scene.materials import find_material
 from hertzloop.scene.tables import (
     ActuatorTable,
@@ -246,6 +246,15 @@ def _plate_in_words(scene: PlantTables) -> str:
     given = scene.plate.material
     name = given if isinstance(given, str) else given.name
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
+
+
+def check_conserves(scheme: str) -> None:
+    """Raise SceneError for a scheme that keeps neither energy nor momentum, on which figures of
+    cases rest."""
+    if not SCHEMES[scheme].conserves:
+        raise SceneError(
+            f"run.scheme = '{scheme}': not supported here. Use {supporting('conserves')}."
+        )
 
 
 def not_supported(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:

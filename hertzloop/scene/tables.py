@@ -1,9 +1,10 @@
 """The tables of a scene: keys, bounds and defaults."""
 
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
 
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import THEORIES
@@ -80,10 +81,17 @@ def _none_of_zero(value: object) -> object:
 Point = tuple[float, float]
 # Bounds are far beyond what a laboratory has, and within what the numerics can carry.
 Level = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+def _scheme(name: object, check: Callable[[object], str]) -> str:
+    """A name in `SCHEMES`, which a program may have added to since this module was loaded."""
+    return name if isinstance(name, str) and name in SCHEMES else check(name)
+
+
 if TYPE_CHECKING:
     SchemeName = str
 else:
-    SchemeName = Literal[*SCHEMES]
+    SchemeName = Annotated[Literal[*SCHEMES], WrapValidator(_scheme)]
 
 
 Mass = Annotated[float, Field(ge=1e-9, le=1e4)]

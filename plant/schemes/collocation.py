@@ -14,7 +14,7 @@ from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
 from hertzloop.plant.plant import Plant, PlantSpec, air_eta, common_fields
 from hertzloop.plant.schemes import collocation_kernels
-from hertzloop.plant.state_kernels import BALANCE_SIZE, COUNTS_SIZE, CURVE, DEEPEST, ROWS
+from hertzloop.plant.state_kernels import AWAKE, BALANCE_SIZE, COUNTS_SIZE, CURVE, DEEPEST
 from hertzloop.plant.structures.modes import Oscillators
 
 _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
@@ -416,7 +416,7 @@ class CollocationPlant(Plant):
             balance=np.zeros(BALANCE_SIZE),
             counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[ROWS] = modes
+        state.counts[AWAKE] = modes
         law = self.model.law
         if law is not None:
             state.body[DEEPEST], state.body[CURVE] = law.delta_m, self.model.stiffness

@@ -7,11 +7,16 @@ Iavernaro and Trigiante for the correction that makes the energy exact). The law
 integrated along the quartic through gap and velocity at both ends and the mean gap, which
 the modes give exactly, over the part of the step that is in contact.
 
+Step k runs from time k h to (k+1) h. The contact force F_c > 0 pushes the sphere up and the plate
+down, the actuator force F_a > 0 pushes the plate up. Every oscillator is one complex number
+z = (q' + delta q + i Theta q) b, so that its share of the velocity is Re z - rho Im z with
+rho = delta/Theta, of the displacement Im z/Theta, and free motion over a step is a multiplication
+by exp((-delta + i Theta) h). One pass per step: z is stored as propagated *without* the forces of
+the last step, which are folded in when the next step propagates it.
+
 Modes left out act as a massless spring, `flexibility`, in series with the contact, or as one more
-mode, `tail`, by which the plate's velocity follows a force at once. Signs and
-one pass per step as in `discrete_gradient_kernels`, but z is Theta times the z there: velocity is
-Re z - rho Im z, displacement Im z/Theta. The scalar equations of a step are in
-`hertzloop.plant.contact.elastic_kernels`.
+mode, `tail`, by which the plate's velocity follows a force at once. The scalar equations of a step
+are in `hertzloop.plant.contact.elastic_kernels`.
 
 Nothing here allocates.
 """
@@ -34,6 +39,7 @@ from hertzloop.plant.state_kernels import (
     A_P,
     A_S,
     AIR,
+    AWAKE,
     AWAY_M,
     F_A,
     F_A1,
@@ -46,7 +52,6 @@ from hertzloop.plant.state_kernels import (
     NEWTON_MAX,
     NEWTON_TOTAL,
     PLASTIC_DISSIPATED,
-    ROWS,
     SILENT_M,
     STEP,
     V_P,
@@ -81,7 +86,7 @@ BODY_SIZE = state_kernels.BODY_SIZE + 7
 
 
 class CollocationState(NamedTuple):
-    """What changes: z by modes, and scalars by the indices above; as PlantState."""
+    """What changes: z by modes, and scalars by the indices above."""
 
     z: np.ndarray  # (2, modes): real and imaginary parts, m/s
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
@@ -464,14 +469,13 @@ def yields(model):
 
 @kernel(inline=True)
 def _silence(state):
-    """Leave out the modes of highest frequency that have died away, as in
-    `discrete_gradient_kernels`."""
-    n = state.counts[ROWS]
+    """Leave out the modes of highest frequency that have died away."""
+    n = state.counts[AWAKE]
     while n > 0 and abs(state.z[0, n - 1]) + abs(state.z[1, n - 1]) <= SILENT_M:
         n -= 1
         state.z[0, n] = 0.0
         state.z[1, n] = 0.0
-    state.counts[ROWS] = n
+    state.counts[AWAKE] = n
 
 
 @kernel(inline=True)
@@ -531,10 +535,10 @@ def step(model, state, command):
     sloped = act.has_slope(model.actuator)
     pushed = f_a != 0.0 or (sloped and f_a1 != 0.0)
     if not quiet or pushed:
-        counts[ROWS] = state.z.shape[1]
+        counts[AWAKE] = state.z.shape[1]
     elif counts[STEP] % LOOK_EVERY == 0:
         _silence(state)
-    awake = counts[ROWS]
+    awake = counts[AWAKE]
     swing = mean = 0.0
     drifts = quiet and model.same_point
     if drifts:

@@ -1,28 +1,26 @@
 """The one table of schemes: where each is, what it supports, and one `step` for all.
 
-A compiled caller is specialised to the scheme by the type of the model, so the choice costs
-nothing per step.
+A scheme of your own is a row more: here, for all processes of a clone, or added to `SCHEMES` by a
+program, for the runs in its own process. A compiled caller is specialised to the scheme by the type
+of the model, so the choice costs nothing per step.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from importlib import import_module
 from typing import Any
 
-from hertzloop.common.jit.by_type import by_type, no
-from hertzloop.plant.schemes import infinite_kernels
+from hertzloop.common.jit.by_type import by_module, no
 
 
 @dataclass(frozen=True)
 class Scheme:
     """Where a scheme is, as "module:Class", and what it supports.
 
-    `plant`: its plant, a `plant.plant.Plant`, and `model`: the model of that, in the file of its
-    kernels. `infinite_plate`: its plant without modes, "" where it has none.
+    `plant`: its plant, a `plant.plant.Plant`, whose model is of a class of its own in the file of
+    its kernels. `infinite_plate`: its plant without modes, "" where it has none.
     """
 
     plant: str
-    model: str
     infinite_plate: str = ""
 
     # What its samples are.
@@ -47,10 +45,10 @@ class Scheme:
     supports_yield: bool = False  # a contact that yields
     supports_radiation: bool = False  # modes that are damped by air
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
-    supports_mode_losses: bool = False  # loss factors that differ from mode to mode
     supports_hammer: bool = False  # a striker without weight, which a hand withdraws
     supports_exponent: bool = False  # contact forces other than Hertz's
     supports_sensor_elsewhere: bool = False  # a sensor beside the contact, or with a mass
+    supports_export: bool = False  # its plant as an FMU or a C library
 
     @property
     def supports_infinite_plate(self) -> bool:
@@ -67,17 +65,6 @@ class Scheme:
             raise ValueError(f"{self.plant} has no plant without modes")
         return _loaded(self.infinite_plate)
 
-    @cached_property
-    def kernels(self) -> Any:
-        """The module of its kernels."""
-        return import_module(self.model.split(":")[0])
-
-    @property
-    def model_class(self) -> type:
-        """The class of the model."""
-        found: type = getattr(self.kernels, self.model.split(":")[1])
-        return found
-
 
 def _loaded(place: str) -> Any:
     module, name = place.split(":")
@@ -87,19 +74,14 @@ def _loaded(place: str) -> Any:
 _AT = "hertzloop.plant.schemes"
 SCHEMES = {
     "modal": Scheme(
-        f"{_AT}.collocation:CollocationPlant", f"{_AT}.collocation_kernels:CollocationModel",
-        infinite_plate=f"{_AT}.infinite:InfinitePlant", records_slope=True,
-        has_linear_model=True,
+        f"{_AT}.collocation:CollocationPlant", infinite_plate=f"{_AT}.infinite:InfinitePlant",
+        records_slope=True, has_linear_model=True,
         supports_tail=True, supports_solid=True, supports_yield=True, supports_radiation=True,
-        supports_actuator_dynamics=True, supports_mode_losses=True, supports_hammer=True,
-        supports_exponent=True, supports_sensor_elsewhere=True,
-    ),
-    "discrete_gradient": Scheme(
-        f"{_AT}.discrete_gradient:DiscreteGradientPlant",
-        f"{_AT}.discrete_gradient_kernels:PlantModel", supports_hammer=True,
+        supports_actuator_dynamics=True, supports_hammer=True, supports_exponent=True,
+        supports_sensor_elsewhere=True, supports_export=True,
     ),
     "thesis2008": Scheme(
-        f"{_AT}.thesis2008:ThesisPlant", f"{_AT}.thesis2008_kernels:ThesisModel",
+        f"{_AT}.thesis2008:ThesisPlant",
         converges=False, conserves=False, note="published numerics, flaws included",
         limits_modes=False, keeps_history=True, most_steps=500_000,
         dampings=frozenset({"none", "viscous", "relaxation"}), supports_edges=False,
@@ -114,25 +96,7 @@ def supporting(capability: str) -> str:
     return " or ".join(names)
 
 
-_MODELS = {row.model_class: row.kernels for row in SCHEMES.values()}
-_MODELS[infinite_kernels.InfiniteModel] = infinite_kernels
 # Advance one step: model, state, commanded actuator force (N) -> contact force (N).
-step = by_type({model: kernels.step for model, kernels in _MODELS.items()})
-
-
-def offering(name: str) -> dict[type, Any]:
-    """A function of kernels by the class of their model, for the schemes that have it."""
-    return {
-        model: getattr(kernels, name)
-        for model, kernels in _MODELS.items()
-        if hasattr(kernels, name)
-    }
-
-
-def _known(name: str) -> Any:
-    """A property of models, False for schemes whose kernels have no such function."""
-    return by_type(dict.fromkeys(_MODELS, no) | offering(name))
-
-
+step = by_module("step")
 # Whether the actuator's force can change within a step, and whether the contact can yield.
-has_slope, yields = _known("has_slope"), _known("yields")
+has_slope, yields = by_module("has_slope", no), by_module("yields", no)

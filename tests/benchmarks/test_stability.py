@@ -10,9 +10,9 @@ from benchmarks import integrator_kernels as ik
 from benchmarks import stability as limits
 from benchmarks import stability as maps
 from benchmarks import stability as study
+from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 BALANCED = ("modal", "discrete_gradient")
 

@@ -150,7 +150,7 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (["run.scheme=discrete_gradient", "actuator.mass_kg=0.001"], "use the scheme 'modal'"),
+        (["run.scheme=thesis2008", "actuator.mass_kg=0.001"], "use the scheme 'modal'"),
         (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model = 'auto'"),
         (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0: must be"),
         (["actuator.mass_kg=-1"], "actuator.mass_kg = -1: must be"),

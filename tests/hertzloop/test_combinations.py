@@ -30,7 +30,7 @@ def table(heading: str) -> list[list[str]]:
 FEATURES = {name: settings.strip("`").split() for name, settings in table("## Features")[1:]}
 (_, *COLUMNS), *ROWS = table("## Pairs")
 SLOW = {"other edges", "solid plate"}  # seconds of modes
-QUICK = {"`discrete_gradient`", "infinite plate", "modes from a file"}
+QUICK = {"infinite plate", "modes from a file"}
 
 
 def tier(row: str, column: str) -> list[pytest.MarkDecorator]:

@@ -43,7 +43,6 @@ def test_the_damped_tail_is_taken_where_it_is_known() -> None:
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", TAIL], True),
         ("aluminium-3mm", [*SHORT, "actuator.mass_kg=1e-3"], False),
         ("aluminium-3mm", SOLID, False),
-        ("aluminium-3mm", ["run.scheme=discrete_gradient"], False),
         ("thesis-aluminium", [], False),
     ):
         assert load(source, settings).plant.damped_tail is damped, settings
@@ -123,7 +122,7 @@ def test_one_step_costs_at_most_three_of_kirchhoff() -> None:
         ([*SOLID, *DAMPER], "contact.damping = 'hunt_crossley': not supported by plate.theory"),
         ([*SOLID, "plate.edges=cccc"], "plate.edges = 'cccc': plate.theory"),
         (
-            [*SOLID, "run.scheme=discrete_gradient"],
+            [*SOLID, "run.scheme=thesis2008"],
             "plate.theory = '3d': not supported by run.scheme",
         ),
         (

@@ -58,7 +58,6 @@ def test_air_damps_the_plate() -> None:
     ("scene", "settings", "named"),
     [
         ("thesis-aluminium", [], "run.scheme"),
-        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "run.scheme"),
         ("aluminium-3mm", ["run.plate_model=infinite"], "run.plate_model"),
         ("aluminium-3mm", ["plate.edges=cccc"], "plate.edges"),
     ],

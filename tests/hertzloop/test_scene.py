@@ -220,7 +220,6 @@ def test_a_recording_may_have_keys_without_effect() -> None:
     ("scene", "settings", "words"),
     [
         ("offcentre-6mm", [], "plate.actuator_point_m = [0.155, 0.09]"),
-        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "Use the scheme 'modal'"),
         ("thesis-oak", ["contact.damping=none"], "Use the scheme 'modal'"),
         ("aluminium-3mm", ["contact.damping=relaxation"], "relaxation"),
     ],
@@ -243,7 +242,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     assert scene.step_s < model_error.infinite_plate_lasts_s(resolve(scene)) - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
-        "run.accuracy=1e-5", "run.scheme=discrete_gradient", "run.plate_model=modal",
+        "run.accuracy=1e-5", "run.plate_model=modal",
         "plate.contact_point_m=[0.1, 0.25]", "plate.actuator_point_m=[0.2, 0.25]",
         "controller.kappa=1.5", "controller.drop_out_probability=0.1",
     ):  # fmt: skip

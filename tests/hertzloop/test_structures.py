@@ -203,7 +203,6 @@ MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
             ["run.scheme=thesis2008"],
             "run.scheme = 'thesis2008' supports a simply supported plate only",
         ),
-        (["run.scheme=discrete_gradient"], "loss factors that differ from mode to mode"),
         (["plate.thickness_m=0.3"], "times as mobile as an infinite plate"),
         (["plate.residual_flexibility_m_n=-1"], "plate.residual_flexibility_m_n = -1"),
     ],

@@ -34,7 +34,7 @@ KINDS = {
     "air": ["plate.radiation=one_face"],
     "yields": ["contact.plasticity=thornton"],
     "infinite": ["run.plate_model=infinite"],
-    "scheme": ["run.scheme=discrete_gradient"],
+    "scheme": ["run.scheme=thesis2008"],
 }
 
 

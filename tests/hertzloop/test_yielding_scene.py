@@ -110,7 +110,7 @@ def test_verify_a_contact_that_yields() -> None:
          "the yield pressure of the plate's material is unknown. Give"),
         (["contact.limiting_pressure_pa=1e9"], "set contact.plasticity = 'thornton'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
-          "run.scheme=discrete_gradient"], "use the scheme 'modal'"),
+          "run.scheme=thesis2008"], "use the scheme 'modal'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
           "run.plate_model=infinite"], "plate_model = 'auto'"),
         (["contact.plasticity=hill"], "contact.plasticity = 'hill': must be"),

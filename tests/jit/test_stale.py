@@ -38,6 +38,8 @@ print(plant.state.body.tolist())
 # The same with a push on every step.
 PUSHED = """
 from hertzloop.common.jit import kernel
+from hertzloop.common.jit.by_type import by_type
+from hertzloop.plant.schemes import infinite_kernels
 @kernel
 def pushed(model, state, f_a):
     return infinite_kernels.step(model, state, f_a + 1.0)
@@ -83,7 +85,7 @@ def edit(path: Path, pattern: str, new: str) -> None:
     [
         (SLOPES, "benchmarks/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
          "out[i] = y[n + i] + 7.0"),
-        (STEPS, "plant/schemes/registry.py", r"step = by_type\(.*\)", PUSHED),
+        (STEPS, "plant/schemes/registry.py", r"step = by_module\(.*\)", PUSHED),
     ],
 )  # fmt: skip
 def test_an_edited_callee_in_another_file_runs(
@@ -134,7 +136,7 @@ def test_the_digest_sees_all_that_is_compiled_in() -> None:
     assert all((ROOT / "hertzloop" / name).samefile(ROOT / name) for name in LINKED)
     sources = kernel_sources()
     assert {
-        "hertzloop/plant/schemes/discrete_gradient_kernels.py",
+        "hertzloop/plant/schemes/collocation_kernels.py",
         "hertzloop/plant/schemes/registry.py",
         "hertzloop/common/jit/decorator.py",
     } <= set(sources)

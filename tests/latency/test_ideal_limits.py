@@ -9,33 +9,38 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.plant import modes_of
 from hertzloop.plant.time_series import F_A, XI
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scene.setup import Setup, load
+from tests.latency.modes_alone import modes_alone
 
-# The scheme without a spring for the modes left out, so that the equations are those below.
-KEYS = [
-    "run.scheme=discrete_gradient", "run.accuracy=0.2", "plate.loss_factor=0.0",
-    "controller.v_thr_m_s=-0.6", "run.duration_s=0.00007", "run.lead_in_s=0.00002",
-]  # fmt: skip
+KEYS = ["controller.v_thr_m_s=-0.6", "run.duration_s=0.00007", "run.lead_in_s=0.00002"]
 STEPS_NS = (1000, 100, 10)
+Plate = tuple[str, ...]  # settings
 
 
-def scene(step_ns: int) -> Setup:
-    return load("aluminium-3mm", [*KEYS, f"run.step_ns={step_ns}"])
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> Plate:
+    """The modes of the equations below, without a spring for those left out."""
+    folder = tmp_path_factory.mktemp("ideal")
+    return tuple(modes_alone("aluminium-3mm", 0.2, folder / "modes.csv"))
+
+
+def scene(plate: Plate, step_ns: int) -> Setup:
+    return load("aluminium-3mm", [*KEYS, *plate, f"run.step_ns={step_ns}"])
 
 
 @cache
-def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def continuous(plate: Plate) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Times since the first touch, gap and actuator force under the law itself, and the delay.
 
     The modal equations with F_a = kappa s p(t - t_a)^1.5 by Runge-Kutta 8 in pieces of t_a, the
     delayed penetration from the pieces before.
     """
-    of = scene(1000)
+    of = scene(plate, 1000)
     spec = of.plant
-    modes = DiscreteGradientPlant(spec).modes
+    modes = modes_of(spec)
     drive = modes.scale_per_kg * modes.contact**2
     m, s = spec.sphere.mass_kg, spec.contact.stiffness
     kappa, v_thr, n = (
@@ -85,10 +90,10 @@ def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
 
 
 @cache
-def gap_and_force(step_ns: int) -> tuple[np.ndarray, np.ndarray]:
+def gap_and_force(plate: Plate, step_ns: int) -> tuple[np.ndarray, np.ndarray]:
     """Gap and actuator force of the sampled loop at the times of `continuous`."""
-    t = continuous()[0]
-    of = scene(step_ns)
+    t = continuous(plate)[0]
+    of = scene(plate, step_ns)
     rows, h = simulate(of).rows, of.step_s
     touch = (math.floor(of.lead_in_s / h) + 0.5) * h
     at = np.arange(rows.shape[1]) * h - touch
@@ -96,11 +101,11 @@ def gap_and_force(step_ns: int) -> tuple[np.ndarray, np.ndarray]:
     return np.interp(t, at, rows[XI]), np.interp(t, at + 0.5 * h, rows[F_A])
 
 
-def test_the_loop_tends_to_the_continuous_law_with_the_step() -> None:
+def test_the_loop_tends_to_the_continuous_law_with_the_step(plate: Plate) -> None:
     """The dead time is one step, so what is left falls in proportion to it; in the long run only,
     as the latched delay is a whole number of samples."""
-    _, gaps, forces, _ = continuous()
-    found = [gap_and_force(step) for step in STEPS_NS]
+    _, gaps, forces, _ = continuous(plate)
+    found = [gap_and_force(plate, step) for step in STEPS_NS]
     of_gap = [np.abs(gap - gaps).max() / np.abs(gaps.min()) for gap, _ in found]
     of_force = [np.abs(force - forces).max() / forces.max() for _, force in found]
     for errors in (of_gap, of_force):
@@ -111,10 +116,10 @@ def test_the_loop_tends_to_the_continuous_law_with_the_step() -> None:
     assert of_force[-1] < 0.004
 
 
-def test_the_latched_delay_tends_to_the_continuous_one() -> None:
-    delay = continuous()[3]
+def test_the_latched_delay_tends_to_the_continuous_one(plate: Plate) -> None:
+    delay = continuous(plate)[3]
     for step in STEPS_NS:
-        latched = simulate(scene(step)).delays[-1] * step * 1e-9
+        latched = simulate(scene(plate, step)).delays[-1] * step * 1e-9
         assert abs(latched - delay) <= 2.0 * step * 1e-9
 
 

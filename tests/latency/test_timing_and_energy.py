@@ -1,5 +1,7 @@
 """The timing error is the programmed latency; the actuator's energy is what the ledger says."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from hertzloop.plant.figures.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, XI_P
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scene.setup import load
+from tests.latency.modes_alone import modes_alone
 
 SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 
@@ -33,9 +36,12 @@ def test_without_latency_the_force_of_a_sample_acts_one_step_later() -> None:
 
 @pytest.mark.parametrize("latency_us", [0, 5, 40])
 @pytest.mark.parametrize("kappa", [0.8, -0.5])
-def test_the_ledger_s_injected_energy_is_force_times_way(latency_us: int, kappa: float) -> None:
-    """Added up from the rows by the scheme that holds the force over a step."""
-    scene = load("aluminium-3mm", [*SHORT, "run.scheme=discrete_gradient",
+def test_the_ledger_s_injected_energy_is_force_times_way(
+    latency_us: int, kappa: float, tmp_path: Path
+) -> None:
+    """Added up from the rows, which show the whole way where no spring is under the actuator."""
+    plate = modes_alone("aluminium-3mm", 0.02, tmp_path / "modes.csv")
+    scene = load("aluminium-3mm", [*SHORT, *plate,
                                    f"controller.kappa={kappa}",
                                    f"controller.latency_us={latency_us}"])  # fmt: skip
     run = simulate(scene)

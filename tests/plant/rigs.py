@@ -6,9 +6,9 @@ import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from hertzloop.plant.plant import Plant, PlantSpec
-from hertzloop.plant.schemes import discrete_gradient_kernels as k
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.plant.state_kernels import BODY_SIZE, FLIGHT_V, FLIGHT_X, V_P, XI, XI_A, XI_P, XI_S
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, V_P, XI, XI_A, XI_P, XI_S
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.plant.structures.plate import Plate
 
@@ -63,11 +63,11 @@ def spec(
 def run(plant: Plant, steps: int, force: np.ndarray | None = None) -> Rows:
     """Step `plant` under the actuator forces `force` (none: zero)."""
     force = np.zeros(steps) if force is None else force
-    body, places = plant.state.body, np.empty((steps, BODY_SIZE))
+    body, places = plant.state.body, np.empty((steps, plant.state.body.size))
     contact_force = np.empty(steps)
     for i in range(steps):
         places[i] = body
-        contact_force[i] = k.step(plant.model, plant.state, force[i])
+        contact_force[i] = step(plant.model, plant.state, force[i])
     columns = (places[:, c] for c in (XI, XI_S, XI_P, V_P, XI_A))
     return Rows(*columns, contact_force, force[:steps])
 
@@ -76,7 +76,7 @@ def rigid(
     step_s: float, contact: Contact, radius_m: float = 0.003, speed_m_s: float = 1.0
 ) -> Plant:
     """A sphere without weight, half a step before it meets an immovable support."""
-    plant = DiscreteGradientPlant(
+    plant = CollocationPlant(
         spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s)
     )
     plant.model = plant.model._replace(gravity_m_s2=0.0)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
+from hertzloop.plant.contact.elastic_kernels import M0
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.collocation_kernels import STORED
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED, MODAL_DISSIPATED
 from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
@@ -59,7 +61,7 @@ def test_the_balance_closes_for_a_random_force_on_a_damped_plate() -> None:
     random = np.random.default_rng(11)
     force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
     for beside in (None, (0.3, 0.21)):
-        plant = DiscreteGradientPlant(
+        plant = CollocationPlant(
             spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4)
         )
         run(plant, len(force), force)
@@ -89,12 +91,14 @@ def moved_plate(plant: Plant) -> None:
     plant.state.z[:] *= 1.0 + FAULT
 
 
-def stiffer_contact(plant: Plant) -> None:
-    plant.model = plant.model._replace(stiffness=plant.model.stiffness * (1.0 + FAULT))
+def more_stored(plant: Plant) -> None:
+    plant.state.body[STORED] *= 1.0 + FAULT
 
 
 def weaker_plate(plant: Plant) -> None:
-    plant.model = plant.model._replace(gain_cc=plant.model.gain_cc * (1.0 + FAULT))
+    gains = plant.model.gains.copy()
+    gains[M0] *= 1.0 + FAULT  # the contact is solved for another mean motion than the plate's
+    plant.model = plant.model._replace(gains=gains)
 
 
 def less_dissipation(plant: Plant) -> None:
@@ -106,7 +110,7 @@ def forgotten_injection(plant: Plant) -> None:
 
 
 FAULTS = [
-    none, stronger_force, moved_sphere, moved_plate, stiffer_contact, weaker_plate,
+    none, stronger_force, moved_sphere, moved_plate, more_stored, weaker_plate,
     less_dissipation, forgotten_injection,
 ]  # fmt: skip
 
@@ -114,7 +118,7 @@ FAULTS = [
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_mid_contact_opens_the_balance(fault: Callable[[Plant], None]) -> None:
     # Same run, same fault-free balance; one part in 10 000 wrong shows far above the promise.
-    plant = DiscreteGradientPlant(spec(loss_factor=0.05))
+    plant = CollocationPlant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)
     run(plant, 15, force[:15])
     assert plant.state.body[F_C] > 10.0

@@ -17,9 +17,8 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.collocation import CollocationPlant, flexibility_m_n
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import F_C, F_C1, V_P, XI
+from hertzloop.plant.state_kernels import F_C, F_C1, XI
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
@@ -208,18 +207,6 @@ def test_modes_left_out_act_as_a_spring() -> None:
     assert flexibility_m_n(what) == pytest.approx(
         what.plate.residual_flexibility_m_n(2 * math.pi * 125e3), rel=0.2
     )
-
-
-def test_discrete_gradient_and_collocation_agree() -> None:
-    """Two schemes of different order, the same modes, a small step."""
-    fine = spec(step_s=5e-8, limit_hz=60e3)
-    one, other = DiscreteGradientPlant(fine), CollocationPlant(fine)
-    for _ in range(600):
-        step(one.model, one.state, 0.0)
-        step(other.model, other.state, 0.0)
-    a, b = one.state.body, other.state.body
-    assert a[XI] == pytest.approx(b[XI], abs=2e-5 * 1e-5)
-    assert a[V_P] == pytest.approx(b[V_P], abs=1e-4)
 
 
 def test_phi_functions() -> None:

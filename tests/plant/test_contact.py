@@ -16,14 +16,14 @@ from hertzloop.plant.contact.hertz import (
     rigid_peak_force_n,
 )
 from hertzloop.plant.figures.impacts import impacts
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.scene.setup import load
 from tests.plant.rigs import rigid, run, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
-STEPS_S = (5e-7, 2.5e-7, 1.25e-7)
+STEPS_S = (2e-6, 1e-6, 5e-7)
 SPEED = 1.0
 RESTITUTIONS = (0.2, 0.6, 0.9)
 
@@ -46,14 +46,15 @@ def hertz_errors(step_s: float) -> tuple[float, float]:
     )
 
 
-def test_hertz_impact_on_a_rigid_half_space_converges_as_the_step_squared() -> None:
-    errors = np.abs([hertz_errors(h) for h in STEPS_S])
-    print("relative error of contact time, of peak force:", *errors)
-    # Discrete gradient and Stoermer's scheme err by a few (h w)^2/24, w = pi/T, h = T/54 first.
-    assert errors[0].max() < (np.pi / 54.0) ** 2
-    ratio = errors[:-1] / errors[1:]
-    # 4, less what the next order, h^2.5 from the kink at the ends of contact, leaves.
-    np.testing.assert_allclose(ratio, 4.0, rtol=0.02)
+def test_hertz_impact_on_a_rigid_half_space() -> None:
+    of_time, of_peak = np.abs([hertz_errors(h) for h in STEPS_S]).T
+    print("relative error of contact time:", *of_time, "of peak force:", *of_peak)
+    # The contact time is found by linear interpolation of the gap within a step.
+    assert of_time[0] < 1e-4
+    assert of_time[-1] < 1e-6
+    # Forces are means over a step, which miss a peak by a few (h w)^2/24, w = pi/T, T = 27 us.
+    assert np.all(of_peak < (np.pi * np.array(STEPS_S) / 27e-6) ** 2)
+    np.testing.assert_allclose(of_peak[:-1] / of_peak[1:], 4.0, rtol=0.05)
 
 
 def test_closed_forms_of_hertz() -> None:
@@ -79,8 +80,8 @@ def rebound(restitution: float, step_s: float) -> float:
 def test_hunt_crossley_rebounds_with_the_restitution_asked_for(restitution: float) -> None:
     errors = [abs(rebound(restitution, h) - restitution) for h in STEPS_S]
     print(f"restitution {restitution}: errors {errors}")
-    assert errors[0] < (np.pi / 54.0) ** 2  # as above
-    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.02)
+    assert errors[0] < 1e-5
+    assert np.divide(errors[:-1], errors[1:]).min() > 10.0  # order 4, but for the ends of contact
 
 
 @pytest.mark.parametrize("restitution", [1e-6, 0.02, 0.028, 0.03, 0.5, 0.99, 0.999989, 0.999991])
@@ -115,8 +116,8 @@ def test_impossible_restitutions_are_refused(restitution: float) -> None:
 
 def test_viscous_damping_takes_energy_and_the_books_balance() -> None:
     contact = Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0)
-    damped = DiscreteGradientPlant(spec(contact=contact, loss_factor=0.0))
-    free = DiscreteGradientPlant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
+    damped = CollocationPlant(spec(contact=contact, loss_factor=0.0))
+    free = CollocationPlant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
     for plant in (damped, free):
         run(plant, 100)
     balance, undamped = damped.close_balance(), free.close_balance()
@@ -144,7 +145,7 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
 
 def test_the_faintest_touch_is_a_contact() -> None:
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
-    plant = DiscreteGradientPlant(spec(loss_factor=0.0))
+    plant = CollocationPlant(spec(loss_factor=0.0))
     plant.state.body[[FLIGHT_X, FLIGHT_V, XI, XI_S]] = 0.0
     rows = run(plant, 50)
     assert np.all(np.diff(rows.xi) < 0.0)

@@ -127,9 +127,8 @@ def test_a_tip_by_radius_is_the_contact_of_a_sphere_of_that_radius() -> None:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("scheme", ["modal", "discrete_gradient"])
-def test_a_hammer_is_withdrawn_after_the_first_contact(scheme: str) -> None:
-    settings = [f"run.scheme={scheme}", "hammer.tip_stiffness=5e9", "hammer.tip_exponent=1.5"]
+def test_a_hammer_is_withdrawn_after_the_first_contact() -> None:
+    settings = ["hammer.tip_stiffness=5e9", "hammer.tip_exponent=1.5"]
     (_, _, once), (_, _, often) = (
         on_plate(*settings, f"hammer.bounces={bounces}") for bounces in ("false", "true")
     )

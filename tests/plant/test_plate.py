@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from hertzloop.plant.estimates.model_order import expected_error
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_X, GRAVITY_M_S2, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
@@ -164,7 +164,7 @@ def flying(plant: Plant) -> Plant:
 def test_a_single_mode_decays_in_closed_form() -> None:
     # Limit between the first (59 Hz) and the next mode (295 Hz) that move the centre.
     loss, h = 0.05, 1e-5
-    plant = flying(DiscreteGradientPlant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
+    plant = flying(CollocationPlant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
     assert len(plant.modes.omega) == 1
     omega = float(plant.modes.omega[0])
     steps = round(4 * 2.0 * np.pi / omega / h)
@@ -193,7 +193,7 @@ def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
     contact = (0.11, 0.2)
     actuator = (0.16, 0.05) if apart else contact
     plant = flying(
-        DiscreteGradientPlant(
+        CollocationPlant(
             spec(
                 material="oak", size_m=plate.size_m, thickness_m=plate.thickness_m,
                 contact_point_m=contact, actuator_point_m=actuator, step_s=h, limit_hz=limit,
@@ -219,7 +219,7 @@ def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
 def test_mobility_of_the_infinite_plate_until_reflections_return() -> None:
     # At 250 kHz and below, waves travel at most 2 sqrt(w) (B'/m'')^(1/4) = 5.5 km/s: 1 m to the
     # edge and back takes 360 us.
-    plant = flying(DiscreteGradientPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
+    plant = flying(CollocationPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
     rows = run(plant, 200, np.ones(200))
     mobility = 1.0 / plant.spec.plate.infinite_plate_impedance_n_s_m
     assert plant.spec.plate.infinite_plate_impedance_n_s_m == pytest.approx(308.0, abs=0.5)
@@ -250,7 +250,7 @@ def test_impact_on_zeners_plate() -> None:
     t = h * np.arange(1, 120) - 0.5 * h
     gaps, errors, estimates = [], [], []
     for limit_hz in (500e3, 1e6, 2e6):
-        plant = DiscreteGradientPlant(spec(limit_hz=limit_hz, step_s=h, loss_factor=0.0))
+        plant = CollocationPlant(spec(limit_hz=limit_hz, step_s=h, loss_factor=0.0))
         gaps.append(run(plant, 120).xi[1:])
         expected = zener(plant, t)
         touching = expected < 0.0

@@ -280,7 +280,7 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> N
 
 @pytest.mark.parametrize(("settings", "words"), [
     (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
-    (["run.scheme=discrete_gradient"], "sensors.point_m = .*: not supported by run.scheme"),
+    (["run.scheme=thesis2008"], "sensors.point_m = .*: not supported by run.scheme"),
     (["run.plate_model=infinite"], "sensors.point_m = .*: not supported by run.plate_model"),
     (["plate.theory=3d", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001: not supported by"),
     (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),

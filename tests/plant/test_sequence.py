@@ -31,12 +31,12 @@ def rounded(values: list[float], digits: int) -> list[float]:
     return [round(v, digits) for v in values]
 
 
-@pytest.mark.parametrize("scheme", ["modal", "discrete_gradient"])
-def test_six_contacts_of_the_heavy_ball_on_aluminium(scheme: str) -> None:
-    found, steps = contacts("aluminium-20mm", "run.duration_s=0.012", f"run.scheme={scheme}")
-    # The figures count steps of the discrete gradient; the default feels both ends of a step.
+def test_six_contacts_of_the_heavy_ball_on_aluminium() -> None:
+    found, steps = contacts("aluminium-20mm", "run.duration_s=0.012")
+    # The figures count the steps of a force that is constant over each; here it has a slope, and
+    # the first and the last step of a contact may count too.
     counted = [1335, 661, 349, 589, 100, 48]
-    assert max(abs(a - b) for a, b in zip(steps, counted, strict=True)) <= (scheme == "modal")
+    assert max(abs(a - b) for a, b in zip(steps, counted, strict=True)) <= 1
     assert rounded([1e3 * i.start_s for i in found], 1) == [0.0, 1.6, 2.4, 8.8, 9.5, 9.8]
     peaks = [i.peak_force_n for i in found]  # mean over a step of a force that moves
     assert peaks == pytest.approx([296, 203, 143, 370, 63, 29], abs=2.0)

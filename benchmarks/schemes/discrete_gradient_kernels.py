@@ -21,6 +21,7 @@ from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels
 from hertzloop.plant.state_kernels import (
     A_P,
+    AWAKE,
     CONTACT_DISSIPATED,
     CONTACT_IMPULSE,
     CONTACT_STEPS,
@@ -35,7 +36,6 @@ from hertzloop.plant.state_kernels import (
     MODAL_DISSIPATED,
     NEWTON_MAX,
     NEWTON_TOTAL,
-    ROWS,
     SILENT_M,
     STEP,
     V_P,
@@ -147,7 +147,7 @@ def _propagate_two_points(model, state, f_contact, f_actuator):
         v_lanes[j] = 0.0
         y_lanes[j] = 0.0
     rho, z, table = model.rho, state.z, model.table
-    for i in range(state.counts[ROWS]):
+    for i in range(state.counts[AWAKE]):
         zr, zi, er, ei = z[0, i], z[1, i], table[ROT_RE, i], table[ROT_IM, i]
         cr, ci, ar, ai = table[C_RE, i], table[C_IM, i], table[A_RE, i], table[A_IM, i]
         bc, ba, th = table[B_C, i], table[B_A, i], table[THETA, i]
@@ -278,15 +278,15 @@ def close_balance(model, state):
 @kernel
 def _silence(state):
     """Leave out the rows of highest frequency that have died away."""
-    while state.counts[ROWS] > 0:
-        i = state.counts[ROWS] - 1
+    while state.counts[AWAKE] > 0:
+        i = state.counts[AWAKE] - 1
         for j in range(LANES):
             if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > SILENT_M:
                 return
         for j in range(LANES):
             state.z[0, i, j] = 0.0
             state.z[1, i, j] = 0.0
-        state.counts[ROWS] = i
+        state.counts[AWAKE] = i
 
 
 @kernel
@@ -380,12 +380,12 @@ def step(model, state, f_a):
         settle_balance(model, state)
     f_contact, f_actuator = _forces_on_plate(model, state)
     if f_contact != 0.0 or f_actuator != 0.0:
-        counts[ROWS] = state.z.shape[1]
+        counts[AWAKE] = state.z.shape[1]
     elif counts[STEP] % LOOK_EVERY == 0:
         _silence(state)
     if model.same_point:
         x, v = _propagate_same_point(
-            counts[ROWS], state.z, model.table, model.rho, f_contact, state.lanes
+            counts[AWAKE], state.z, model.table, model.rho, f_contact, state.lanes
         )
         y = x
     else:

@@ -1,14 +1,18 @@
-"""The scheme `discrete_gradient`: order 2, a contact force that is constant over a step."""
+"""The scheme `discrete_gradient`: order 2, a contact force that is constant over a step.
 
+A scheme that hertzloop does not know, to compare its default scheme with, and an example of a
+scheme of one's own: kernels with a model and a state, a subclass of `Plant` that makes both, and a
+row for the table of schemes that says what it supports.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from hertzloop.plant import state_kernels
-from hertzloop.plant.numerics import damped_frequency, phi
-from hertzloop.plant.plant import Plant, PlantSpec, common_fields
-from hertzloop.plant.schemes import discrete_gradient_kernels
-from hertzloop.plant.schemes.discrete_gradient_kernels import (
+from benchmarks.schemes import discrete_gradient_kernels
+from benchmarks.schemes.discrete_gradient_kernels import (
     A_IM,
     A_RE,
     B_A,
@@ -29,8 +33,25 @@ from hertzloop.plant.schemes.discrete_gradient_kernels import (
     SWING_C_RE,
     THETA,
 )
-from hertzloop.plant.state_kernels import BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE, ROWS
+from hertzloop.plant import state_kernels
+from hertzloop.plant.numerics import damped_frequency, phi
+from hertzloop.plant.plant import Plant, PlantSpec, common_fields
+from hertzloop.plant.schemes.registry import SCHEMES, Scheme
+from hertzloop.plant.state_kernels import AWAKE, BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE
 from hertzloop.plant.structures.modes import Oscillators
+
+NAME = "discrete_gradient"
+SCHEME = Scheme(f"{__name__}:DiscreteGradientPlant", supports_hammer=True)
+
+
+@contextmanager
+def known_to_scenes() -> Iterator[None]:
+    """Let scenes name the scheme meanwhile: `run.scheme = "discrete_gradient"`."""
+    SCHEMES[NAME] = SCHEME
+    try:
+        yield
+    finally:
+        del SCHEMES[NAME]
 
 
 def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
@@ -51,8 +72,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> discrete_gradient_kernel
     theta, rho = damped_frequency(modes.omega, modes.eta)
     if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
         raise ValueError(
-            "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "
-            "not by 'discrete_gradient'. Use that scheme."
+            f"loss factors that differ from mode to mode: not supported by run.scheme = '{NAME}'. "
+            "Use 'modal'."
         )
     s = (-rho + 1j) * theta
     turn = np.exp(s * h)
@@ -114,10 +135,12 @@ def _loss_form(
     theta: np.ndarray, rho: float, h: float, turn: np.ndarray, energy: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energy lost in a step as rr yr^2 + ri yr yi + ii yi^2 of y = yr + i yi at its end."""
+    dissipation = state_kernels.dissipation
+    dissipation = getattr(dissipation, "py_func", dissipation)  # for arrays
 
     def lost(y_end: complex) -> np.ndarray:
         y = y_end / turn
-        terms = state_kernels.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
+        terms = dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
         return np.asarray(energy * terms)
 
     rr, ii = lost(1.0), lost(1.0j)
@@ -142,5 +165,5 @@ class DiscreteGradientPlant(Plant):
             balance=np.zeros(BALANCE_SIZE),
             counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[ROWS] = rows
+        state.counts[AWAKE] = rows
         return state
