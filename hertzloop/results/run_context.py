@@ -71,7 +71,7 @@ class RunContext:
         self.setup, self.run, self.spec = setup, run, setup.plant
         lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
         # From a sample to the force that it causes.
-        line_s = setup.step_s + 1e-6 * setup.latency_us
+        line_s = setup.step_s * (1 + setup.line.dead_steps) + 1e-6 * setup.latency_us
         self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         self.static = static_context(self.spec, setup.mechanics)
         self.local = self.static.local

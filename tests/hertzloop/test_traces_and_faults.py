@@ -17,6 +17,8 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.recorded import rows_of
+from hertzloop.results.run_context import RunContext
+from hertzloop.results.statistics import Extremes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load, parse
 from hertzloop.scene.toml import to_toml
@@ -186,8 +188,8 @@ def test_an_actuator_may_be_late_or_stuck():
         bound = find("off").bind(Keys(), LawContext())
         return Controller(bound, SignalPath(**given), 1e-6, 20, 1, 1).line
 
-    assert line().jitter_steps.size == line().dropped.size == 0
-    assert list(line(dead_steps=3).jitter_steps[:2]) == [3, 3]
+    assert line().added_steps.size == line().dropped.size == 0
+    assert list(line(dead_steps=3).added_steps[:2]) == [3, 3]
     assert list(np.flatnonzero(line(latency_steps=2, stuck_step=10).dropped)) == list(range(7, 20))
 
 
@@ -204,6 +206,16 @@ def test_an_actuator_may_be_late_or_stuck():
 def test_every_fault_reaches_the_closed_loop(settings):
     assert digest(*settings) == digest(*settings)
     assert digest(*settings) != digest()
+
+
+def test_the_delay_of_the_loop_counts_a_dead_time() -> None:
+    run = Extremes(force_n=90.0, contact_s=3e-5, deflection_m=1e-6, actuator_n=1.0, touched_s=1e-4)
+    delays = [
+        RunContext(load("aluminium-3mm", [setting]), run).delay_s
+        for setting in ("controller.latency_us=3", "actuator.dead_time_us=3", "run.seed=1")
+    ]
+    assert delays[0] == pytest.approx(delays[1], rel=1e-12)
+    assert delays[0] - delays[2] == pytest.approx(3e-6, rel=1e-9)
 
 
 def test_a_dead_time_acts_like_a_latency_that_the_law_does_not_know():
