@@ -62,11 +62,14 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
         try:
             new = RecordingWriter(unfinished, overwrite)
             new.scene(old.scene_toml, old.metadata)
+            if old.law_source:
+                new.law(old.law_source)
             for found in file.messages(again, file.indexed_records()):
                 message = found.message
                 new.write(found.stream, message.data, message.sequence, message.log_time)
                 copied += 1
-            new.finish({"complete": "no" if fault else "yes", "fault": fault})
+            counts = {name: f"{c.messages} {c.samples}" for name, c in run.counters.items()}
+            new.finish({"complete": "no" if fault else "yes", "fault": fault, **counts})
         except NotRecorded as error:
             raise error.reason from error  # `whole_file` names the file
     return Recovered(copied, old.others, old.unchecked)

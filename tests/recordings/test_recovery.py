@@ -40,6 +40,7 @@ def test_cut_off(whole: Path, tmp_path: Path) -> None:
     xi = read(whole).truth.arrays["xi_m"]
     assert np.array_equal(after.truth.arrays["xi_m"], xi[: after.truth.samples])
     assert any("recovered from cut.mcap" in problem for problem in after.problems)
+    assert after.law_source == read(whole).law_source
 
 
 def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
@@ -47,6 +48,8 @@ def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
     same = read(tmp_path / "same.mcap")
     assert not same.problems
     assert first_difference(read(whole), same) is None
+    assert same.law_source == read(whole).law_source != ""
+    assert same.result == read(whole).result
 
 
 def test_nothing_to_recover(whole: Path, tmp_path: Path) -> None:
