@@ -280,7 +280,7 @@ class StreamCount(_message.Message):
     samples: int
     def __init__(self, stream: _Optional[str] = ..., messages: _Optional[int] = ..., samples: _Optional[int] = ...) -> None: ...
 
-class SetUp(_message.Message):
+class ControllerReport(_message.Message):
     __slots__ = ("scene_toml", "stiffness", "law", "law_digest", "versions")
     SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
     STIFFNESS_FIELD_NUMBER: _ClassVar[int]
@@ -295,18 +295,18 @@ class SetUp(_message.Message):
     def __init__(self, scene_toml: _Optional[str] = ..., stiffness: _Optional[float] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., versions: _Optional[str] = ...) -> None: ...
 
 class RunEnd(_message.Message):
-    __slots__ = ("run_id", "role", "count", "fault", "set_up")
+    __slots__ = ("run_id", "role", "count", "fault", "report")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ROLE_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
     FAULT_FIELD_NUMBER: _ClassVar[int]
-    SET_UP_FIELD_NUMBER: _ClassVar[int]
+    REPORT_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     role: str
     count: _containers.RepeatedCompositeFieldContainer[StreamCount]
     fault: str
-    set_up: SetUp
-    def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ..., set_up: _Optional[_Union[SetUp, _Mapping]] = ...) -> None: ...
+    report: ControllerReport
+    def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ..., report: _Optional[_Union[ControllerReport, _Mapping]] = ...) -> None: ...
 
 class Pacing(_message.Message):
     __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "lookahead_steps", "step_ns", "answers")

@@ -10,7 +10,7 @@ import numpy as np
 from google.protobuf.message import Message
 
 from hertzloop.bus import codec, sequence_checker, streams
-from hertzloop.bus.messages_pb2 import RunEnd, SetUp, StreamCount
+from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd, StreamCount
 
 
 class BusError(RuntimeError):
@@ -103,7 +103,7 @@ class Publisher:
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)
         return len(payload)
 
-    def end(self, fault: str = "", set_up: SetUp | None = None) -> None:
+    def end(self, fault: str = "", report: ControllerReport | None = None) -> None:
         """Announce what was published; the last message of a role, once."""
         if self.ended:
             return
@@ -113,7 +113,7 @@ class Publisher:
             for name, c in self.counters.items()
         ]
         header = RunEnd(
-            run_id=self.run_id, role=self.port.role, count=counts, fault=fault, set_up=set_up
+            run_id=self.run_id, role=self.port.role, count=counts, fault=fault, report=report
         )
         self.port.publish(streams.Envelope(f"end/{self.port.role}", header.SerializeToString(), 0))
 

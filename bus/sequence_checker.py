@@ -15,7 +15,7 @@ from google.protobuf.message import Message
 
 from hertzloop.bus import messages_pb2 as messages
 from hertzloop.bus.codec import DecodedBlock, MessageError, decoded, sample_count
-from hertzloop.bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
+from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, Hello, RunEnd
 from hertzloop.bus.streams import (
     CONTROLLER,
     LAST_NS,
@@ -200,7 +200,7 @@ class SequenceChecker:
                     f"{came.samples} came"
                 )
         if end.role == CONTROLLER and not end.fault and self.announced:
-            compare_set_up(self.announced, end.set_up)
+            compare_report(self.announced, end.report)
 
 
 def refuse_not_finite(
@@ -239,16 +239,16 @@ def not_finite(header: Any, arrays: Mapping[str, np.ndarray]) -> str:
     return ""
 
 
-def compare_set_up(announced: Hello, ran: SetUp) -> None:
+def compare_report(announced: Hello, ran: ControllerReport) -> None:
     """Raise StreamFault unless the controller worked by the scene that the plant announced; with
     both versions if it is of another one."""
     try:
-        _compare_set_up(announced, ran)
+        _compare_report(announced, ran)
     except StreamFault as error:
         raise StreamFault(f"{error}{other_version(ran.versions, 'the controller is')}") from error
 
 
-def _compare_set_up(announced: Hello, ran: SetUp) -> None:
+def _compare_report(announced: Hello, ran: ControllerReport) -> None:
     if not ran.scene_toml:
         raise StreamFault("the final message of the controller names no scene")
     for stated, done in zip_longest(

@@ -78,7 +78,7 @@ class Controller:
         self.law_state = laws.LawState(
             np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.state.data.copy()
         )
-        jitter, dropped = _delays(line, samples, every_steps, seed)
+        added, dropped = _added_steps(line, samples, every_steps, seed)
         full_scale = line.full_scale_n or 0.0
         if line.bits is not None and line.full_scale_n is None:
             raise ValueError("a converter with bits needs a full-scale force")
@@ -86,7 +86,7 @@ class Controller:
         self.line = controller_kernels.LineModel(
             every_steps=every_steps,
             latency_steps=line.latency_steps,
-            jitter_steps=jitter,
+            added_steps=added,
             dropped=dropped,
             ideal=line.bits is None,
             limited=line.full_scale_n is not None,
@@ -165,9 +165,9 @@ def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int
         without jitter, traces and drop-outs it is `line.latency_steps`. NaN if no command acts.
     """
     samples = -(-steps // every_steps)
-    jitter, dropped = _delays(line, samples, every_steps, seed)
+    added, dropped = _added_steps(line, samples, every_steps, seed)
     taken = np.arange(samples) * every_steps
-    acts = taken + 1 + line.latency_steps + (jitter if jitter.size else 0)
+    acts = taken + 1 + line.latency_steps + (added if added.size else 0)
     if dropped.size:
         taken, acts = taken[~dropped], acts[~dropped]
     acts = np.maximum.accumulate(acts)
@@ -179,24 +179,26 @@ def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int
     return float(np.mean(step - acting - 1) - held)
 
 
-def _delays(
+def _added_steps(
     line: SignalPath, samples: int, every_steps: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Latency of each command beyond `latency_steps`, in steps, and whether it is lost; empty
-    arrays where none has any."""
-    jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
+    """Return the latency of each command beyond `latency_steps`, in steps, and whether it is lost.
+
+    An array is empty if no command has such a latency, or none is lost.
+    """
+    added, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
     if line.jitter_steps > 0:
-        jitter = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
+        added = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
     if line.trace or line.dead_steps:
-        added = _traced(line, samples, seed) + line.dead_steps
-        jitter = added if jitter.size == 0 else jitter + added
+        traced = _traced(line, samples, seed) + line.dead_steps
+        added = traced if added.size == 0 else added + traced
     if line.drop_out_probability > 0.0:
         dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
     if line.stuck_step is not None:
         acts = np.arange(samples) * every_steps + 1 + line.latency_steps
-        late = (acts if jitter.size == 0 else acts + jitter) >= line.stuck_step
+        late = (acts if added.size == 0 else acts + added) >= line.stuck_step
         dropped = late if dropped.size == 0 else dropped | late
-    return jitter, dropped
+    return added, dropped
 
 
 def _traced(line: SignalPath, samples: int, seed: int) -> np.ndarray:

@@ -22,7 +22,7 @@ class LineModel(NamedTuple):
 
     every_steps: int
     latency_steps: int
-    jitter_steps: np.ndarray
+    added_steps: np.ndarray
     dropped: np.ndarray
     ideal: bool
     limited: bool
@@ -61,8 +61,8 @@ def _schedule(line, state, index, command):
     if line.dropped.size > 0 and line.dropped[index]:
         return
     acts = index * line.every_steps + 1 + line.latency_steps
-    if line.jitter_steps.size > 0:
-        acts += line.jitter_steps[index]
+    if line.added_steps.size > 0:
+        acts += line.added_steps[index]
     acts = max(acts, state.counts[LAST_ACTING])  # the line keeps the order of its commands
     state.counts[LAST_ACTING] = acts
     force = convert_force(line, command)

@@ -20,7 +20,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 FIT = ["fit", "bench.toml", "bench-force.csv", "bench-velocity.csv"]
 FREE = ["--free", "contact.limiting_pressure_pa", "--free", "plate.thickness_m"]
 WALL_TIME = re.compile(
-    r"[\d.]+ times as long \(measured\)|in [\d.e-]+ s\b|"
+    r"[\d.]+ times as long \(measured\)|[\d.]+ times real time|[\d,]+ steps/s|in [\d.e-]+ s\b|"
     r"[\d.,]+ (?:s\b|ms\b|us a step|cases a second)"
 )
 

@@ -64,7 +64,9 @@ def test_a_role_takes_its_tokens_back_before_it_leaves() -> None:
         plant.close()
 
 
-@pytest.mark.parametrize("name", ["DaqBlock", "ForceBlock", "StreamCount", "SetUp", "RunEnd"])
+@pytest.mark.parametrize(
+    "name", ["DaqBlock", "ForceBlock", "StreamCount", "ControllerReport", "RunEnd"]
+)
 def test_every_field_that_a_controller_meets(name: str) -> None:
     fields = {field.name for field in getattr(messages_pb2, name).DESCRIPTOR.fields}
     assert fields <= KNOWN

@@ -96,8 +96,8 @@ class Controller:
             end = RunEnd(run_id=self.hello.run_id, role="controller", fault=fault)
             end.count.add(stream="force", messages=self.answers, samples=self.first_step)
             end.count.add(stream="events/controller")  # there are none
-            end.set_up.scene_toml = self.hello.scene_toml
-            end.set_up.stiffness, end.set_up.law = self.hello.stiffness, LAW
+            end.report.scene_toml = self.hello.scene_toml
+            end.report.stiffness, end.report.law = self.hello.stiffness, LAW
             self.say("end/controller", end)
             self.hello = None
 

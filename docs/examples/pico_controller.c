@@ -283,9 +283,9 @@ static void say_end(const char *fault) {
     end.role.arg = "controller", end.fault.arg = (void *)fault;
     end.count.funcs.encode = write_counts;
     end.has_set_up = true;
-    end.set_up.scene_toml.funcs.encode = end.set_up.law.funcs.encode = write_text;
-    end.set_up.scene_toml.arg = scene, end.set_up.law.arg = "slope threshold on zenoh-pico 1.0";
-    end.set_up.stiffness = hello.stiffness;
+    end.report.scene_toml.funcs.encode = end.report.law.funcs.encode = write_text;
+    end.report.scene_toml.arg = scene, end.report.law.arg = "slope threshold on zenoh-pico 1.0";
+    end.report.stiffness = hello.stiffness;
     if (!pb_encode(&stream, hertzloop_RunEnd_fields, &end)) give_up("the end is too long");
     publish(&end_stream, stream.bytes_written, 1);
 }

@@ -181,6 +181,6 @@ def controller_test(
         except (RunFailed, RecordingError, StreamFault, BusError, WrongForce) as error:
             fail(f"{case.name}: {error}", 1)
     ran = law_of(recordings[0])
-    err.say(f"its law: {ran}" if ran else "it does not say which law ran (set_up.law)")
+    err.say(f"its law: {ran}" if ran else "it does not say which law ran (report.law)")
     forces = sum(case.setup.steps for case in cases)
     out.print(f"conforms: {len(cases)} runs, {forces:,} forces")

@@ -5,9 +5,9 @@ from functools import cache
 from importlib.metadata import version
 
 from hertzloop.bus.messages_pb2 import (
+    ControllerReport,
     Hello,
     SceneText,
-    SetUp,
 )
 from hertzloop.bus.port import Publisher
 from hertzloop.scene.controller import loaded_law
@@ -50,14 +50,14 @@ def announce(publisher: Publisher, setup: Setup, first: Hello) -> None:
     publisher.send("hello", first)
 
 
-def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
+def controller_report(setup: Setup, law: str | None = None) -> ControllerReport:
     """Return what a controller states at its end: the scene and the law that it used.
 
     Args:
         setup: Setup of the controller.
         law: Name of the law in the plant's scene, if this side has its file elsewhere.
     """
-    return SetUp(
+    return ControllerReport(
         scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
         stiffness=setup.stiffness,
         law=loaded_law(setup).name,

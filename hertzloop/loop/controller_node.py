@@ -7,15 +7,15 @@ import numpy as np
 
 from hertzloop.bus import lane
 from hertzloop.bus.codec import DecodedBlock
-from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
+from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, ForceBlock, LaneAnswer
 from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
-from hertzloop.bus.sequence_checker import SequenceChecker, compare_set_up
+from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
-from hertzloop.loop.announcement import set_up_by
+from hertzloop.loop.announcement import controller_report
 from hertzloop.loop.controller_lane import ControllerLane
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.scene.controller import build_controller, build_idle_controller, loaded_law
@@ -74,7 +74,7 @@ class ControllerNode:
         self._joined: LaneAnswer = LaneAnswer.NOT_STATED
         self._controller: Controller | None = None
         self._publisher: Publisher | None = None
-        self._set_up_by: SetUp | None = None
+        self._report: ControllerReport | None = None
         self._scene = ""  # the whole scene, if the hello lacks the contents of files
         self._next_block_s = 0.0
         self._samples = 0  # whose answers are published
@@ -120,13 +120,13 @@ class ControllerNode:
         if envelope.stream == "scene":
             self._scene = block.header.scene_toml
         elif envelope.stream == "hello":
-            self._set_up(block)
+            self._receive_hello(block)
         elif envelope.stream == "daq":
             self._answer(block)
         elif envelope.stream == "end/plant":
             self._end(block)
 
-    def _set_up(self, block: DecodedBlock) -> None:
+    def _receive_hello(self, block: DecodedBlock) -> None:
         self._publisher = Publisher(self.port, self.checker.run_id)
         scene = self._scene or block.header.scene_toml
         try:
@@ -141,8 +141,8 @@ class ControllerNode:
         asked = setup.law_reference  # as the plant calls it, wherever this side has it
         if self._law is not None:
             asked = parse(scene, recorded=True).law_reference
-        self._set_up_by = set_up_by(setup, asked)
-        compare_set_up(block.header, self._set_up_by)  # another version may resolve it differently
+        self._report = controller_report(setup, asked)
+        compare_report(block.header, self._report)  # another version may resolve it differently
         if (setup.steps, setup.step_ns) != (block.header.steps, block.header.step_ns):
             raise StreamFault(
                 f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
@@ -213,7 +213,7 @@ class ControllerNode:
             self._publisher.send("events/controller", event)
         self._samples = reply.samples_seen
         if self._samples == len(self._controller.law_state.history):
-            self._publisher.end(set_up=self._set_up_by)
+            self._publisher.end(report=self._report)
 
     def _end(self, block: DecodedBlock) -> None:
         """Receive the plant's end. Unless the run has failed, compare the counts of both sides."""
@@ -238,4 +238,4 @@ class ControllerNode:
             if self._lane is not None and self._lane.samples > self._samples:
                 with suppress(StreamFault, BusError):
                     self._publish(self._lane.reply())
-            self._publisher.end(fault=sentence, set_up=self._set_up_by)
+            self._publisher.end(fault=sentence, report=self._report)

@@ -1,7 +1,7 @@
 """When a simulated loop may end, if only its first impact counts."""
 
 from hertzloop.plant.actuator import rest_force_n
-from hertzloop.plant.figures.rows_kernels import Answer, answer
+from hertzloop.plant.figures.rows_kernels import ImpactFollower, new_follower
 from hertzloop.scene.setup import Setup
 
 _QUIET_S = 1e-4  # without force; a law that acts again later acts on another contact
@@ -15,19 +15,19 @@ def quiet_steps(setup: Setup) -> int:
     return max(quiet, _LEAST_STEPS)
 
 
-def answer_of(setup: Setup) -> Answer:
+def impact_follower(setup: Setup) -> ImpactFollower:
     """Return the state of a first impact before the contact, for time series that are known."""
     quiet = quiet_steps(setup)
     line_steps = 1 + setup.line.latency_steps + setup.line.most_added_steps
-    return answer(quiet, line_steps, rest_n=rest_force_n(setup.actuator, setup.step_s))
+    return new_follower(quiet, line_steps, rest_n=rest_force_n(setup.actuator, setup.step_s))
 
 
-def ending_of(setup: Setup) -> Answer:
+def impact_follower_of_loop(setup: Setup) -> ImpactFollower:
     """Return the same for a loop that ends as soon as no later step can belong to the impact.
 
     Noise and the steps of the converter make the gap that the law sees uncertain.
     """
     if setup.quantity != "xi":
-        return answer_of(setup)
+        return impact_follower(setup)
     blur_m = _SIGMAS * setup.sensor.noise_rms + setup.converter_step
-    return answer_of(setup)._replace(blur_m=blur_m)
+    return impact_follower(setup)._replace(blur_m=blur_m)

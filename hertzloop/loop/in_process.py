@@ -14,7 +14,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.announcement import set_up_by
+from hertzloop.loop.announcement import controller_report
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.kernels import SAMPLES_FIRST
@@ -62,7 +62,7 @@ def run_compiled(
         delays,
     )
     advance(0, NEVER)  # loads the kernel before the clock starts
-    set_up = set_up_by(setup)
+    report = controller_report(setup)
     try:
         streams.announce_run()
         wall_s, sent = 0.0, 0
@@ -94,9 +94,9 @@ def run_compiled(
         streams.finish()
     except (BusError, StreamFault) as error:
         streams.fail(f"run ended at step {streams.step}: {error}")
-        publisher.end(fault=str(error), set_up=set_up)
+        publisher.end(fault=str(error), report=report)
         raise
-    publisher.end(set_up=set_up)
+    publisher.end(report=report)
     return LoopStats(wall_s, 0, f"{run_id:x}")
 
 

@@ -26,7 +26,7 @@ from hertzloop.sensors import kernels as sensor_kernels
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
 WINDOW_COUNTS = 5
-# Indices into Grant arrays.
+# Indices into the arrays of TimeGrant.
 GRANTED_END, PROMISED, BROKEN_AT, FORCES_END, SEEN, EXCHANGES = range(6)
 GRANT_COUNTS = 6
 # Status with which `advance`, `await_answers` and `answer_samples` end: as far as asked, a force is
@@ -57,7 +57,7 @@ class TimeGrant(NamedTuple):
 
     counts: np.ndarray
     level: np.ndarray
-    lookahead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
+    lookahead_steps: int  # the force of a sample at step k acts from step k + lookahead_steps on
 
 
 @kernel(inline=True)

@@ -28,21 +28,14 @@ from hertzloop.plant.state_kernels import STEP
 # for the clock.
 START_NS, PUT, RESPONSE_MAX_NS, LATE_MAX_NS, BEHIND_MAX_NS, WAITED_NS = range(6)
 
-
 PACE_COUNTS = 6
-
-
-FULL = 100  # how `follow` ends where the controller is too far behind for the memory kept for it
-
-
+# Status of `follow` besides those of loop.kernels: too many unanswered samples for the ring.
+FULL = 100
 # The histogram has 32 classes an octave, so that a class is 3 % wide at most; up to 2**40 ns.
 CLASSES_AN_OCTAVE, CLASSES = 32, 32 * 36
-
-
-_SLEEP_US = 50
-
-
-_NEAR_NS, _SOON_NS = 20_000, 200_000
+# Before a step that is due in more than _SOON_NS, and with nothing expected, the core sleeps for
+# _SLEEP_US; before one due in more than _NEAR_NS it is yielded; otherwise the kernel spins.
+_SLEEP_US, _SOON_NS, _NEAR_NS = 50, 200_000, 20_000
 
 
 class Pace(NamedTuple):

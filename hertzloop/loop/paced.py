@@ -1,7 +1,7 @@
-"""The plant by the wall clock: it takes every step when it is due, and waits for no force.
+"""A plant that follows the wall clock: it takes every step when it is due, and waits for no force.
 
-The rule, here and nowhere else: step k acts under its own force if that has come when the step is
-taken, else under the newest force that has (`follow`). See docs/how-to/paced.md.
+The force of step k acts if it has arrived when the step is taken; otherwise the newest force that
+has arrived acts (`follow` in pace_kernels.py). See docs/how-to/paced.md.
 """
 
 import math

@@ -9,7 +9,7 @@ import numpy as np
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.impact_end import ending_of
+from hertzloop.loop.impact_end import impact_follower_of_loop
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.loop.watchdog import watching
@@ -117,7 +117,7 @@ def simulate(
             modes,
             delays,
             most,
-            ending_of(setup) if impact_only else NEVER,
+            impact_follower_of_loop(setup) if impact_only else NEVER,
         )
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started

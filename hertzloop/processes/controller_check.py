@@ -75,7 +75,7 @@ def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
 
 def law_of(recording: Recording) -> str:
     """Name and version of the law that the program says it has run; "" if it does not say."""
-    return str(recording.ends[CONTROLLER].set_up.law)
+    return str(recording.ends[CONTROLLER].report.law)
 
 
 def compare_with_law(recording: Recording, setup: Setup) -> None:

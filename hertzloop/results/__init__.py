@@ -1,1 +1,1 @@
-"""Figures of a run as numbers: functions of setup and samples. Nothing here is written in words."""
+"""Figures of a run as numbers: functions of setup and samples. `hertzloop.views` shows them."""

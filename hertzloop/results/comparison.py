@@ -11,7 +11,7 @@ class Difference:
     """One figure of two runs.
 
     Attributes:
-        span: "first impact" or "whole run".
+        span: "first_impact" or "whole_run".
         figure: name of the figure in `SpanFigures`.
         a: value of the first run, SI units.
         b: value of the second run, SI units.

@@ -1,7 +1,6 @@
 """The effects that a model may neglect, one row each: value, formula, threshold and words.
 
-Sources are with the formulas, in hertzloop.plant.estimates.plate_theory and
-hertzloop.plant.structures.plate_theory.
+Sources are with the formulas, in hertzloop.plant.estimates.plate_theory.
 """
 
 import math

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hertzloop.loop.impact_end import answer_of
+from hertzloop.loop.impact_end import impact_follower
 from hertzloop.plant.figures import rows_kernels
 from hertzloop.plant.figures.impacts import (
     Impact,
@@ -113,7 +113,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: rows_kernels.Answer,
+        lasts: rows_kernels.ImpactFollower,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -142,7 +142,7 @@ class ConsistentWindow:
             self._parts, self._held = [rows[:, count:]], rows.shape[1] - count
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
-        """See Window."""
+        """See ImpactWindow."""
         last = _joined(self._parts)
         self._take(last, np.zeros((COLUMNS, 0)) if following is None else following)
         impact = self._impact
@@ -270,7 +270,7 @@ def first_impact(
     """The first of `impacts_of_rows`, to the bit, in a fraction of the time; None without one."""
     if not SCHEMES[setup.scheme].conserves:
         return next(_published(setup, [(0, rows)]), None)
-    lasts = answer_of(setup)
+    lasts = impact_follower(setup)
     start = rows_kernels.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
     count = int(lasts.counts[END])
     if start < 0:
@@ -326,7 +326,9 @@ def impacts_of_blocks(
     spec = setup.plant
 
     def opened(start: int, before: np.ndarray | None) -> ImpactWindow:
-        return ConsistentWindow(spec, modes or modes_of(spec), answer_of(setup), start, before)
+        return ConsistentWindow(
+            spec, modes or modes_of(spec), impact_follower(setup), start, before
+        )
 
     return cut(blocks, lambda rows: rows[F_C], opened)
 
@@ -375,7 +377,7 @@ class _PublishedWindow:
         self._parts.append(rows[[XI, F_A, F_C], : apart[0] + 1 if len(apart) else None])
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact:
-        """See Window."""
+        """See ImpactWindow."""
         from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled  # seldom: 1 ms
 
         setup, v0 = self.setup, self.speeds[-1]

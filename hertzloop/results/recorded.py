@@ -89,7 +89,7 @@ class RecordedLaw:
 def reported_law(recording: Recording) -> tuple[str, str]:
     """Return name and digest of the law that the controller reported; empty if it reported none."""
     end = recording.ends.get(CONTROLLER)
-    return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
+    return (end.report.law, end.report.law_digest) if end else ("", "")
 
 
 def law_of(recording: Recording) -> RecordedLaw:

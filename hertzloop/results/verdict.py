@@ -172,7 +172,7 @@ def assess_recording(
         setup: The setup of the run, whose closed loop is simulated again.
         recording: The run.
         free: Figures of the same run without control, None if it is that itself.
-        not_again: Why the closed loop cannot be simulated again, where that is so.
+        not_repeatable: Why the closed loop cannot be simulated again, where that is so.
     """
     balance, law = recording.balance, law_of(recording)
     figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)

@@ -18,7 +18,7 @@ from hertzloop.scene.errors import LONGEST, SceneError, quoted_path, shortened
 from hertzloop.scene.latency_trace import draw_latencies, read_latencies
 from hertzloop.scene.materials import read_materials
 
-_MOST_BYTES = 64 << 20  # of a file of modes, unpack_modes
+_MOST_BYTES = 64 << 20  # of an unpacked file of modes
 
 
 def unpack_modes(file: str, sha256: str, content: str) -> bytes:
@@ -32,11 +32,6 @@ def unpack_modes(file: str, sha256: str, content: str) -> bytes:
         raise ValueError(f"plate.modes.content of {file} is not what plate.modes.sha256 says")
     return found
 
-
-# What a scene says by the name of a file: materials and modes, taken into the scene itself.
-#
-# After that the scene needs no file any more: every process, the recording and whoever runs it
-# again have the very numbers.
 
 _MOST_PACKED = 8 << 20  # in a scene, and so in one message on the bus
 

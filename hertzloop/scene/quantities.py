@@ -1,7 +1,8 @@
 """The one table of sensed quantities: names, units, meaning.
 
-A new sensed quantity is a row of `SENSED`. Scenes, laws, converter, exports and the trial of a law
-follow; the replay draws it with the gap, unless `recordings/replay/data.py` names another plot.
+A new sensed quantity is a row of `SENSED`, if the state of the plant has it. Scenes, laws,
+converter, exports and the trial of a law follow; the replay draws it with the gap, unless
+`recordings/replay/plots.py` names another plot.
 """
 
 from collections.abc import Callable

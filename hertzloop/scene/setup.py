@@ -223,7 +223,7 @@ class Setup:
         return resolve(vary_scene(self.scene, values))
 
     def resolution_of(self, key: str) -> float:
-        """Return how far apart the values of a scene key are; see `scenes.varying`."""
+        """Return how far apart the values of a scene key are; see `scene.varying`."""
         return resolution_of(self.scene, key)
 
     def refusal(self, values: Mapping[str, Any]) -> str:
@@ -362,12 +362,12 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:
-    """Read a scene by shipped name or from a file, and resolve it. See `scenes.loading.load`."""
+    """Read a scene by shipped name or from a file, and resolve it. See `scene.loading.load`."""
     return resolve(load_scene(source, settings, seed))
 
 
 def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
-    """Read a scene from TOML text, and resolve it. See `scenes.loading.parse`."""
+    """Read a scene from TOML text, and resolve it. See `scene.loading.parse`."""
     return resolve(parse_scene(text, settings, **more))
 
 

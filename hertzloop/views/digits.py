@@ -28,7 +28,7 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
     usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
     if error == 0.0:
         return usual
-    if not error < abs(value):  # as `_predictable` of analysis.verdict has it
+    if not error < abs(value):  # as `_predictable` of results.verdict has it
         return UNKNOWN
     whole = math.floor(math.log10(abs(value)))
     digits = max(whole - math.floor(math.log10(error)), 1)

@@ -602,7 +602,7 @@ STEP, END, BUSY, LEFT, BACK, OVER = range(6)
 _BACK = 0.5  # of the largest gap
 
 
-class Answer(NamedTuple):
+class ImpactFollower(NamedTuple):
     """An impact that is followed step by step; `quiet_steps` below zero: none is.
 
     `rest_n`: force of the actuator without a command.
@@ -619,15 +619,15 @@ class Answer(NamedTuple):
     rest_n: float
 
 
-def answer(
+def new_follower(
     quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf, rest_n: float = 0.0
-) -> Answer:
+) -> ImpactFollower:
     """An impact before its first touch."""
     counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
-    return Answer(quiet_steps, line_steps, blur_m, counts, widest_m, rest_n)
+    return ImpactFollower(quiet_steps, line_steps, blur_m, counts, widest_m, rest_n)
 
 
-NEVER = answer(-1)  # what a loop takes that does not end before its last step
+NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
 
 
 @kernel(inline=True)

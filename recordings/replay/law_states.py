@@ -19,6 +19,6 @@ def law_states(recording: Recording, controlled: bool = True) -> list[tuple[int,
             if not states:
                 states.append((0, mode_name(event.data.mode_before)))
             states.append((event.time_ns, mode_name(event.data.mode)))
-    if not states and end and end.set_up.law not in ("", law):
+    if not states and end and end.report.law not in ("", law):
         return [(0, "not told")]
     return states or [(0, "idle" if controlled else "off")]

@@ -8,12 +8,12 @@ import numpy as np
 
 from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import (
+    ControllerReport,
     DaqBlock,
     EnergyBalance,
     Event,
     ForceBlock,
     Hello,
-    SetUp,
     TruthBlock,
 )
 from hertzloop.bus.port import Publisher
@@ -84,5 +84,5 @@ def controller_says(blocks: int = 3) -> list[Envelope]:
         force = ForceBlock(first_step=4 * i, step_ns=1000, samples_seen=4 * (i + 1))
         publisher.send("force", force, {"force_n": np.ones(4)})
         publisher.send("events/controller", Event(message=f"mode {i}"))
-    publisher.end(set_up=SetUp(scene_toml=SCENE))
+    publisher.end(report=ControllerReport(scene_toml=SCENE))
     return tape.sent

@@ -106,17 +106,17 @@ def test_chance_is_a_function_of_the_step() -> None:
     """A longer run starts like a shorter one, and jitter knows nothing of drop-outs."""
     both = SignalPath(jitter_steps=6, drop_out_probability=0.2)
     long, short = make(COUNTING, both, 500).line, make(COUNTING, both, 200).line
-    count = len(short.jitter_steps)
-    assert np.array_equal(short.jitter_steps, long.jitter_steps[:count])
+    count = len(short.added_steps)
+    assert np.array_equal(short.added_steps, long.added_steps[:count])
     assert np.array_equal(short.dropped, long.dropped[:count])
     alone = make(COUNTING, SignalPath(jitter_steps=6), 500).line
-    assert np.array_equal(alone.jitter_steps, long.jitter_steps)
+    assert np.array_equal(alone.added_steps, long.added_steps)
 
 
 def test_chance_of_a_seed_is_the_same_in_every_version() -> None:
     """Recordings are repeated by later versions: a seed has to mean what it meant."""
     line = make(COUNTING, SignalPath(jitter_steps=6, drop_out_probability=0.2), 12, seed=7).line
-    assert line.jitter_steps[:12].tolist() == [0, 2, 6, 2, 6, 5, 3, 4, 5, 1, 1, 4]
+    assert line.added_steps[:12].tolist() == [0, 2, 6, 2, 6, 5, 3, 4, 5, 1, 1, 4]
     assert np.flatnonzero(line.dropped[:12]).tolist() == [2, 5]
 
 

@@ -69,13 +69,13 @@ ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
     "fault": at_the_end(lambda m: setattr(m, "fault", "out of force")),
     "wrong-count": at_the_end(lambda m: setattr(m.count[0], "samples", 3)),
     "no-count-of-events": at_the_end(lambda m: m.count.pop()),
-    "no-set-up": at_the_end(lambda m: m.ClearField("set_up")),
+    "no-set-up": at_the_end(lambda m: m.ClearField("report")),
     "other-scene": at_the_end(
         lambda m: setattr(
-            m.set_up, "scene_toml", m.set_up.scene_toml.replace("kappa = 0.8", "kappa = 2.0")
+            m.report, "scene_toml", m.report.scene_toml.replace("kappa = 0.8", "kappa = 2.0")
         )
     ),
-    "other-stiffness": at_the_end(lambda m: setattr(m.set_up, "stiffness", 1.0)),
+    "other-stiffness": at_the_end(lambda m: setattr(m.report, "stiffness", 1.0)),
     "no-role": at_the_end(lambda m: m.ClearField("role")),
 }
 

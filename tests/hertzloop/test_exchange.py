@@ -12,7 +12,7 @@ from hertzloop.bus.port import Port, Publisher
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import Envelope
 from hertzloop.loop import plant_streams
-from hertzloop.loop.announcement import set_up_by
+from hertzloop.loop.announcement import controller_report
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.scene.setup import parse
 from tests.hertzloop.exchange import exchange
@@ -110,7 +110,7 @@ class Hesitant:
         self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
         self.said = end
         if self.seen == self.scene.steps:
-            self.publisher.end(set_up=set_up_by(self.scene))
+            self.publisher.end(report=controller_report(self.scene))
 
     def fail(self, sentence: str) -> None:
         raise AssertionError(sentence)

@@ -114,19 +114,19 @@ class TestBrokenControllers:
         """Right counts, but it says at its end that it worked by other parameters."""
 
         def change(end: RunEnd) -> None:
-            text = end.set_up.scene_toml
-            end.set_up.scene_toml = text.replace("kappa = 0.8", "kappa = -5.0")
+            text = end.report.scene_toml
+            end.report.scene_toml = text.replace("kappa = 0.8", "kappa = -5.0")
 
         refused(seed, "'kappa = -5.0' where", "'kappa = 0.8'", alter=at_the_end(change))
 
     def test_another_stiffness(self, seed: int) -> None:
         def change(end: RunEnd) -> None:
-            end.set_up.stiffness *= 2.0
+            end.report.stiffness *= 2.0
 
         refused(seed, "the controller worked with a contact stiffness", alter=at_the_end(change))
 
     def test_no_word_about_its_scene(self, seed: int) -> None:
-        refused(seed, "names no scene", alter=at_the_end(lambda e: e.ClearField("set_up")))
+        refused(seed, "names no scene", alter=at_the_end(lambda e: e.ClearField("report")))
 
 
 def run_of(envelope: Envelope) -> int:

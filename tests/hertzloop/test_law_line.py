@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hertzloop.bus.messages_pb2 import RunEnd, SetUp
+from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
@@ -25,7 +25,7 @@ SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
 
 def recording(law: str, scene_toml: str = "") -> Recording:
-    end = RunEnd(set_up=SetUp(law=law))
+    end = RunEnd(report=ControllerReport(law=law))
     return Recording(Path("a.mcap"), scene_toml or to_toml(SCENE.scene), ends={"controller": end})
 
 
@@ -54,7 +54,7 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     record_in_process(SCENE, path, compiled=True)
     recorded = read(path)
     assert law_line(law_of(recorded)) == "slope_threshold"
-    foreign = recorded.ends["controller"].set_up
+    foreign = recorded.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     assessed = assess_recording(SCENE, recorded, free_figures(SCENE))
     assert recorded.balance is not None

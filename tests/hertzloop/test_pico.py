@@ -87,7 +87,7 @@ def test_the_whole_scene_reaches_controller_and_recording(
     recording = read(tmp_path / "a.mcap")
     assert not recording.problems
     assert recording.scene_toml == to_toml(setup.scene)
-    assert recording.ends[CONTROLLER].set_up.scene_toml == hello(setup, 1.0).scene_toml
+    assert recording.ends[CONTROLLER].report.scene_toml == hello(setup, 1.0).scene_toml
     content = (tmp_path / "a.mcap").read_bytes()
     [scene] = scene_records(content)[:1]
     (tmp_path / "b.mcap").write_bytes(content.replace(scene, b""))

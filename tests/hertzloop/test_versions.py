@@ -9,7 +9,7 @@ import pytest
 from hertzloop import __version__
 from hertzloop import api as interface
 from hertzloop.bus import codec
-from hertzloop.bus.messages_pb2 import Hello, SetUp
+from hertzloop.bus.messages_pb2 import ControllerReport, Hello
 from hertzloop.bus.sequence_checker import other_version
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault
 from hertzloop.recordings.reader import read
@@ -64,15 +64,17 @@ def test_a_hello_that_is_meant_otherwise_names_both() -> None:
         exchange(scene(), 1, forge=hellos(again))
 
 
-def end_of_controller(change: Callable[[SetUp], None]) -> Callable[[Envelope], Iterable[Envelope]]:
+def end_of_controller(
+    change: Callable[[ControllerReport], None],
+) -> Callable[[Envelope], Iterable[Envelope]]:
     """The controller's end as another version sends it."""
 
     def alter(envelope: Envelope) -> Iterable[Envelope]:
         if envelope.stream != "end/controller":
             return (envelope,)
         end = codec.decode(STREAMS["end/controller"].message, envelope.payload).header
-        end.set_up.versions = OTHER
-        change(end.set_up)
+        end.report.versions = OTHER
+        change(end.report)
         return (Envelope("end/controller", end.SerializeToString(), envelope.sequence),)
 
     return alter
@@ -87,7 +89,7 @@ def test_a_controller_of_another_version_is_taken() -> None:
 def test_a_controller_of_another_version_is_refused_with_both_named() -> None:
     """By the plant; its recording says it, too."""
 
-    def otherwise(ran: SetUp) -> None:
+    def otherwise(ran: ControllerReport) -> None:
         ran.scene_toml = ran.scene_toml.replace("[controller]\n", LATER)
 
     words = r"used another scene: .*foresight.* \(the controller is " + BOTH
@@ -96,7 +98,7 @@ def test_a_controller_of_another_version_is_refused_with_both_named() -> None:
 
 
 def test_a_controller_says_which_version_it_is() -> None:
-    [ran] = [end.set_up for end in exchange(scene(), 1).ends if end.role == "controller"]
+    [ran] = [end.report for end in exchange(scene(), 1).ends if end.role == "controller"]
     assert json.loads(ran.versions)["hertzloop"] == __version__
 
 
@@ -122,7 +124,7 @@ def later_recording(tmp_path: Path) -> Path:
         if item.stream == "hello":
             item.header.scene_toml, item.header.versions = text, OTHER
         elif item.stream == "end/controller":
-            item.header.set_up.scene_toml = text
+            item.header.report.scene_toml = text
         payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)

@@ -206,7 +206,7 @@ def test_a_controller_that_worked_by_another_scene(path: Path, said: str, senten
     heard = both()
     place = places(heard, "end/controller")[0]
     end = RunEnd.FromString(heard[place].payload)
-    end.set_up.scene_toml = said
+    end.report.scene_toml = said
     heard[place] = replace(heard[place], payload=end.SerializeToString())
     check_fault(path, heard, sentence)
 
@@ -215,7 +215,7 @@ def test_a_controller_that_failed_need_not_say_by_which_scene(path: Path) -> Non
     heard = both()
     place = places(heard, "end/controller")[0]
     end = RunEnd.FromString(heard[place].payload)
-    end.ClearField("set_up")
+    end.ClearField("report")
     end.fault = "out of force"
     heard[place] = replace(heard[place], payload=end.SerializeToString())
     assert hear(path, heard).faults == ["out of force"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
+from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd
 from hertzloop.recordings import joined_stream
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Event, EventData, Recording
@@ -183,7 +183,9 @@ def test_states_of_the_law_come_from_its_events() -> None:
     ]  # fmt: skip
     off = Recording(Path("a.mcap"), scene_toml="[controller]\nlaw = 'off'")
     assert law_states(off, controlled=False) == [(0, "off")]
-    foreign = dataclasses.replace(off, ends={"controller": RunEnd(set_up=SetUp(law="another's"))})
+    foreign = dataclasses.replace(
+        off, ends={"controller": RunEnd(report=ControllerReport(law="another's"))}
+    )
     assert law_states(foreign) == [(0, "not told")]
 
 

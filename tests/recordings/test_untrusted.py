@@ -253,7 +253,7 @@ def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     for item in messages(whole):
         if item.stream.startswith("end/"):
-            item.header.set_up.law = EVIL
+            item.header.report.law = EVIL
         elif item.stream.startswith("events/"):
             item.header.message = EVIL
         payload = codec.encode(item.header, **item.arrays)

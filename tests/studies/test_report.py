@@ -152,7 +152,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(
         sent = messages(bounces)
         for item in sent:
             if item.stream == "end/controller":
-                item.header.set_up.law, item.header.set_up.law_digest = "mine 1.0", ""
+                item.header.report.law, item.header.report.law_digest = "mine 1.0", ""
         return sent
 
     path = write(tmp_path / "other.mcap", bounces, foreign())
