@@ -32,6 +32,7 @@ def test_ways_on_one_host() -> None:
     assert made.least_us > 0
 
 
+@pytest.mark.full
 def test_plates_by_their_modes() -> None:
     found = mode_file_costs(rounds=2)
     counts = [int(cost.case.split()[-2]) for cost in found]

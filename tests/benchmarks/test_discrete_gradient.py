@@ -72,6 +72,7 @@ def test_the_energy_of_a_stiff_contact_is_kept(share: float) -> None:
     assert abs(balance.energy_residual) < 1e-12
 
 
+@pytest.mark.full
 def test_a_scene_runs_by_it_as_the_charts_do(tmp_path: Path) -> None:
     keys = ["run.scheme=discrete_gradient", "run.duration_s=0.0013", "run.accuracy=0.1"]
     with known_to_scenes():

@@ -20,6 +20,7 @@ def test_the_infinite_plate_follows_zener() -> None:
     assert simulated == pytest.approx(fit_validation.zener(0.25), abs=3e-4)
 
 
+@pytest.mark.full
 def test_a_right_class_is_covered_and_a_wrong_one_is_flagged() -> None:
     right = fit_coverage.summary("force 90 us", 2)
     wrong = fit_coverage.summary("yield fitted elastic", 2)

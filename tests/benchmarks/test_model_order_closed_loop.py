@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks import model_order_closed_loop as closed_loop
 from benchmarks.model_order import random_spec
 from hertzloop.scene.setup import load
 
 
+@pytest.mark.full
 def test_requests_are_met_by_whole_scenes(tmp_path: Path) -> None:
     found = closed_loop.run(tmp_path, scenes=3, seed=3)
     assert len(found) == 3 * 2 * len(closed_loop.REQUESTS)

@@ -271,7 +271,7 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
 
 def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0) -> list[int]:
     """Where an impact ends and whether it is over, 3 steps of silence being enough."""
-    impact = an.answer(3, line)
+    impact = an.new_follower(3, line)
     an.follow_rows(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
     return [int(impact.counts[i]) for i in (an.END, an.OVER)]
 

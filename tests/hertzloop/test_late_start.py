@@ -4,6 +4,8 @@ import threading
 import time
 from pathlib import Path
 
+import pytest
+
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
@@ -26,6 +28,7 @@ def _serve(node: ControllerNode) -> None:
         node.work(60.0)
 
 
+@pytest.mark.full
 def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     path, (a, b, c) = tmp_path / "late.mcap", free_ports(3)
     words = ["--name", NAME, "--timeout", str(TIMEOUT_S), "--wait", "120", "--out", str(path)]

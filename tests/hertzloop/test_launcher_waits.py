@@ -65,6 +65,7 @@ def test_one_that_does_not_end_when_the_others_have_is_named(
         outcome(launcher)
 
 
+@pytest.mark.full
 def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launchers, "LONGEST_S", 0.5)
     launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, STAYS))

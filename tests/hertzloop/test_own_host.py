@@ -72,6 +72,7 @@ def test_nothing_listens_on_any_network(
     assert not folder.exists()
 
 
+@pytest.mark.full
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user, too")
 def test_another_user_gets_neither_samples_nor_a_say(
     going: tuple[subprocess.Popen, dict[str, psutil.Process]], tmp_path: Path

@@ -249,6 +249,7 @@ def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
     assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
 
 
+@pytest.mark.full
 def test_a_solid_under_a_law_has_more_modes() -> None:
     """A law's force moves the modes near the contact too; all modes are the reference."""
     keys = {

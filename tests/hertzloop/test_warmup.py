@@ -107,6 +107,7 @@ def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
     assert done.stdout.split() == ["[]", "[]"], done.stderr
 
 
+@pytest.mark.full
 def test_a_controller_that_compiles_its_law_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -189,6 +189,7 @@ def test_latencies_that_are_stable_again_are_said():
     assert limit.interval
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["sampling_us", "bandwidth_hz"])
 def test_sampling_and_bandwidth_end_where_the_loop_becomes_unstable(name):
     setup = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.8"])

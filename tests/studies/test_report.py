@@ -145,6 +145,7 @@ def test_the_page_says_what_the_run_said(bounces: Path) -> None:
     assert read(bounces).law_source in text
 
 
+@pytest.mark.full
 def test_what_another_program_controlled_is_not_said_to_repeat(
     bounces: Path, tmp_path: Path
 ) -> None:
@@ -193,6 +194,7 @@ def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.Mo
         assert result.exit_code == 0, result.output
 
 
+@pytest.mark.full
 def test_a_linear_loop_has_its_margin_on_the_page(tmp_path: Path) -> None:
     law = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
     text = page_of(tmp_path, "oak-20mm", ["run.duration_s=0.003", *law]).read_text()
