@@ -32,7 +32,7 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import FLIGHT_X
-from hertzloop.processes.launcher import record
+from hertzloop.processes.record import record
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.run_json import run_as_json

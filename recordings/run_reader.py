@@ -99,6 +99,7 @@ class RunReader:
     first: dict[str, int] = field(default_factory=dict)
     out_of_place: bool = False
     _text: int = 0  # characters of the events
+    _second_scene: bool = False
     _next: dict[str, int] = field(default_factory=dict)
     _highest: dict[str, int] = field(default_factory=dict)
 
@@ -136,6 +137,7 @@ class RunReader:
         if attachment.name != SCENE_ATTACHMENT:
             return
         if self.scene_toml:
+            self._second_scene = True
             self.report("there is a second scene; the first is used")
             return
         try:
@@ -151,7 +153,7 @@ class RunReader:
                     self.run_id = int(self.metadata.get("run_id", "0"), 16)
                 except ValueError:
                     self.report("the run's id cannot be read")
-            elif not any("a second scene" in problem for problem in self.problems):
+            elif not self._second_scene:  # a second run has both; one problem is enough
                 self.report("there is a second description of the run; the first is used")
         elif metadata.name == RESULT_METADATA:
             if self.result is not None:

@@ -217,7 +217,7 @@ def run(
         RecordingError: the recording cannot be written.
     """
     from hertzloop.loop.run_options import RunOptions, Transport
-    from hertzloop.processes.launcher import record
+    from hertzloop.processes.record import record
 
     options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
     setup = resolved(scene)

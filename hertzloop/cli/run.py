@@ -16,8 +16,8 @@ from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
 from hertzloop.processes import fork_server
-from hertzloop.processes.launcher import what_is_kept
 from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
+from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.verification import check_verifiable

@@ -12,7 +12,7 @@ import numpy as np
 
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.processes.launcher import record
+from hertzloop.processes.record import record
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup, load
@@ -66,7 +66,7 @@ def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
 def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
     """Run a case with the program of `options.controller`; the recording is written to `folder`.
 
-    Raises as `launcher.record`, with one sentence on what the program does wrong.
+    Raises as `record`, with one sentence on what the program does wrong.
     """
     path = folder / "run.mcap"
     record(case.setup, path, replace(options, horizon=case.horizon, overwrite=True))

@@ -7,23 +7,23 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from signal import SIGKILL, Signals
+from signal import SIGKILL
 from typing import Any
 
 from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.loop.in_process import record_in_process
-from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, Transport, words_of
+from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, words_of
 from hertzloop.processes import fork_server
+from hertzloop.processes.child_process import ChildProcess
+from hertzloop.processes.failure_cause import failure_cause, not_responding, silent_roles
 from hertzloop.processes.program import filled_in
-from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
-from hertzloop.recordings.reader import holds_a_run
-from hertzloop.scene.controller import check_buildable, loaded_law
+from hertzloop.processes.signals import Interrupted, ending_signals
+from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 
@@ -43,39 +43,6 @@ class RunFailed(RuntimeError):
     """A process of the run failed. The message names the first cause."""
 
     exit_status = 1
-
-
-@dataclass
-class ChildProcess:
-    """One process of a run and what it reported."""
-
-    role: str
-    process: fork_server.Role
-    stderr: Path
-    program: str = ""  # its command line, if it is the user's: it reports nothing but its end
-    ready: bool = False
-    fault: str = ""
-    others: bool = False  # the fault is another role's
-    lost: list[str] = field(default_factory=list)  # roles that it missed
-    at_s: float = 0.0  # when it found that they are missing
-    done: dict[str, Any] = field(default_factory=dict)
-    heard_s: float = math.inf  # when it last showed that it runs, by the clock of all
-
-    def own_reason(self) -> str:
-        """Return why it failed, if for a reason of its own; "" if another role was the reason."""
-        code = self.process.returncode
-        assert code is not None  # it has ended
-        if self.fault and code >= 0:
-            return "" if self.others else self.fault
-        if how := _exit_reason(code):
-            return f"{self.named} {how}"
-        lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
-        return f"{self.named} failed with exit code {code}: {lines[-1]}"
-
-    @property
-    def named(self) -> str:
-        """The role, and the program that plays it if that is the user's."""
-        return f"{self.role} ('{self.program}')" if self.program else self.role
 
 
 class Launcher:
@@ -184,7 +151,7 @@ class Launcher:
             except queue.Empty:
                 if clock.now() - heard_s > self._silence_s:
                     how = f"the launcher has received nothing for {self._silence_s:g} s"
-                    raise RunFailed(_not_reacting(running, how)) from None
+                    raise RunFailed(not_responding(running, how)) from None
                 continue
             if item is None:
                 raise Interrupted
@@ -194,9 +161,9 @@ class Launcher:
                 words = filled_in(self._program, name, endpoints)
                 running[CONTROLLER] = self._start(CONTROLLER, words, folder, self._program)
             child.heard_s = ran.now()
-            if not failed and (hung := _silent(running, self._hung_s, ran)):
+            if not failed and (hung := silent_roles(running, self._hung_s, ran)):
                 how = f"no sign of life for {self._hung_s:g} s (stopped, or no processor time)"
-                raise RunFailed(_not_reacting(hung, how))
+                raise RunFailed(not_responding(hung, how))
             if "beat" in report:
                 continue
             heard_s = clock.now()
@@ -205,7 +172,7 @@ class Launcher:
             for name in ("ready", "fault", "others", "lost", "at_s", "done"):
                 setattr(child, name, report.get(name, getattr(child, name)))
             if child.fault and not failed:
-                silent |= _silent(running, _SILENT_S, ran)
+                silent |= silent_roles(running, _SILENT_S, ran)
             if child.program and "exited" in report and not child.process.returncode:
                 child.done = {"left": True}
                 left, left_s = child, clock.now()
@@ -224,14 +191,14 @@ class Launcher:
         if failed:
             own = not self._setup.law_is_shipped and not self._program
             law = loaded_law(self._setup).name if own else ""
-            raise RunFailed(_cause(failed, set(running), silent, law))
+            raise RunFailed(failure_cause(failed, set(running), silent, law))
         if self._program and running.keys() == {CONTROLLER}:  # it might serve another run
             program = running.pop(CONTROLLER)
             program.process.terminate()
             program.done = {"left": False}
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
-            raise RunFailed(_not_reacting(running, ended))
+            raise RunFailed(not_responding(running, ended))
         return next(c.done for c in self.children if c.role == PLANT)
 
     def _end_all(self) -> None:
@@ -265,90 +232,3 @@ class Launcher:
             if child.program:  # a shell's, too
                 with suppress(ProcessLookupError):
                     os.killpg(child.process.pid, SIGKILL)
-
-
-def _silent(running: Mapping[str, ChildProcess], for_s: float, ran: ProcessClock) -> set[str]:
-    """Roles that take part and have not shown for this long, by `ran`, that they run."""
-    now_s = ran.now()
-    return {role for role, one in running.items() if one.ready and now_s - one.heard_s > for_s}
-
-
-def _exit_reason(code: int) -> str:
-    """How a process ended, if its exit code says that a signal ended it; else ""."""
-    if code < 0:
-        return f"was killed by {Signals(-code).name}"
-    return "was interrupted" if code == INTERRUPTED else ""
-
-
-def _cause(
-    failed: list[ChildProcess], running: set[str], silent: Collection[str] = (), law: str = ""
-) -> str:
-    """The sentence that explains a failure: a death, a fault, a hang, at last a lost peer.
-
-    `failed` is in the order of the ends; `silent` are those that did not run when the first failed.
-    Whoever merely lost another, or was told of a fault, is not to blame; nor is one that still
-    runs, unless another missed it. `law`: one from elsewhere, which may hang.
-    """
-    # A program of the user's ends by a code of its own where it was told of a fault.
-    for child in sorted(failed, key=lambda c: (c.program != "", (c.process.returncode or 0) >= 0)):
-        if reason := child.own_reason():
-            # What a program of the user's says on the bus tells more than how it then exits.
-            faults = (one.fault for one in failed if one.role == PLANT and one.others)
-            ended_by_it = child.program and not any(one.lost for one in failed)
-            return next(faults, reason) if ended_by_it else reason
-    missed = {role for child in failed for role in child.lost}
-    lost = _most_precise(failed).fault
-    if hung := sorted(silent or running & missed):
-        hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
-        why = hangs if CONTROLLER in hung else ""
-        return _not_reacting(hung, lost, why)
-    return lost
-
-
-def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
-    named = sorted(roles)
-    verb = "does" if len(named) == 1 else "do"
-    return f"{' and '.join(named)} {verb} not respond{why}; {how}"
-
-
-def _most_precise(failed: list[ChildProcess]) -> ChildProcess:
-    """Return the role that missed the fewest others, of those that missed no role that had timed
-    out before, nor one that missed another itself. The first to time out may be the last to end."""
-    timed_out: set[str] = set()
-    believed: dict[str, ChildProcess] = {}
-    for child in sorted(failed, key=lambda child: child.at_s):
-        if child.lost and not timed_out & set(child.lost):
-            believed[child.role] = child
-        if child.lost:
-            timed_out.add(child.role)
-    last = [child for child in believed.values() if not believed.keys() & set(child.lost)]
-    return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])
-
-
-def record(
-    setup: Setup,
-    recording: Path,
-    options: RunOptions,
-    on_progress: Callable[[int], None] = lambda step: None,
-) -> dict[str, Any]:
-    """Run and record a scene; wall time and exchanges of the loop.
-
-    Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
-    parts that cannot be built, before there is a file.
-    """
-    check_buildable(setup)
-    if options.transport is Transport.ZENOH:
-        with Launcher(setup, recording, options) as processes:
-            return processes.wait(on_progress)
-    compiled = options.transport is Transport.COMPILED
-    loop = record_in_process(setup, recording, options, on_progress, compiled=compiled)
-    return dict(vars(loop))
-
-
-def what_is_kept(recording: Path, since_s: float) -> str:
-    """What a person finds of a run that was started at `since_s` (seconds since the epoch) and
-    did not end."""
-    # Until something comes to replace it, an existing file is kept.
-    if holds_a_run(recording) and recording.stat().st_mtime >= since_s:
-        return f"the recording up to now is in {recording}"
-    return "no recording was written"

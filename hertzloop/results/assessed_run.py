@@ -8,7 +8,7 @@ from threading import Thread
 
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import fork_server
-from hertzloop.processes.launcher import record
+from hertzloop.processes.record import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError

@@ -12,7 +12,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes.launcher import record
+from hertzloop.processes.record import record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.sweeps.evaluate import not_run, run_cases

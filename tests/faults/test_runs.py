@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from hertzloop.processes.launcher import ChildProcess, _cause
+from hertzloop.processes.child_process import ChildProcess
+from hertzloop.processes.failure_cause import failure_cause
 from tests.faults import runs
 from tests.faults.inflict import (
     CLOSED,
@@ -156,25 +157,25 @@ def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
     deceived = ended("plant", "the recorder left", "recorder")
     awake = ended("controller", "the plant left", "plant")
     told = ended("controller", "the plant ended the run")
-    assert _cause([recorder, plant, awake], set()) == plant.fault
-    assert _cause([plant, recorder, told], set()) == plant.fault
-    assert _cause([told, plant, recorder], set()) == plant.fault
-    assert _cause([recorder, deceived, awake], set()) == recorder.fault
-    assert _cause([told], set()) == told.fault
+    assert failure_cause([recorder, plant, awake], set()) == plant.fault
+    assert failure_cause([plant, recorder, told], set()) == plant.fault
+    assert failure_cause([told, plant, recorder], set()) == plant.fault
+    assert failure_cause([recorder, deceived, awake], set()) == recorder.fault
+    assert failure_cause([told], set()) == told.fault
     # The recorder paused; the plant waited for it, and the controller for the plant.
     waits = ended("controller", "nothing from the plant", "plant")
     blocked = ended("plant", "the recorder took nothing", "recorder")
     awake = ended("recorder", "the controller left", "controller")
-    assert _cause([waits, blocked, awake], set()) == blocked.fault
+    assert failure_cause([waits, blocked, awake], set()) == blocked.fault
     # The same, but the plant says nothing, since it still waits, and the recorder does not run.
-    named = _cause([waits], {"plant", "recorder"}, {"recorder"})
+    named = failure_cause([waits], {"plant", "recorder"}, {"recorder"})
     assert named == f"recorder does not respond; {waits.fault}"
     # The same, but who wakes up late ends first.
     blocked = ended("plant", "the recorder took nothing", "recorder", at_s=2.0)
     awake = ended("recorder", "the plant left", "plant", at_s=2.5)
-    assert _cause([awake, blocked], set()) == blocked.fault
+    assert failure_cause([awake, blocked], set()) == blocked.fault
     own = ended("controller", "its own", others=False)
-    assert _cause([recorder, plant, own], set()) == own.fault
+    assert failure_cause([recorder, plant, own], set()) == own.fault
 
 
 def test_the_page_takes_the_tables(tmp_path: Path) -> None:

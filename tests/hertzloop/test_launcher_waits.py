@@ -14,7 +14,8 @@ import pytest
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import launcher as launchers
-from hertzloop.processes.launcher import ChildProcess, Launcher, RunFailed
+from hertzloop.processes.child_process import ChildProcess
+from hertzloop.processes.launcher import Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 

@@ -9,8 +9,8 @@ import pytest
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes import launcher
-from hertzloop.processes.launcher import what_is_kept
+from hertzloop.processes import record as recording
+from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.results.assessed_run import run_and_assess
@@ -89,7 +89,7 @@ def test_a_report_is_of_the_run_that_was_started(
         record_in_process(scene, path, RunOptions(overwrite=True), compiled=True)
         return stats
 
-    monkeypatch.setattr(launcher, "record_in_process", replaced)
+    monkeypatch.setattr(recording, "record_in_process", replaced)
     with pytest.raises(RecordingError, match="another run has replaced it"):
         run_and_assess(
             load("aluminium-3mm", SHORT),
