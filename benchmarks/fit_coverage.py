@@ -24,13 +24,15 @@ from benchmarks.synthetic_fits import (
     summaries,
 )
 from benchmarks.synthetic_records import Spoilt, truth
-from hertzloop.identification.fit.fit import FitResult, fit, free_of, value_of
-from hertzloop.identification.fit.observation import Chain
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key, start_value
+from hertzloop.identification.fit.observation import MeasuringChain
+from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.records import Measured
 from hertzloop.scene.setup import Setup, load
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
-_PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()
+_PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), MeasuringChain(), Measured()
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Problem:
     start: float = 1.0
     fitted: tuple[str, ...] | None = None
     wrong: bool = False
-    chain: Chain = _NO_CHAIN
+    chain: MeasuringChain = _NO_CHAIN
     table: Measured = _NO_TABLE
     rate_hz: float = 2e6
     quiet_s: float = 250e-6
@@ -64,7 +66,7 @@ class Problem:
         return any(change.startswith("controller.law=") for change in self.changes)
 
 
-_LOW_PASS = Chain(low_pass_hz=100e3)
+_LOW_PASS = MeasuringChain(low_pass_hz=100e3)
 _LOSS = ("plate.loss_factor=1e-3",)
 PROBLEMS = {
     "force 90 us": Problem(
@@ -187,11 +189,13 @@ def run(
         base = load("aluminium-3mm", ["controller.law=off", *problem.fitted])
     true = {}
     for key in problem.keys:
-        true[key] = value_of(setup if not problem.wrong else base, key)
+        true[key] = start_value(setup if not problem.wrong else base, key)
     true |= problem.true
     if problem.start != 1.0:
         base = moved(base, true, problem.start, generator)
-    return fit(base, records, [free_of(base, key) for key in problem.keys], exact=exact), true
+    return fit(
+        base, records, [parse_free_key(base, key) for key in problem.keys], exact=exact
+    ), true
 
 
 _seen: dict[Any, Any] = {}

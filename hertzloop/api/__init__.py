@@ -19,7 +19,8 @@ from hertzloop.scene.scene import Scene
 if TYPE_CHECKING:
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.identification.fit.fit import FitError, FitResult
+    from hertzloop.identification.fit.errors import FitError
+    from hertzloop.identification.fit.results import FitResult
     from hertzloop.identification.records.records import Record, RecordError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
@@ -73,7 +74,8 @@ _NAMES_BY_MODULE = {
     "interop.environment": ("ImpactEnv",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
-    "identification.fit.fit": ("FitError", "FitResult"),
+    "identification.fit.errors": ("FitError",),
+    "identification.fit.results": ("FitResult",),
     "identification.records.records": ("Record", "RecordError"),
     "studies.sweeps.design": ("DesignError",),
     "studies.sweeps.pool": ("SweepFailed",),

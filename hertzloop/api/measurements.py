@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from hertzloop.api.scenes import AnyScene, resolved
 
 if TYPE_CHECKING:
-    from hertzloop.identification.fit.fit import FitResult
+    from hertzloop.identification.fit.results import FitResult
     from hertzloop.identification.records.records import Record
 
 
@@ -73,10 +73,12 @@ def fit(
         FitError: a key cannot be fitted.
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.identification.fit.fit import fit as fitted_to
-    from hertzloop.identification.fit.fit import free_of
+    from hertzloop.identification.fit.fit import fit as fit_records
+    from hertzloop.identification.fit.free_keys import parse_free_key
     from hertzloop.identification.records.records import Record
 
     setup = resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
-    return fitted_to(setup, several, [free_of(setup, text) for text in free], hold_out, exact=exact)
+    return fit_records(
+        setup, several, [parse_free_key(setup, text) for text in free], hold_out, exact=exact
+    )

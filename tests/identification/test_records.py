@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.text_tables import draw, judged
 from hertzloop.common.optional_dependencies import EXTRAS
-from hertzloop.identification.fit.hits import shown
+from hertzloop.identification.fit.hits import describe_file
 from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.records import RecordError, read_record
 from hertzloop.identification.records.text_tables import read_table, spacing_s
@@ -289,7 +289,7 @@ def test_check_of_a_record_alone_shows_what_was_read(tmp_path: Path) -> None:
     assert "time: column 1 'Time [us]' in us; contact_force: column 2 'Force [kN]' in kN" in (
         " ".join(done.output.split())
     )
-    assert len(shown(path, samples=3)) == 5
+    assert len(describe_file(path, samples=3)) == 5
 
 
 def test_the_documentation_lists_every_format() -> None:
