@@ -31,7 +31,7 @@ from hertzloop.identification.fit.free_keys import parse_free_key, start_value
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
 from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.records.records import Measured
+from hertzloop.identification.records.measurement import Measurement
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.setup import Setup, load
@@ -118,7 +118,7 @@ def run(kind: str, seed: int, exact: bool = False) -> tuple[FitResult, dict[str,
         noise=_NOISE, gain=1.0 + GAIN_SD * float(generator.standard_normal()), offset=0.005,
         clock_ppm=CLOCK_SD * float(generator.standard_normal()),
     )  # fmt: skip
-    table = Measured(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+    table = Measurement(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
     records = by_one_clock(
         [_truth(rig, quantity, kind) for quantity in _LASTS_S], spoilt, seed, table, _RATE_HZ,
         _QUIET_S, {"v_p": {"low_pass_hz": _LOW_PASS_HZ}},
@@ -145,7 +145,7 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     spoilt = Spoilt(noise=_FEW_NOISE, gain=1.0 + _FEW_GAIN * float(generator.standard_normal()))
     one = measured(
         truth(model, "contact_force", 90e-6, accuracy=1e-5), spoilt, seed, rate_hz=2e6,
-        quiet_s=samples / 2e6, table=Measured(quantity="contact_force"),
+        quiet_s=samples / 2e6, table=Measurement(quantity="contact_force"),
     )  # fmt: skip
     true = {RADIUS: start_value(model, RADIUS), HEIGHT: start_value(model, HEIGHT)}
     return fit(model, [one], [parse_free_key(model, key) for key in true], exact=exact), true

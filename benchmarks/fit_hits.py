@@ -32,7 +32,8 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.modes.hits import hits_of_records
 from hertzloop.identification.modes.modes import modes_of_hits
-from hertzloop.identification.records.records import Record, read_record
+from hertzloop.identification.records.reading import read_record
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.setup import Setup, load
 
@@ -156,7 +157,7 @@ def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
             both = fit(setup, [*forces, *motions], [parse_free_key(setup, key) for key in _KEYS])
             yield judged(share, "forces and accelerations, hit 3 held out", both, None)
     known = [
-        replace(one, measured=replace(one.measured, sensitivity_uncertainty=_KNOWN_GAIN))
+        replace(one, measurement=replace(one.measurement, sensitivity_uncertainty=_KNOWN_GAIN))
         for one in forces
     ]
     for share in () if quick else _OWN_SHARES:

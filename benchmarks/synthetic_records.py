@@ -9,7 +9,8 @@ import scipy
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
-from hertzloop.identification.records.records import Measured, Record
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _PLANT_NS = 100  # under a law
@@ -65,7 +66,7 @@ def measured(
     rate_hz: float = 2e6,
     quiet_s: float = 250e-6,
     name: str = "synthetic",
-    table: Measured | None = None,
+    table: Measurement | None = None,
     zero_s: float | None = None,
 ) -> Record:
     """Return a record of a noiseless quantity.
@@ -99,4 +100,4 @@ def measured(
         value = np.round(value / step) * step
     zero_s = generator.uniform(0.0, 0.01) if zero_s is None else zero_s
     time_s = zero_s + tau * (1.0 + 1e-6 * spoilt.clock_ppm)
-    return Record(name, time_s, value, seen.quantity, table or Measured(quantity=seen.quantity))
+    return Record(name, time_s, value, seen.quantity, table or Measurement(quantity=seen.quantity))

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from hertzloop.bus.streams import StreamFault
     from hertzloop.identification.fit.errors import FitError
     from hertzloop.identification.fit.results import FitResult
-    from hertzloop.identification.records.records import Record, RecordError
+    from hertzloop.identification.records.errors import RecordError
+    from hertzloop.identification.records.record import Record
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
@@ -76,7 +77,8 @@ _NAMES_BY_MODULE = {
     "recordings.writer": ("RecordingError",),
     "identification.fit.errors": ("FitError",),
     "identification.fit.results": ("FitResult",),
-    "identification.records.records": ("Record", "RecordError"),
+    "identification.records.errors": ("RecordError",),
+    "identification.records.record": ("Record",),
     "studies.sweeps.design": ("DesignError",),
     "studies.sweeps.pool": ("SweepFailed",),
 }

@@ -17,7 +17,7 @@ import scipy
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scene.setup import load
 from tests.identification.drops import Drop

@@ -21,7 +21,7 @@ import scipy
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.records.records import read_record
+from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scene.setup import load
 from tests.identification.drops import GRAVITY, Drop

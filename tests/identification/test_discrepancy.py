@@ -18,7 +18,8 @@ from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.report import sentences
 from hertzloop.identification.fit.verdicts import KeyVerdict
-from hertzloop.identification.records.records import Measured, RecordError, measured_of
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement, parse_record_table
 from hertzloop.scene.setup import load
 from tests.identification.test_fit import HEIGHT, RADIUS, YIELDS, record, scene
 
@@ -140,11 +141,11 @@ def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
     """A record in volts: its gain is the sensitivity, and the time of the contact is left."""
     setup = load("aluminium-3mm", ["controller.law=off"])
     seen = truth(setup, "contact_force", 80e-6)
-    table = measured_of(
+    table = parse_record_table(
         {"quantity": "contact_force", "unit": "V", "sensitivity_uncertainty": math.inf}, "volts.csv"
     )
     newton = measured(seen, Spoilt(), 3)
-    one = replace(newton, value=0.01 * newton.value, measured=table)
+    one = replace(newton, value=0.01 * newton.value, measurement=table)
     found = fit(setup, [one], [parse_free_key(setup, RADIUS)])
     [estimate] = found.estimates
     assert estimate.low is not None
@@ -153,4 +154,4 @@ def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
     assert found.nuisances[0].gain == pytest.approx(0.01, rel=0.02)
     assert "synthetic: gain" in found.statistics["prior_pulls_sigma"]
     with pytest.raises(RecordError, match="sensitivity_uncertainty = inf"):
-        fit(setup, [replace(one, measured=Measured())], [parse_free_key(setup, RADIUS)])
+        fit(setup, [replace(one, measurement=Measurement())], [parse_free_key(setup, RADIUS)])

@@ -23,13 +23,10 @@ from hertzloop.identification.fit.observation import MeasuringChain, observe
 from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.identification.records.records import (
-    Measured,
-    Record,
-    RecordError,
-    read_record,
-    read_records,
-)
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.reading import read_record, read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures import edged_plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -194,7 +191,7 @@ def test_several_records_share_the_keys() -> None:
     one = record(low, seed=5)
     other = replace(
         record(high, seed=6), name="higher",
-        measured=Measured(quantity="contact_force", set={HEIGHT: 0.1}),
+        measurement=Measurement(quantity="contact_force", set={HEIGHT: 0.1}),
     )  # fmt: skip
     found = fit(low, [one, other], [parse_free_key(low, PRESSURE), parse_free_key(low, RADIUS)])
     assert [n.record for n in found.nuisances] == ["synthetic", "higher"]
@@ -223,7 +220,7 @@ def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
     assert [one.name for one in several] == ["drop.csv, contact_force", "drop.csv, v_p"]
     for one, part in zip(several, parts, strict=True):
         np.testing.assert_allclose(one.value, part.value, rtol=1e-9)
-        assert one.measured.clock == "drop.csv"
+        assert one.measurement.clock == "drop.csv"
     with pytest.raises(RecordError, match="holds 2 records"):
         read_record(tmp_path / "drop.csv")
     found = fit(setup, several, [parse_free_key(setup, RADIUS)])
@@ -250,7 +247,7 @@ def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
     one = record(scene(*YIELDS), noise=0.05)
     other = replace(
         record(scene(*YIELDS, "sphere.drop_height_m=0.2"), noise=0.005), name="higher",
-        measured=Measured(quantity="contact_force", set={HEIGHT: 0.2}),
+        measurement=Measurement(quantity="contact_force", set={HEIGHT: 0.2}),
     )  # fmt: skip
     for fits, setup, key in ((True, scene(*YIELDS), PRESSURE),
                              (False, scene(), "contact.stiffness_factor")):  # fmt: skip
@@ -431,7 +428,7 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     (tmp_path / "r.toml").write_text("[record]\nsensitivity = 10.0\nclock_tolerance_ppm = 5\n")
     one = read_record(path)
     assert one.value[3] == pytest.approx(3e-4)
-    assert one.measured.clock_tolerance_ppm == 5
+    assert one.measurement.clock_tolerance_ppm == 5
     (tmp_path / "r.toml").write_text("[record]\nsensitvity = 10.0\n")
     with pytest.raises(RecordError, match="sensitvity"):
         read_record(path)
@@ -508,14 +505,14 @@ def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
               "run.accuracy=1e-4", "controller.law=off"]  # fmt: skip
     assert invoke([*run, *(word for key in sensor for word in ("--set", key))]).exit_code == 0
     one = read_record(path)
-    found = one.measured
+    found = one.measurement
     filters = found.low_pass_hz, found.low_pass, found.low_pass_order
     assert (one.quantity, *filters) == ("v_p", 80e3, "bessel", 4)
     [estimate] = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS).estimates
     assert estimate.value == pytest.approx(3e-3, rel=5e-3)
     assert invoke(run).exit_code == 0
     under = read_record(path)
-    assert under.measured.control is True
+    assert under.measurement.control is True
     with pytest.raises(RecordError, match="law = off: a record is under"):
         fitted(scene(), under, RADIUS)
 
@@ -849,7 +846,7 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
     """With the modes that the gap needs, the record is wrong by half the noise and more."""
     start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")
     seen = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-7)
-    one = measured(seen, Spoilt(noise=1e-3), 4, table=Measured(**filters))  # type: ignore[arg-type]
+    one = measured(seen, Spoilt(noise=1e-3), 4, table=Measurement(**filters))  # type: ignore[arg-type]
     problem = prepare_problem(start, [one], [])
     [model], [channel] = problem.models, problem.channels
     fine = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-8)
@@ -908,7 +905,7 @@ def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
     early = (tau > 0.0) & (tau < 8e-6)
     assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
     noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
-    one = Record("beside", tau, value + noise, "v_p", Measured(quantity="v_p", point_m=point))
+    one = Record("beside", tau, value + noise, "v_p", Measurement(quantity="v_p", point_m=point))
     [estimate] = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS).estimates
     assert estimate.low is not None
     assert estimate.high is not None
@@ -923,7 +920,7 @@ def test_a_record_far_from_the_contact_is_aligned_by_the_wave_that_arrives() -> 
     tau = np.arange(-2.5e-4, 9.9e-4, 1e-6)
     value = observe(model.run({}, 1e-3), "v_p", MeasuringChain(low_pass_hz=1e5), True).value(tau)
     noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
-    table = Measured(quantity="v_p", low_pass_hz=1e5, point_m=point)
+    table = Measurement(quantity="v_p", low_pass_hz=1e5, point_m=point)
     one = Record("far", tau + 3e-3, value + noise, "v_p", table)
     found = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS)
     [estimate] = found.estimates

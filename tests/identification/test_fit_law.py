@@ -16,7 +16,9 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.identification.records.records import Measured, Record, RecordError
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
@@ -32,7 +34,7 @@ def scene(*changes: str, law: str = "slope_threshold") -> Setup:
 def record(setup: Setup, quantity: str = FORCE, duration_s: float = 90e-6, seed: int = 3,
            phase: float = 0.3, **table: object) -> Record:  # fmt: skip
     seen = truth(setup, quantity, duration_s, accuracy=1e-4, phase=phase)
-    said = Measured(quantity=quantity, **table)  # type: ignore[arg-type]
+    said = Measurement(quantity=quantity, **table)  # type: ignore[arg-type]
     return measured(seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002)
 
 
@@ -149,7 +151,7 @@ def test_a_finer_grid_resolves_more_of_a_latency() -> None:
 def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:
     true = scene(f"{LATENCY}=6")
     free = truth(true.without_control(), FORCE, 80e-6, accuracy=1e-4)
-    off = measured(free, Spoilt(), 5, table=Measured(quantity=FORCE, control=False))
+    off = measured(free, Spoilt(), 5, table=Measurement(quantity=FORCE, control=False))
     found = fitted(true.vary({LATENCY: 3.0, RADIUS: 3.1e-3}), [off, record(true)], RADIUS, LATENCY)
     assert holds(found, radius_m=3e-3, latency_us=6.0)
 
@@ -172,7 +174,7 @@ def test_what_cannot_be_identified_is_refused(
     changes: tuple[str, ...], table: dict[str, object], keys: tuple[str, ...], words: str
 ) -> None:
     one = record(scene(f"{LATENCY}=6"))
-    one = replace(one, measured=replace(one.measured, **table))  # type: ignore[arg-type]
+    one = replace(one, measurement=replace(one.measurement, **table))  # type: ignore[arg-type]
     with pytest.raises((FitError, RecordError), match=words):
         fitted(scene(*changes), [one], *keys)
 

@@ -14,7 +14,10 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.hits import describe_file, describe_hits, find_hits, split_hits
 from hertzloop.identification.fit.report import fit_table, sentences
 from hertzloop.identification.fit.verdicts import KeyVerdict
-from hertzloop.identification.records.records import Measured, Record, RecordError, read_records
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 
 STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"
@@ -50,7 +53,7 @@ def of_speeds(*speeds_m_s: float) -> Record:
         at = round((0.2 * number + 0.05) * RATE_HZ)
         value[at : at + len(part.value)] = part.value
     time_s = np.arange(len(value)) / RATE_HZ
-    return Record("hits.csv", time_s, value, "contact_force", Measured(quantity="contact_force"))
+    return Record("hits.csv", time_s, value, "contact_force", Measurement(quantity="contact_force"))
 
 
 def test_hits_are_found_and_judged() -> None:
@@ -97,7 +100,7 @@ def test_files_of_single_hits_are_paired_by_their_order() -> None:
     motion = replace(force, quantity="acceleration")
     found = split_hits([force, force, motion, motion], rig())
     assert [one.hit for one in found] == [1, 2, 1, 2]
-    assert found[0].measured.clock == found[2].measured.clock != found[1].measured.clock
+    assert found[0].measurement.clock == found[2].measurement.clock != found[1].measurement.clock
     with pytest.raises(RecordError, match="double hit"):
         split_hits([train((0.1, 1.0), (0.12, 1.0), (0.4, 1.0), (0.42, 1.0))], rig())
 

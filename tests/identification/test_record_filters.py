@@ -8,7 +8,8 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.observation import MeasuringChain
-from hertzloop.identification.records.records import RecordError, measured_of
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import parse_record_table
 from hertzloop.scene.setup import load
 
 STEP_S, CORNER_HZ = 1e-7, 50e3
@@ -56,7 +57,7 @@ def test_a_sigma_delta_converter_passes_all_below_its_corner_without_delay() -> 
 )
 def test_a_wrong_filter_is_refused(table: dict[str, object], words: str) -> None:
     with pytest.raises(RecordError, match=words):
-        measured_of(table, "drop.csv")
+        parse_record_table(table, "drop.csv")
 
 
 @pytest.mark.full
@@ -65,7 +66,7 @@ def test_a_filtered_record_gives_the_true_radius(kind: str, order: int) -> None:
     setup = load("aluminium-3mm", ["controller.law=off"])
     chain = MeasuringChain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order)
     given = {"low_pass_hz": CORNER_HZ, "low_pass": kind}
-    table = measured_of(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
+    table = parse_record_table(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
     one = measured(
         truth(setup, "contact_force", 2e-4, chain), Spoilt(), 3, quiet_s=4e-4, table=table
     )

@@ -19,7 +19,8 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.hits import describe_file
 from hertzloop.identification.fit.loop_model import is_control_key
 from hertzloop.identification.fit.verdicts import ModelVerdict
-from hertzloop.identification.records.records import Record, holds_records, read_records
+from hertzloop.identification.records.reading import holds_records, read_records
+from hertzloop.identification.records.record import Record
 
 
 def fit(

@@ -9,13 +9,10 @@ import scipy
 
 from hertzloop.identification.fit.discrepancy import Discrepancy
 from hertzloop.identification.fit.observation import ObservedSignal
-from hertzloop.identification.records.records import (
-    QUANTITIES,
-    Record,
-    RecordError,
-    clipped,
-    converter_step,
-)
+from hertzloop.identification.records.converter import clipped_samples, converter_step
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 
 _SURE = 8.0  # noise levels that a sample has to leave the baseline by
 _STEADY = 7  # samples, most of which have to have left it
@@ -98,7 +95,7 @@ class Channel:
     @property
     def elsewhere(self) -> bool:
         """Whether the values are of another point than that of the contact."""
-        return self.record.measured.point_m is not None
+        return self.record.measurement.point_m is not None
 
     @property
     def noise_unknown(self) -> bool:
@@ -149,7 +146,7 @@ class Channel:
     def prior_sds(self, exact: bool = False) -> tuple[float, float]:
         """Standard deviations of the priors of gain and clock (ppm); unless the model is `exact`,
         with the errors of the model that a whole record shares."""
-        m = self.record.measured
+        m = self.record.measurement
         common = 0.0 if exact or self.discrepancy is None else self.discrepancy.overall
         return (
             max(math.hypot(m.sensitivity_uncertainty, common), 1e-9),
@@ -189,7 +186,7 @@ def prepare_channel(record: Record) -> Channel:
     """
     notes = list(record.notes)
     known = np.isfinite(record.value)
-    cut = clipped(record)
+    cut = clipped_samples(record)
     if np.any(cut):
         notes.append(
             f"{record.name}: {np.count_nonzero(cut)} samples are at the end of the range and are "
@@ -313,9 +310,9 @@ def noise_below_converter_step(readings: np.ndarray, step: float) -> tuple[float
 
 def is_unfiltered_acceleration(record: Record) -> bool:
     """Whether a record is an acceleration at the contact point without a filter."""
-    if record.quantity != "acceleration" or record.measured.point_m is not None:
+    if record.quantity != "acceleration" or record.measurement.point_m is not None:
         return False
-    limits = [f for f in (record.measured.low_pass_hz, record.measured.resonance_hz) if f]
+    limits = [f for f in (record.measurement.low_pass_hz, record.measurement.resonance_hz) if f]
     return not limits or min(limits) > _FASTEST_HZ
 
 
@@ -454,7 +451,7 @@ def align(channel: Channel, observed: ObservedSignal, contact_s: float) -> None:
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
     best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s, late_s)
-    known_gain = math.isfinite(record.measured.sensitivity_uncertainty)
+    known_gain = math.isfinite(record.measurement.sensitivity_uncertainty)
     wrong = best is not None and not _LEAST_GAIN <= best[2] <= _MOST_GAIN
     if best is not None and not best[4] and wrong and known_gain:
         # A few spikes in a row can look like the onset: look everywhere, then closer.
@@ -472,7 +469,7 @@ def align(channel: Channel, observed: ObservedSignal, contact_s: float) -> None:
     if gain < 0.0 or mirrored:
         raise RecordError(
             f"{record.name}: the record has the opposite sign of the simulation. Give "
-            f"record.sensitivity = {-record.measured.sensitivity:g}, or change the sign."
+            f"record.sensitivity = {-record.measurement.sensitivity:g}, or change the sign."
         )
     if not known_gain or _LEAST_GAIN <= gain <= _MOST_GAIN:
         channel.touch_s, channel.gain, channel.offset = touch_s, gain, offset

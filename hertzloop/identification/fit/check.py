@@ -22,7 +22,7 @@ from hertzloop.identification.fit.summary import (
 from hertzloop.identification.fit.uncertainty import key_uncertainty
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.fit.whole_steps import expected_profile
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 

@@ -15,7 +15,9 @@ from hertzloop.identification.fit.loop_model import (
 )
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, observe
-from hertzloop.identification.records.records import QUANTITIES, Measured, Record
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _MOST_EXPECTED = 10_000_000  # samples of an expected record
@@ -57,7 +59,7 @@ def expected_record(
         )
     quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control
-    table = Measured(quantity=quantity, control=under)
+    table = Measurement(quantity=quantity, control=under)
     model: FrozenModel
     if under:
         refuse_unknown_loop(setup)

@@ -42,7 +42,8 @@ from hertzloop.identification.fit.uncertainty import (
 )
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.fit.whole_steps import search_whole_steps
-from hertzloop.identification.records.records import Record, of_chain
+from hertzloop.identification.records.chain_keys import is_chain_key
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
@@ -205,7 +206,7 @@ def _fitted_setup(setup: Setup, values: dict[str, float], first: Record) -> Setu
         changed = {
             name: value
             for key, value in values.items()
-            if of_chain(key) is of_sensor
+            if is_chain_key(key) is of_sensor
             for name in (key, *values_for_record({key: value}, first))
             if "[" not in name
         }
@@ -218,7 +219,7 @@ def _under_same_law(records: Sequence[Record], free: Sequence[FreeKey]) -> list[
     if not any(is_control_key(f.key) for f in free):
         return list(records)
     return [
-        replace(r, measured=replace(r.measured, control=r.measured.control is not False))
+        replace(r, measurement=replace(r.measurement, control=r.measurement.control is not False))
         for r in records
     ]
 

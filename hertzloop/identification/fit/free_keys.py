@@ -8,7 +8,7 @@ from typing import Any
 
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.loop_model import is_control_key, resolution_us, why_not_free
-from hertzloop.identification.records.records import FILTERS, WITHOUT_CONTROL
+from hertzloop.identification.records.chain_keys import FILTERS, WITHOUT_CONTROL
 from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup
 

@@ -50,8 +50,8 @@ def freeze_models(
     groups: dict[_Kind, list[Channel]] = {}
     kinds = []
     for c, under in zip(channels, looped, strict=True):
-        measured = c.record.measured
-        kinds.append(_Kind(tuple(sorted(measured.set.items())), measured.point_m, under))
+        measurement = c.record.measurement
+        kinds.append(_Kind(tuple(sorted(measurement.set.items())), measurement.point_m, under))
         groups.setdefault(kinds[-1], []).append(c)
     models = {kind: _freeze(setup, kind, some, values, accuracy) for kind, some in groups.items()}
     return [models[kind] for kind in kinds]
@@ -95,11 +95,11 @@ def velocity_error_gain(channel: Channel, contact_s: float) -> float | None:
     Of a velocity behind a first-order filter, whose derivative an acceleration is: 1.4 to 29 in 12
     simulated records with corners of 0.24 to 15 over the contact time, within 15 % of this line.
     """
-    quantity, measured = channel.record.quantity, channel.record.measured
-    if measured.point_m is not None or channel.contact_unknown:
+    quantity, measurement = channel.record.quantity, channel.record.measurement
+    if measurement.point_m is not None or channel.contact_unknown:
         return None
     if quantity == "acceleration":
-        corner_hz = min(f for f in (measured.low_pass_hz, measured.resonance_hz) if f)
+        corner_hz = min(f for f in (measurement.low_pass_hz, measurement.resonance_hz) if f)
         return 1.0 + 1.75 * corner_hz * contact_s
     return 1.0 if quantity == "v_p" else None
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
 from hertzloop.identification.fit.problem import FitProblem, values_for_record
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _SPEEDS = (0.001, 45.0)  # of a hammer, m/s
@@ -42,7 +42,7 @@ def hit_speed_keys(
     return [
         replace(own, key=f"{key}[{hit}]")
         for hit, one in hits.items()
-        if key not in one.measured.set
+        if key not in one.measurement.set
     ]
 
 

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.records.records import (
-    QUANTITIES,
-    Record,
-    RecordError,
-    clipped,
-    read_records,
-)
+from hertzloop.identification.records.converter import clipped_samples
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 FEWEST_BEFORE = 16  # samples between two hits, for the noise
@@ -66,7 +64,7 @@ def find_hits(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> 
         min(int(np.searchsorted(time_s, time_s[group[-1][0]] + LONGEST_S)), following[0][0])
         for group, following in pairwise(groups)
     ]
-    cut, found = clipped(force), []
+    cut, found = clipped_samples(force), []
     for group, start, stop in zip(groups, starts, [*starts[1:], len(value)], strict=True):
         first, end = group[0]
         defect = ""
@@ -161,7 +159,7 @@ def split_hits(records: Sequence[Record], setup: Setup) -> list[Record]:
             if hit.defect:
                 continue
             for one in together:
-                name = f"{one.measured.clock or one.name}, hit {number}"
+                name = f"{one.measurement.clock or one.name}, hit {number}"
                 notes, words = (*(one.notes if words else ()), *words), []
                 found.append(
                     replace(
@@ -169,7 +167,7 @@ def split_hits(records: Sequence[Record], setup: Setup) -> list[Record]:
                         name=f"{one.name}, hit {number}",
                         time_s=one.time_s[hit.samples],
                         value=one.value[hit.samples],
-                        measured=replace(one.measured, clock=name),
+                        measurement=replace(one.measurement, clock=name),
                         notes=notes,
                         hit=1,
                     )
@@ -182,7 +180,7 @@ def _group_by_clock(records: Sequence[Record]) -> list[list[Record]]:
     """Records of one clock together, in their order; a record without one is alone."""
     groups: dict[object, list[Record]] = {}
     for one in records:
-        groups.setdefault(one.measured.clock or id(one), []).append(one)
+        groups.setdefault(one.measurement.clock or id(one), []).append(one)
     return list(groups.values())
 
 
@@ -192,12 +190,12 @@ def _number_hits(records: Sequence[Record]) -> list[Record]:
     counts = dict.fromkeys(QUANTITIES, 0)
     found: list[Record] = []
     for one in records:
-        counts[one.quantity] += not one.measured.clock
-        key = one.measured.clock or f"\n{counts[one.quantity]}"
+        counts[one.quantity] += not one.measurement.clock
+        key = one.measurement.clock or f"\n{counts[one.quantity]}"
         number = numbers.setdefault(key, len(numbers) + 1)
         first = next((r for r in found if r.hit == number), one)
-        clock = one.measured.clock
+        clock = one.measurement.clock
         if clock is None and np.array_equal(first.time_s, one.time_s):
             clock = key
-        found.append(replace(one, hit=number, measured=replace(one.measured, clock=clock)))
+        found.append(replace(one, hit=number, measurement=replace(one.measurement, clock=clock)))
     return found

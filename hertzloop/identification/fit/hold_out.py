@@ -15,7 +15,7 @@ from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.residuals import describe_nuisances, independent_samples
 from hertzloop.identification.fit.solution import solve_with_model_errors
 from hertzloop.identification.fit.whole_steps import search_whole_steps
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 

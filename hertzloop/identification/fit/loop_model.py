@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from hertzloop.identification.fit.model import FrozenModel, SimulatedImpact
-from hertzloop.identification.records.records import Record, RecordError
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.record import Record
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.statistics import control_force_n
@@ -79,14 +80,14 @@ def refuse_unknown_loop(setup: Setup) -> None:
 
 def refuse_incomparable(record: Record, setup: Setup) -> None:
     """Raise RecordError for a record that the simulation under a law cannot be compared with."""
-    measured, actuator = record.measured, setup.actuator
-    if measured.point_m is not None:
+    measurement, actuator = record.measurement, setup.actuator
+    if measurement.point_m is not None:
         raise RecordError(
-            f"record.point_m = {list(measured.point_m)}: under a law {record.name} must be of the "
-            "contact point or of the actuator's force."
+            f"record.point_m = {list(measurement.point_m)}: under a law {record.name} must be of "
+            "the contact point or of the actuator's force."
         )
     held = actuator.bandwidth_hz is None
-    filtered = measured.low_pass_hz is not None or measured.resonance_hz is not None
+    filtered = measurement.low_pass_hz is not None or measurement.resonance_hz is not None
     if record.quantity == "actuator_force" and held and not filtered:
         raise RecordError(
             f"{record.name}: without a bandwidth the actuator's force jumps at every step, which "

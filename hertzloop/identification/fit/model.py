@@ -168,7 +168,7 @@ class SimulatedImpact:
         """Return a quantity at times after the first touch.
 
         Args:
-            quantity: a key of `hertzloop.identification.records.records.QUANTITIES`.
+            quantity: a key of `hertzloop.identification.records.quantities.QUANTITIES`.
             time_s: s, shape (samples,); before the touch the plate is at rest.
             elsewhere: at the measuring point instead of the contact point.
 

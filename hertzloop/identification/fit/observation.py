@@ -8,7 +8,8 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.model import SimulatedImpact
-from hertzloop.identification.records.records import QUANTITIES, Record
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.sensors.acquisition import Filters
 
@@ -66,7 +67,7 @@ class MeasuringChain(Filters):
 def chain_of_record(record: Record, setup: Setup) -> MeasuringChain:
     """Return the chain of a record: that of its table, else that of the scene's sensor where this
     samples the same quantity."""
-    m = record.measured
+    m = record.measurement
     if m.filtered:
         return MeasuringChain(
             m.resonance_hz,

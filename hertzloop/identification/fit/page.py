@@ -10,7 +10,8 @@ from hertzloop.common.atomic_files import write_whole
 from hertzloop.identification.fit.report import fitted_scene, number, sentences
 from hertzloop.identification.fit.results import FitResult, Nuisance
 from hertzloop.identification.fit.verdicts import ModelVerdict
-from hertzloop.identification.records.records import QUANTITIES, Record
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.studies import pictures
@@ -93,7 +94,7 @@ def _charts(result: FitResult) -> list[ResultChart]:
     found = []
     for record, n, curve in zip(result.records, result.nuisances, result.curves, strict=False):
         assert result.setup is not None
-        base = result.setup.vary(dict(record.measured.set))
+        base = result.setup.vary(dict(record.measurement.set))
         contact_s = rigid_impact(base.sphere, base.contact).contact_s
         words = (
             f"Left: around the contact. Right: the whole record. The shaded time is the first "

@@ -30,7 +30,10 @@ from hertzloop.identification.fit.loop_model import (
 )
 from hertzloop.identification.fit.observation import chain_of_record
 from hertzloop.identification.fit.problem import FitProblem, values_for_record
-from hertzloop.identification.records.records import OF_PLATE, WITHOUT_CONTROL, Record, RecordError
+from hertzloop.identification.records.chain_keys import WITHOUT_CONTROL
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import PLATE_QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 # Accuracy of the modes in the noise over the peak: the gap is as exact as it says, the plate's
@@ -100,7 +103,7 @@ def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: fl
         if c.elsewhere:  # the wave has to arrive, and grow as it does in the record
             long_s = max(long_s, float(c.time_s[-1]) - c.onset_s)
         seen = problem.simulate_channel(index, dict(start), long_s)
-        clock = c.record.measured.clock
+        clock = c.record.measurement.clock
         if clock and clock in leaders:
             c.touch_s = leaders[clock].touch_s
         else:
@@ -116,8 +119,8 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
 
     Raises RecordError for a point that the simulation does not know.
     """
-    given, at_sensor = record.measured.point_m, setup.mechanics.sensor_point_m
-    if record.quantity not in OF_PLATE:
+    given, at_sensor = record.measurement.point_m, setup.mechanics.sensor_point_m
+    if record.quantity not in PLATE_QUANTITIES:
         return record
     if given is not None and setup.structure.mode_table is not None:
         raise RecordError(
@@ -133,7 +136,7 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
         )
     if at == given:
         return record
-    return replace(record, measured=replace(record.measured, point_m=at))
+    return replace(record, measurement=replace(record.measurement, point_m=at))
 
 
 def find_controlled(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> list[bool]:
@@ -146,7 +149,7 @@ def find_controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free
     of_law = [f.key for f in free if is_control_key(f.key)]
     found = []
     for record in records:
-        said = record.measured.control
+        said = record.measurement.control
         if said is None:
             said = record.quantity == "actuator_force" or bool(of_law)
         elif not said and record.quantity == "actuator_force":
@@ -156,7 +159,9 @@ def find_controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free
             )
         found.append(said)
         if said:
-            of_record = setup.vary(dict(record.measured.set)) if record.measured.set else setup
+            of_record = (
+                setup.vary(dict(record.measurement.set)) if record.measurement.set else setup
+            )
             refuse_unknown_loop(of_record)
             refuse_incomparable(record, of_record)
     if of_law and not any(found):
@@ -177,10 +182,10 @@ def _refuse_mixed_clocks(records: Sequence[Record], controlled: Sequence[bool]) 
     """Raise RecordError for records of one clock that cannot be of one impact."""
     clocks: dict[str, tuple[Any, ...]] = {}
     for record, under in zip(records, controlled, strict=True):
-        kind = under, dict(record.measured.set)
-        if record.measured.clock and clocks.setdefault(record.measured.clock, kind) != kind:
+        kind = under, dict(record.measurement.set)
+        if record.measurement.clock and clocks.setdefault(record.measurement.clock, kind) != kind:
             raise RecordError(
-                f"record.clock = '{record.measured.clock}': records of one clock are of one "
+                f"record.clock = '{record.measurement.clock}': records of one clock are of one "
                 f"impact, but {record.name} has another control or set."
             )
 

@@ -12,7 +12,8 @@ from hertzloop.identification.fit.free_keys import FreeKey
 from hertzloop.identification.fit.loop_model import LoopModel, is_control_key
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
-from hertzloop.identification.records.records import Record, of_chain
+from hertzloop.identification.records.chain_keys import is_chain_key
+from hertzloop.identification.records.record import Record
 
 _DIFFERENCE = 1e-4  # of a key, for central differences
 # Under a law; with converters, which round what it reads and commands; of a phase, in periods.
@@ -154,8 +155,8 @@ class FitProblem:
         found: list[NuisanceIndices] = []
         for index, (c, model) in enumerate(zip(self.channels, self.models, strict=True)):
             record, hit = c.record, c.record.hit > 0
-            clock = record.measured.clock or index
-            sensor = repr(replace(record.measured, clock=None, set={})) if hit else index
+            clock = record.measurement.clock or index
+            sensor = repr(replace(record.measurement, clock=None, set={})) if hit else index
             of = {
                 "shift": clock,
                 "clock": "of hits" if hit else clock,
@@ -198,7 +199,7 @@ class FitProblem:
         model, channel = self.models[index], self.channels[index]
         of_plant = values_for_record(values, channel.record)
         chain = self.chains[index]
-        own: dict[str, Any] = {k.partition(".")[2]: v for k, v in values.items() if of_chain(k)}
+        own: dict[str, Any] = {k.partition(".")[2]: v for k, v in values.items() if is_chain_key(k)}
         if own and channel.record.quantity:
             chain = MeasuringChain(**(vars(chain) | own))
         before = model.simulations
@@ -408,14 +409,14 @@ def values_for_record(values: Mapping[str, float], record: Record) -> dict[str, 
     found = {}
     for key, value in values.items():
         name, _, hit = key.partition("[")
-        if name not in record.measured.set and hit in ("", f"{record.hit}]"):
+        if name not in record.measurement.set and hit in ("", f"{record.hit}]"):
             found[name] = value
     return found
 
 
 def ignored_without_control(key: str) -> bool:
     """Whether a drop without control does not depend on a key."""
-    return of_chain(key) or is_control_key(key)
+    return is_chain_key(key) or is_control_key(key)
 
 
 class _Step(NamedTuple):

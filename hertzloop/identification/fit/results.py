@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.identification.fit.uncertainty import KeyCombination
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 

@@ -9,7 +9,8 @@ from hertzloop.identification.fit.measure_next import suggest_measurement
 from hertzloop.identification.fit.problem import FitProblem, Iterate
 from hertzloop.identification.fit.residuals import describe_nuisances
 from hertzloop.identification.fit.uncertainty import KeyUncertainty
-from hertzloop.identification.records.records import Record, RecordError
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 

@@ -16,7 +16,7 @@ from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.free_keys import FreeKey, step_range
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.problem import SHIFT_UNIT_S, FitProblem, Iterate
-from hertzloop.identification.records.records import RecordError
+from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 
 _PHASES = 6  # of a period that a search looks at

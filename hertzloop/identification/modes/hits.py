@@ -12,14 +12,11 @@ import scipy
 
 from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, MeasuredRows
 from hertzloop.identification.modes.universal import ModalDataError
-from hertzloop.identification.records.records import (
-    FILTERS,
-    Record,
-    RecordError,
-    clipped,
-    read_record,
-    read_records,
-)
+from hertzloop.identification.records.chain_keys import FILTERS
+from hertzloop.identification.records.converter import clipped_samples
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.reading import read_record, read_records
+from hertzloop.identification.records.record import Record
 
 ORDERS = {"xi_p": 0, "v_p": 1, "acceleration": 2}
 _FORCES = ("contact_force", "actuator_force")
@@ -186,7 +183,7 @@ def _hit(force: Record, response: Record) -> Hit:
             "of one recorder."
         )
     if any(
-        getattr(force.measured, key) != getattr(response.measured, key)
+        getattr(force.measurement, key) != getattr(response.measurement, key)
         for key in (*FILTERS, "low_pass", "low_pass_order")
     ):
         raise ModalDataError(
@@ -196,7 +193,7 @@ def _hit(force: Record, response: Record) -> Hit:
     for one in (force, response):
         if not np.all(np.isfinite(one.value)):
             raise ModalDataError(f"{one.name}: has gaps in its values. Give records without gaps.")
-        cut = int(np.count_nonzero(clipped(one)))
+        cut = int(np.count_nonzero(clipped_samples(one)))
         if cut:
             raise ModalDataError(
                 f"{one.name}: {cut} samples are clipped at the end of the range. Measure with a "
