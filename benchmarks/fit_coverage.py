@@ -24,13 +24,15 @@ from benchmarks.synthetic_fits import (
     summaries,
 )
 from benchmarks.synthetic_records import Spoilt, truth
-from hertzloop.identification.fit.fit import FitResult, fit, free_of, value_of
-from hertzloop.identification.fit.observation import Chain
-from hertzloop.identification.records.records import Measured
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key, start_value
+from hertzloop.identification.fit.observation import MeasuringChain
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.records.measurement import Measurement
 from hertzloop.scene.setup import Setup, load
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
-_PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()
+_PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), MeasuringChain(), Measurement()
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,8 @@ class Problem:
     start: float = 1.0
     fitted: tuple[str, ...] | None = None
     wrong: bool = False
-    chain: Chain = _NO_CHAIN
-    table: Measured = _NO_TABLE
+    chain: MeasuringChain = _NO_CHAIN
+    table: Measurement = _NO_TABLE
     rate_hz: float = 2e6
     quiet_s: float = 250e-6
     second: str | None = None
@@ -64,7 +66,7 @@ class Problem:
         return any(change.startswith("controller.law=") for change in self.changes)
 
 
-_LOW_PASS = Chain(low_pass_hz=100e3)
+_LOW_PASS = MeasuringChain(low_pass_hz=100e3)
 _LOSS = ("plate.loss_factor=1e-3",)
 PROBLEMS = {
     "force 90 us": Problem(
@@ -79,7 +81,7 @@ PROBLEMS = {
     "acceleration 1 ms": Problem(
         _YIELDS, "acceleration", 1e-3, ("sphere.radius_m", "plate.thickness_m",
                                         "contact.stiffness_factor"), rate_hz=1e6,
-        quiet_s=400e-6, chain=_LOW_PASS, table=Measured(low_pass_hz=100e3),
+        quiet_s=400e-6, chain=_LOW_PASS, table=Measurement(low_pass_hz=100e3),
     ),
     "force 70 us, elastic": Problem(
         (), "contact_force", 70e-6, ("sphere.radius_m", "sphere.drop_height_m"),
@@ -113,7 +115,7 @@ PROBLEMS = {
     ),
     "3-D fitted with Kirchhoff": Problem(
         ("plate.theory=3d",), "v_p", 150e-6, ("sphere.drop_height_m", "plate.thickness_m"),
-        chain=_LOW_PASS, table=Measured(low_pass_hz=100e3), fitted=(), wrong=True,
+        chain=_LOW_PASS, table=Measurement(low_pass_hz=100e3), fitted=(), wrong=True,
     ),
 }  # fmt: skip
 _LONG = "v_p 1 ms, edges cfcf"  # about 20 s a seed
@@ -187,11 +189,13 @@ def run(
         base = load("aluminium-3mm", ["controller.law=off", *problem.fitted])
     true = {}
     for key in problem.keys:
-        true[key] = value_of(setup if not problem.wrong else base, key)
+        true[key] = start_value(setup if not problem.wrong else base, key)
     true |= problem.true
     if problem.start != 1.0:
         base = moved(base, true, problem.start, generator)
-    return fit(base, records, [free_of(base, key) for key in problem.keys], exact=exact), true
+    return fit(
+        base, records, [parse_free_key(base, key) for key in problem.keys], exact=exact
+    ), true
 
 
 _seen: dict[Any, Any] = {}

@@ -26,10 +26,12 @@ from benchmarks.synthetic_fits import (
     summary,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import FitResult, fit, free_of, value_of
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key, start_value
 from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import Chain, Observed, observe
-from hertzloop.identification.records.records import Measured
+from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.records.measurement import Measurement
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.setup import Setup, load
@@ -84,8 +86,8 @@ def _drawn(seed: int) -> tuple[np.random.Generator, list[str]]:
     ]  # fmt: skip
 
 
-def _truth(setup: Setup, quantity: str, kind: str) -> Observed:
-    chain = Chain(low_pass_hz=_LOW_PASS_HZ) if quantity == "v_p" else Chain()
+def _truth(setup: Setup, quantity: str, kind: str) -> ObservedSignal:
+    chain = MeasuringChain(low_pass_hz=_LOW_PASS_HZ) if quantity == "v_p" else MeasuringChain()
     lasts_s = _LASTS_S[quantity]
     if kind != "extra mode":
         accuracy = 1e-4 if kind in ("3-D", "other edges") else 1e-5
@@ -116,17 +118,17 @@ def run(kind: str, seed: int, exact: bool = False) -> tuple[FitResult, dict[str,
         noise=_NOISE, gain=1.0 + GAIN_SD * float(generator.standard_normal()), offset=0.005,
         clock_ppm=CLOCK_SD * float(generator.standard_normal()),
     )  # fmt: skip
-    table = Measured(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+    table = Measurement(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
     records = by_one_clock(
         [_truth(rig, quantity, kind) for quantity in _LASTS_S], spoilt, seed, table, _RATE_HZ,
         _QUIET_S, {"v_p": {"low_pass_hz": _LOW_PASS_HZ}},
     )  # fmt: skip
     true = {
-        RADIUS: value_of(model, RADIUS), THICKNESS: value_of(model, THICKNESS),
+        RADIUS: start_value(model, RADIUS), THICKNESS: start_value(model, THICKNESS),
         STIFFNESS: 1.0,
     }  # fmt: skip
     base = moved(model, true, _START, generator)
-    return fit(base, records, [free_of(base, key) for key in true], exact=exact), true
+    return fit(base, records, [parse_free_key(base, key) for key in true], exact=exact), true
 
 
 def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, dict[str, float]]:
@@ -143,10 +145,10 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     spoilt = Spoilt(noise=_FEW_NOISE, gain=1.0 + _FEW_GAIN * float(generator.standard_normal()))
     one = measured(
         truth(model, "contact_force", 90e-6, accuracy=1e-5), spoilt, seed, rate_hz=2e6,
-        quiet_s=samples / 2e6, table=Measured(quantity="contact_force"),
+        quiet_s=samples / 2e6, table=Measurement(quantity="contact_force"),
     )  # fmt: skip
-    true = {RADIUS: value_of(model, RADIUS), HEIGHT: value_of(model, HEIGHT)}
-    return fit(model, [one], [free_of(model, key) for key in true], exact=exact), true
+    true = {RADIUS: start_value(model, RADIUS), HEIGHT: start_value(model, HEIGHT)}
+    return fit(model, [one], [parse_free_key(model, key) for key in true], exact=exact), true
 
 
 def coverage(kind: str, seeds: int, exact: bool = False, first: int = 0) -> Summary:

@@ -27,10 +27,13 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.identification.fit.fit import FitResult, fit, free_of
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.modes.hits import hits_of_records
 from hertzloop.identification.modes.modes import modes_of_hits
-from hertzloop.identification.records.records import Record, read_record
+from hertzloop.identification.records.reading import read_record
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.setup import Setup, load
 
@@ -120,7 +123,7 @@ def own_mode(table: ModeTable, share: float, folder: Path) -> OwnMode:
 
     def misfit(logarithms: np.ndarray) -> float:
         setup = rig(table, share, folder, OwnMode(*np.exp(logarithms)))
-        free = [free_of(setup, key) for key in _KEYS]
+        free = [parse_free_key(setup, key) for key in _KEYS]
         return fit(setup, forces, free, hold_out=[], exact=True).residual_over_noise
 
     found = scipy.optimize.minimize(misfit, begin, method="Nelder-Mead", options={
@@ -151,10 +154,10 @@ def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
         setup = rig(table, share, folder)
         yield from _of_forces(setup, share, forces, None)
         if share == _SHARES[0] and not quick:
-            both = fit(setup, [*forces, *motions], [free_of(setup, key) for key in _KEYS])
+            both = fit(setup, [*forces, *motions], [parse_free_key(setup, key) for key in _KEYS])
             yield judged(share, "forces and accelerations, hit 3 held out", both, None)
     known = [
-        replace(one, measured=replace(one.measured, sensitivity_uncertainty=_KNOWN_GAIN))
+        replace(one, measurement=replace(one.measurement, sensitivity_uncertainty=_KNOWN_GAIN))
         for one in forces
     ]
     for share in () if quick else _OWN_SHARES:
@@ -162,7 +165,7 @@ def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
         setup = rig(table, share, folder, own)
         yield from _of_forces(setup, share, known, own)
         if share == _OWN_SHARES[0]:
-            erring = fit(setup, forces, [free_of(setup, key) for key in _KEYS])
+            erring = fit(setup, forces, [parse_free_key(setup, key) for key in _KEYS])
             yield judged(share, "forces, hit 3 held out, with an error of the model", erring, own)
 
 
@@ -171,8 +174,8 @@ def _of_forces(
 ) -> Iterator[Fitted]:
     """Fits of every force alone and of all. With a mode of its own, least squares: the error of
     the model has been put into this mode."""
-    free = [free_of(setup, key) for key in _KEYS]
-    alone, exact = [*free, free_of(setup, "hammer.speed_m_s")], own is not None
+    free = [parse_free_key(setup, key) for key in _KEYS]
+    alone, exact = [*free, parse_free_key(setup, "hammer.speed_m_s")], own is not None
     for hit, one in enumerate(forces, 1):
         found = fit(setup, [one], alone, exact=exact)
         yield judged(share, f"force of hit {hit}", found, own)

@@ -23,7 +23,8 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import fit, free_of
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.scene.setup import load
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
@@ -82,7 +83,7 @@ def ask(question: tuple[tuple[str, ...], str, float, tuple[str, ...], bool]) -> 
     changes, quantity, duration_s, keys, told = question
     setup = load("aluminium-3mm", ["controller.law=off", *changes])
     record = measured(truth(setup, quantity, duration_s, accuracy=1e-4), Spoilt(), 3)
-    found = fit(setup, [record], [free_of(setup, key) for key in keys])
+    found = fit(setup, [record], [parse_free_key(setup, key) for key in keys])
     return Answer(
         quantity, duration_s, " ".join(keys), told, found.identifiable, str(found.model),
         str(found.combinations[0]) if found.combinations else keys[0],

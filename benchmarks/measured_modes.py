@@ -40,7 +40,8 @@ from hertzloop.identification.modes.universal import (
     read_sets,
     units_of,
 )
-from hertzloop.identification.records.records import Record, read_record
+from hertzloop.identification.records.reading import read_record
+from hertzloop.identification.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.deflection import modes_of_scene

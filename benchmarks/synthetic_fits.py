@@ -23,9 +23,10 @@ from benchmarks.program import (
     written,
 )
 from benchmarks.synthetic_records import Spoilt, measured
-from hertzloop.identification.fit.fit import FitResult
-from hertzloop.identification.fit.observation import Observed
-from hertzloop.identification.records.records import Measured, Record
+from hertzloop.identification.fit.observation import ObservedSignal
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.words import write_rows
 
@@ -42,7 +43,7 @@ Fit = Callable[[int], tuple[FitResult, dict[str, float]]]  # of a seed, with the
 
 
 def by_one_clock(
-    seen: Sequence[Observed], spoilt: Spoilt, seed: int, table: Measured, rate_hz: float,
+    seen: Sequence[ObservedSignal], spoilt: Spoilt, seed: int, table: Measurement, rate_hz: float,
     quiet_s: float, tables: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Record]:  # fmt: skip
     """Return the channels of one drop.

@@ -8,8 +8,9 @@ import scipy
 
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import Chain, Observed, observe
-from hertzloop.identification.records.records import Measured, Record
+from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _PLANT_NS = 100  # under a law
@@ -19,9 +20,9 @@ _MORE_MODES = 1e-5  # accuracy; a fit takes 3e-5 at the finest
 
 
 def truth(
-    setup: Setup, quantity: str, duration_s: float, chain: Chain | None = None,
+    setup: Setup, quantity: str, duration_s: float, chain: MeasuringChain | None = None,
     accuracy: float = _MORE_MODES, phase: float | None = None,
-) -> Observed:  # fmt: skip
+) -> ObservedSignal:  # fmt: skip
     """Return the noiseless quantity of a scene over the time after the first touch.
 
     Args:
@@ -35,10 +36,12 @@ def truth(
     """
     if phase is not None:
         looped = LoopModel(setup, duration_s, accuracy, _PLANT_NS)
-        return observe(looped.run({}, duration_s, phase), quantity, chain or Chain(), False)
+        return observe(
+            looped.run({}, duration_s, phase), quantity, chain or MeasuringChain(), False
+        )
     step_ns = _OTHER_STEP_NS["long" if duration_s > _LONG_S else "short"]
     model = FrozenModel(setup, duration_s, accuracy, step_ns=step_ns)
-    return observe(model.run({}, duration_s), quantity, chain or Chain(), False)
+    return observe(model.run({}, duration_s), quantity, chain or MeasuringChain(), False)
 
 
 @dataclass(frozen=True)
@@ -56,9 +59,16 @@ class Spoilt:
 
 
 def measured(
-    seen: Observed, spoilt: Spoilt, seed: int, *, rate_hz: float = 2e6, quiet_s: float = 250e-6,
-    name: str = "synthetic", table: Measured | None = None, zero_s: float | None = None,
-) -> Record:  # fmt: skip
+    seen: ObservedSignal,
+    spoilt: Spoilt,
+    seed: int,
+    *,
+    rate_hz: float = 2e6,
+    quiet_s: float = 250e-6,
+    name: str = "synthetic",
+    table: Measurement | None = None,
+    zero_s: float | None = None,
+) -> Record:
     """Return a record of a noiseless quantity.
 
     Args:
@@ -90,4 +100,4 @@ def measured(
         value = np.round(value / step) * step
     zero_s = generator.uniform(0.0, 0.01) if zero_s is None else zero_s
     time_s = zero_s + tau * (1.0 + 1e-6 * spoilt.clock_ppm)
-    return Record(name, time_s, value, seen.quantity, table or Measured(quantity=seen.quantity))
+    return Record(name, time_s, value, seen.quantity, table or Measurement(quantity=seen.quantity))

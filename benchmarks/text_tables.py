@@ -34,7 +34,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.identification.records.records import RecordError, read_record
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.reading import read_record
 
 TablesOption = Annotated[int, typer.Option(min=1, help="Draw this many tables (200 with --quick).")]
 FirstOption = Annotated[int, typer.Option(help="Number of the first table.")]

@@ -19,8 +19,10 @@ from hertzloop.scene.scene import Scene
 if TYPE_CHECKING:
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.identification.fit.fit import FitError, FitResult
-    from hertzloop.identification.records.records import Record, RecordError
+    from hertzloop.identification.fit.errors import FitError
+    from hertzloop.identification.fit.results import FitResult
+    from hertzloop.identification.records.errors import RecordError
+    from hertzloop.identification.records.record import Record
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
@@ -73,8 +75,10 @@ _NAMES_BY_MODULE = {
     "interop.environment": ("ImpactEnv",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
-    "identification.fit.fit": ("FitError", "FitResult"),
-    "identification.records.records": ("Record", "RecordError"),
+    "identification.fit.errors": ("FitError",),
+    "identification.fit.results": ("FitResult",),
+    "identification.records.errors": ("RecordError",),
+    "identification.records.record": ("Record",),
     "studies.sweeps.design": ("DesignError",),
     "studies.sweeps.pool": ("SweepFailed",),
 }

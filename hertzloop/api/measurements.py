@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from hertzloop.api.scenes import AnyScene, resolved
 
 if TYPE_CHECKING:
-    from hertzloop.identification.fit.fit import FitResult
-    from hertzloop.identification.records.records import Record
+    from hertzloop.identification.fit.results import FitResult
+    from hertzloop.identification.records.record import Record
 
 
 def read_record(path: str | Path, **table: Any) -> "Record":
@@ -24,7 +24,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     Raises:
         RecordError: the file cannot be read, or the record cannot be used.
     """
-    from hertzloop.identification.records.records import read_record
+    from hertzloop.identification.records.reading import read_record
 
     return read_record(Path(path), table)
 
@@ -42,7 +42,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
     Raises:
         RecordError: a file cannot be read, or a record cannot be used.
     """
-    from hertzloop.identification.records.records import read_records
+    from hertzloop.identification.records.reading import read_records
 
     return read_records(Path(path), table)
 
@@ -59,7 +59,7 @@ def fit(
 
     Args:
         scene: the scene, or its name or TOML file, with start values.
-        records: one record or several; `Record.measured.control` says whether the law was on.
+        records: one record or several; `Record.measurement.control` says whether the law was on.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
         hold_out: records, or numbers of hits, to compare with the fitted scene only; by default the
             last one of several hits.
@@ -73,10 +73,12 @@ def fit(
         FitError: a key cannot be fitted.
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.identification.fit.fit import fit as fitted_to
-    from hertzloop.identification.fit.fit import free_of
-    from hertzloop.identification.records.records import Record
+    from hertzloop.identification.fit.fit import fit as fit_records
+    from hertzloop.identification.fit.free_keys import parse_free_key
+    from hertzloop.identification.records.record import Record
 
     setup = resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
-    return fitted_to(setup, several, [free_of(setup, text) for text in free], hold_out, exact=exact)
+    return fit_records(
+        setup, several, [parse_free_key(setup, text) for text in free], hold_out, exact=exact
+    )

@@ -13,7 +13,7 @@ import pytest
 from hertzloop.common.text_files import python_text, text_of
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, load_anew
-from hertzloop.identification.records.records import read_records
+from hertzloop.identification.records.reading import read_records
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError

@@ -14,8 +14,10 @@ from functools import partial
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.fit import FitResult, fit, free_of
-from hertzloop.identification.records.records import Record
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scene.setup import load
 from tests.identification.drops import Drop
@@ -85,7 +87,7 @@ def one(number: int, other: int = 0) -> tuple[str, FitResult, dict[str, float]]:
         f"{number}: {ball} of {1e3 * radius:.3g} mm on {1e3 * thickness:.3g} mm of {plate} from "
         f"{1e3 * height:.3g} mm, {quantity} of {1e6 * duration_s:.0f} us, noise {100 * noise:g} %"
     )
-    result = fit(start, [record], [free_of(start, key) for key in keys])
+    result = fit(start, [record], [parse_free_key(start, key) for key in keys])
     return said, result, {key: true[key] for key in keys}
 
 

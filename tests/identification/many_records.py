@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.fit import FitResult, fit, free_of
-from hertzloop.identification.records.records import read_record
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scene.setup import load
 from tests.identification.drops import GRAVITY, Drop
@@ -158,7 +160,7 @@ def one(number: int, other: int = 0) -> tuple[str, FitResult | str, dict[str, fl
         said, path, start, true = written(number, Path(folder), other)
         try:
             record = read_record(path)
-            return said, fit(start, [record], [free_of(start, key) for key in true]), true
+            return said, fit(start, [record], [parse_free_key(start, key) for key in true]), true
         except ValueError as error:
             return said, str(error), true
 

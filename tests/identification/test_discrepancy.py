@@ -8,11 +8,18 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.discrepancy import Discrepancy, Rows, estimated, unknown
-from hertzloop.identification.fit.fit import fit, free_of
+from hertzloop.identification.fit.discrepancy import (
+    Discrepancy,
+    RecordLikelihood,
+    build_discrepancy,
+    estimate_discrepancies,
+)
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.report import sentences
-from hertzloop.identification.fit.verdicts import Verdict
-from hertzloop.identification.records.records import Measured, RecordError, measured_of
+from hertzloop.identification.fit.verdicts import KeyVerdict
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement, parse_record_table
 from hertzloop.scene.setup import load
 from tests.identification.test_fit import HEIGHT, RADIUS, YIELDS, record, scene
 
@@ -22,7 +29,7 @@ TIMES_S = np.linspace(-0.5e-5, 7.5e-5, 160)
 
 def error_of(shares: tuple[float, float], kappa: float, noise: float = 0.5) -> Discrepancy:
     whitening = scipy.sparse.diags_array(np.full(160, 1.0 / noise)).tocsr()
-    found = unknown(TIMES_S, SIZE, whitening, 1e-5)
+    found = build_discrepancy(TIMES_S, SIZE, whitening, 1e-5)
     assert found is not None
     return replace(found, shares=shares, kappa=kappa)
 
@@ -71,15 +78,15 @@ def test_an_error_is_found_with_its_size_and_not_where_there_is_noise_alone() ->
     sizes: list[float] = []
     for _ in range(5):
         white = np.linalg.cholesky(true) @ generator.standard_normal(160)
-        rows = Rows(np.column_stack([np.ones(160), white]), 160.0, error, False, None)
-        _, [(shares, factor)], _ = estimated([rows], np.zeros((1, 2)))
+        rows = RecordLikelihood(np.column_stack([np.ones(160), white]), 160.0, error, False, None)
+        _, [(shares, factor)], _ = estimate_discrepancies([rows], np.zeros((1, 2)))
         sizes += shares
         assert factor == 1.0
     assert 0.1 < np.median(sizes) < 0.4
     for _ in range(5):
         white = 1.3 * generator.standard_normal(160)
-        rows = Rows(np.column_stack([np.ones(160), white]), 160.0, error, False, 0.0)
-        _, [(shares, factor)], _ = estimated([rows], np.zeros((1, 2)))
+        rows = RecordLikelihood(np.column_stack([np.ones(160), white]), 160.0, error, False, 0.0)
+        _, [(shares, factor)], _ = estimate_discrepancies([rows], np.zeros((1, 2)))
         assert shares == (0.0, 0.0)
         assert factor == pytest.approx(1.3, rel=0.25)
 
@@ -87,7 +94,7 @@ def test_an_error_is_found_with_its_size_and_not_where_there_is_noise_alone() ->
 @pytest.mark.full
 def test_the_right_class_gives_the_same_bits_as_an_exact_model() -> None:
     one = record(scene())
-    keys = [free_of(scene(), RADIUS)]
+    keys = [parse_free_key(scene(), RADIUS)]
     free, exact = (fit(scene(), [one], keys, exact=e) for e in (False, True))
     assert free.estimates == exact.estimates
     assert free.model == exact.model
@@ -98,14 +105,14 @@ def test_the_right_class_gives_the_same_bits_as_an_exact_model() -> None:
 def test_intervals_of_a_wrong_class_hold_the_truth() -> None:
     """An elastic model of a contact that yields: taken as exact, it misses the height by far."""
     one = record(scene(*YIELDS))
-    keys = [free_of(scene(), HEIGHT)]
+    keys = [parse_free_key(scene(), HEIGHT)]
     free, exact = (fit(scene(), [one], keys, exact=e) for e in (False, True))
     [estimate] = free.estimates
     assert estimate.low is not None
     assert estimate.high is not None
     assert estimate.low < 0.05 < estimate.high
     [wrong] = exact.estimates
-    assert wrong.verdict is Verdict.AT_BOUND
+    assert wrong.verdict is KeyVerdict.AT_BOUND
     assert wrong.high is not None
     assert wrong.high < 0.04
     said = sentences(free)
@@ -122,7 +129,7 @@ def test_sixteen_samples_before_the_impact_tell_noise_and_intervals() -> None:
     for seed in range(8):
         gain = 1.0 + 0.03 * float(np.random.default_rng(seed).standard_normal())
         one = measured(seen, Spoilt(noise=1e-3, gain=gain), seed, quiet_s=16 / 2e6)
-        found = fit(setup, [one], [free_of(setup, RADIUS)])
+        found = fit(setup, [one], [parse_free_key(setup, RADIUS)])
         assert found.noise_rms == pytest.approx(1e-3 * np.max(one.value), rel=0.25)
         [estimate] = found.estimates
         held += estimate.low < 0.003 < estimate.high  # type: ignore[operator]
@@ -134,12 +141,12 @@ def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
     """A record in volts: its gain is the sensitivity, and the time of the contact is left."""
     setup = load("aluminium-3mm", ["controller.law=off"])
     seen = truth(setup, "contact_force", 80e-6)
-    table = measured_of(
+    table = parse_record_table(
         {"quantity": "contact_force", "unit": "V", "sensitivity_uncertainty": math.inf}, "volts.csv"
     )
     newton = measured(seen, Spoilt(), 3)
-    one = replace(newton, value=0.01 * newton.value, measured=table)
-    found = fit(setup, [one], [free_of(setup, RADIUS)])
+    one = replace(newton, value=0.01 * newton.value, measurement=table)
+    found = fit(setup, [one], [parse_free_key(setup, RADIUS)])
     [estimate] = found.estimates
     assert estimate.low is not None
     assert estimate.high is not None
@@ -147,4 +154,4 @@ def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
     assert found.nuisances[0].gain == pytest.approx(0.01, rel=0.02)
     assert "synthetic: gain" in found.statistics["prior_pulls_sigma"]
     with pytest.raises(RecordError, match="sensitivity_uncertainty = inf"):
-        fit(setup, [replace(one, measured=Measured())], [free_of(setup, RADIUS)])
+        fit(setup, [replace(one, measurement=Measurement())], [parse_free_key(setup, RADIUS)])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.identification.records.records import read_record
+from hertzloop.identification.records.reading import read_record
 from tests.identification.field import ANSWERS, FOLDER, asked, right
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="the files are not beside the clone")

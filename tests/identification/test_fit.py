@@ -13,25 +13,20 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import (
-    FitError,
-    FitResult,
-    check,
-    expected_record,
-    fit,
-    free_of,
-    prepared,
-)
+from hertzloop.identification.fit.check import check
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.expected_record import expected_record
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import Chain, observe
-from hertzloop.identification.fit.verdicts import Model, Verdict
-from hertzloop.identification.records.records import (
-    Measured,
-    Record,
-    RecordError,
-    read_record,
-    read_records,
-)
+from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.fit.prepare import prepare_problem
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.reading import read_record, read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures import edged_plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -54,7 +49,7 @@ def record(setup: Setup, quantity: str = "contact_force", duration_s: float = 80
 
 
 def fitted(setup: Setup, one: Record, *keys: str) -> FitResult:
-    return fit(setup, [one], [free_of(setup, key) for key in keys])
+    return fit(setup, [one], [parse_free_key(setup, key) for key in keys])
 
 
 def test_intervals_hold_the_truth_and_the_model_fits() -> None:
@@ -67,8 +62,8 @@ def test_intervals_hold_the_truth_and_the_model_fits() -> None:
         assert estimate.low < true < estimate.high
         assert estimate.half_width_percent is not None
         assert estimate.half_width_percent < widest
-        assert estimate.verdict is Verdict.IDENTIFIED
-    assert found.model is Model.FITS
+        assert estimate.verdict is KeyVerdict.IDENTIFIED
+    assert found.model is ModelVerdict.FITS
     assert found.residual_over_noise == pytest.approx(1.0, abs=0.15)
     [nuisance] = found.nuisances
     assert nuisance.gain == pytest.approx(1.01, abs=0.03)
@@ -87,7 +82,7 @@ def test_a_start_20_percent_off_is_found_by_growing_windows() -> None:
 def test_a_wrong_class_of_models_is_flagged() -> None:
     one = record(scene(*YIELDS))
     found = fitted(scene(), one, HEIGHT, "contact.stiffness_factor")
-    assert found.model is Model.DOES_NOT_FIT
+    assert found.model is ModelVerdict.DOES_NOT_FIT
     assert found.residual_over_noise > 2.0
     assert found.statistics["f_test_p"] < 1e-6
 
@@ -95,11 +90,11 @@ def test_a_wrong_class_of_models_is_flagged() -> None:
 def test_an_elastic_truth_leaves_the_limiting_pressure_open_above() -> None:
     found = fitted(scene(*YIELDS), record(scene()), PRESSURE)
     [estimate] = found.estimates
-    assert estimate.verdict is Verdict.ONE_SIDED
+    assert estimate.verdict is KeyVerdict.ONE_SIDED
     assert estimate.high is None
     assert estimate.low is not None
     assert 1.4e9 < estimate.low < 1.95e9  # the centre pressure of this impact is 1.9 GPa
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
 
 
 def test_noise_does_not_make_an_elastic_contact_yield() -> None:
@@ -125,7 +120,7 @@ def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class() ->
         assert estimate.low is not None
         assert estimate.high is not None
         inside += estimate.low < 0.003 < estimate.high
-        fits += found.model is Model.FITS
+        fits += found.model is ModelVerdict.FITS
     assert inside >= 17
     assert fits >= 18
 
@@ -138,16 +133,16 @@ def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class() ->
 def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys: tuple[str, ...]) -> None:
     found = fitted(scene(*YIELDS), record(scene(*YIELDS)), *keys)
     assert not found.identifiable
-    assert {e.verdict for e in found.estimates} == {Verdict.NOT_IDENTIFIABLE}
+    assert {e.verdict for e in found.estimates} == {KeyVerdict.NOT_IDENTIFIABLE}
     if len(keys) > 1:
         assert set(found.combinations[0].exponents) == set(keys)
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
 
 
 def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.3%:2MHz")
-    keys = [free_of(setup, key) for key in (PRESSURE, HEIGHT)]
+    keys = [parse_free_key(setup, key) for key in (PRESSURE, HEIGHT)]
     before = check(setup, [supposed], keys)
     after = fitted(setup, record(setup), PRESSURE, HEIGHT)
     for one, other in zip(before.estimates, after.estimates, strict=True):
@@ -161,9 +156,9 @@ def test_every_key_that_a_record_cannot_tell_is_named() -> None:
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.4%")
     keys = (PRESSURE, THICKNESS, "plate.loss_factor")
-    found = check(setup, [supposed], [free_of(setup, key) for key in keys])
+    found = check(setup, [supposed], [parse_free_key(setup, key) for key in keys])
     assert [e.verdict for e in found.estimates] == [
-        Verdict.IDENTIFIED, Verdict.NOT_IDENTIFIABLE, Verdict.NOT_IDENTIFIABLE,
+        KeyVerdict.IDENTIFIED, KeyVerdict.NOT_IDENTIFIABLE, KeyVerdict.NOT_IDENTIFIABLE,
     ]  # fmt: skip
     said = sentences(found)
     assert "Not identifiable from these records: plate.loss_factor; plate.thickness_m." in said
@@ -175,9 +170,9 @@ def test_every_key_that_a_record_cannot_tell_is_named() -> None:
 def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
     one = record(scene())
     start = scene("sphere.radius_m=0.0033")
-    found = fit(start, [one], [free_of(start, "sphere.radius_m±0.5%")], exact=True)
+    found = fit(start, [one], [parse_free_key(start, "sphere.radius_m±0.5%")], exact=True)
     assert abs(found.statistics["prior_pulls_sigma"][RADIUS]) > 3.0
-    assert found.model is Model.DOES_NOT_FIT
+    assert found.model is ModelVerdict.DOES_NOT_FIT
 
 
 @pytest.mark.full
@@ -196,11 +191,11 @@ def test_several_records_share_the_keys() -> None:
     one = record(low, seed=5)
     other = replace(
         record(high, seed=6), name="higher",
-        measured=Measured(quantity="contact_force", set={HEIGHT: 0.1}),
+        measurement=Measurement(quantity="contact_force", set={HEIGHT: 0.1}),
     )  # fmt: skip
-    found = fit(low, [one, other], [free_of(low, PRESSURE), free_of(low, RADIUS)])
+    found = fit(low, [one, other], [parse_free_key(low, PRESSURE), parse_free_key(low, RADIUS)])
     assert [n.record for n in found.nuisances] == ["synthetic", "higher"]
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
     assert found.speeds_m_s == pytest.approx(
         (math.sqrt(2 * 9.81 * 0.05), math.sqrt(2 * 9.81 * 0.1))
     )
@@ -225,11 +220,11 @@ def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
     assert [one.name for one in several] == ["drop.csv, contact_force", "drop.csv, v_p"]
     for one, part in zip(several, parts, strict=True):
         np.testing.assert_allclose(one.value, part.value, rtol=1e-9)
-        assert one.measured.clock == "drop.csv"
+        assert one.measurement.clock == "drop.csv"
     with pytest.raises(RecordError, match="holds 2 records"):
         read_record(tmp_path / "drop.csv")
-    found = fit(setup, several, [free_of(setup, RADIUS)])
-    assert found.model is Model.FITS
+    found = fit(setup, several, [parse_free_key(setup, RADIUS)])
+    assert found.model is ModelVerdict.FITS
     one, other = found.nuisances
     assert one.time_shift_s == other.time_shift_s
     assert (one.gain, other.gain) == (pytest.approx(1.02, abs=0.01), pytest.approx(1, abs=0.01))
@@ -252,11 +247,11 @@ def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
     one = record(scene(*YIELDS), noise=0.05)
     other = replace(
         record(scene(*YIELDS, "sphere.drop_height_m=0.2"), noise=0.005), name="higher",
-        measured=Measured(quantity="contact_force", set={HEIGHT: 0.2}),
+        measurement=Measurement(quantity="contact_force", set={HEIGHT: 0.2}),
     )  # fmt: skip
     for fits, setup, key in ((True, scene(*YIELDS), PRESSURE),
                              (False, scene(), "contact.stiffness_factor")):  # fmt: skip
-        found = fit(setup, [one], [free_of(setup, key)], [other])
+        found = fit(setup, [one], [parse_free_key(setup, key)], [other])
         assert found.hold_out is not None
         assert (found.hold_out["residual_over_noise"] < 1.5) == fits
 
@@ -329,7 +324,7 @@ def test_a_record_without_samples_before_the_impact_cannot_tell() -> None:
     late = one.time_s > one.time_s[np.argmax(one.value)] - 12e-6
     cut = changed(one, one.value[late], one.time_s[late])
     found = fitted(scene(), cut, RADIUS)
-    assert found.model is Model.CANNOT_TELL
+    assert found.model is ModelVerdict.CANNOT_TELL
     assert found.estimates[0].value == pytest.approx(0.003, rel=1e-2)
 
 
@@ -338,7 +333,7 @@ def test_a_second_drop_in_a_record_is_named() -> None:
     later = one.time_s[-1] - one.time_s[0] + one.interval_s
     twice = changed(one, np.tile(one.value, 2), np.concatenate([one.time_s, one.time_s + later]))
     found = fitted(scene(), twice, RADIUS)
-    assert found.model is Model.DOES_NOT_FIT
+    assert found.model is ModelVerdict.DOES_NOT_FIT
     assert any("us after the first is not in the simulation" in reason for reason in found.reasons)
 
 
@@ -408,7 +403,7 @@ def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
     # The touch lies in the middle of a step.
     time_s = 100e-9 * (np.arange(len(values)) - 0.5) - 1e-4
     model = FrozenModel(setup, 2.5e-4, 1e-4)
-    chain = Chain(150e3, 0.1, 2e3, 80e3, low_pass_order=4)
+    chain = MeasuringChain(150e3, 0.1, 2e3, 80e3, low_pass_order=4)
     seen = observe(model.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
     inside = time_s < 1.9e-4
     peak = np.max(np.abs(values))
@@ -433,7 +428,7 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     (tmp_path / "r.toml").write_text("[record]\nsensitivity = 10.0\nclock_tolerance_ppm = 5\n")
     one = read_record(path)
     assert one.value[3] == pytest.approx(3e-4)
-    assert one.measured.clock_tolerance_ppm == 5
+    assert one.measurement.clock_tolerance_ppm == 5
     (tmp_path / "r.toml").write_text("[record]\nsensitvity = 10.0\n")
     with pytest.raises(RecordError, match="sensitvity"):
         read_record(path)
@@ -510,14 +505,14 @@ def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
               "run.accuracy=1e-4", "controller.law=off"]  # fmt: skip
     assert invoke([*run, *(word for key in sensor for word in ("--set", key))]).exit_code == 0
     one = read_record(path)
-    found = one.measured
+    found = one.measurement
     filters = found.low_pass_hz, found.low_pass, found.low_pass_order
     assert (one.quantity, *filters) == ("v_p", 80e3, "bessel", 4)
     [estimate] = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS).estimates
     assert estimate.value == pytest.approx(3e-3, rel=5e-3)
     assert invoke(run).exit_code == 0
     under = read_record(path)
-    assert under.measured.control is True
+    assert under.measurement.control is True
     with pytest.raises(RecordError, match="law = off: a record is under"):
         fitted(scene(), under, RADIUS)
 
@@ -565,9 +560,9 @@ def test_times_of_other_kinds_are_seconds(tmp_path: Path, kind: str) -> None:
 
 def test_free_keys_are_read_from_their_text() -> None:
     setup = scene()
-    one = free_of(setup, "sphere.drop_height_m=0.04:0.06±2%")
+    one = parse_free_key(setup, "sphere.drop_height_m=0.04:0.06±2%")
     assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
-    assert free_of(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
+    assert parse_free_key(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
     for text, words in (
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
@@ -582,11 +577,11 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
     ):  # fmt: skip
         with pytest.raises(FitError, match=words):
-            free_of(setup, text)
+            parse_free_key(setup, text)
 
 
 def test_a_default_range_ends_where_the_scene_does() -> None:
-    wide = free_of(scene("sphere.drop_height_m=50.0"), HEIGHT)
+    wide = parse_free_key(scene("sphere.drop_height_m=50.0"), HEIGHT)
     assert (wide.low, wide.high) == (10.0, pytest.approx(100.0, rel=1e-5))
     assert wide.high <= 100.0
 
@@ -801,7 +796,7 @@ def test_records_of_another_solver_are_fitted(
 ) -> None:
     start = scene("plate.loss_factor=1e-3", *changes)
     found = fitted(start, of_drop(drop, quantity, duration_s, 77), *true)
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
     for estimate, value in zip(found.estimates, true.values(), strict=True):
         assert estimate.low is not None
         assert estimate.high is not None
@@ -835,7 +830,7 @@ def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
     true = {THICKNESS: drop.thickness, RADIUS: drop.radius}
     keys = [key for key, factor in zip(true, off, strict=True) if factor != 1.0]
     found = fitted(start, of_drop(drop, "v_p", duration_s, 5), *keys)
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
     for estimate in found.estimates:
         assert estimate.low is not None
         assert estimate.high is not None
@@ -850,16 +845,16 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
 ) -> None:
     """With the modes that the gap needs, the record is wrong by half the noise and more."""
     start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")
-    seen = truth(start, quantity, 1.2e-4, Chain(**filters), accuracy=1e-7)
-    one = measured(seen, Spoilt(noise=1e-3), 4, table=Measured(**filters))  # type: ignore[arg-type]
-    problem = prepared(start, [one], [])
+    seen = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-7)
+    one = measured(seen, Spoilt(noise=1e-3), 4, table=Measurement(**filters))  # type: ignore[arg-type]
+    problem = prepare_problem(start, [one], [])
     [model], [channel] = problem.models, problem.channels
-    fine = truth(start, quantity, 1.2e-4, Chain(**filters), accuracy=1e-8)
+    fine = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-8)
     tau = np.arange(0.0, 1.3 * model.contact_s, 1e-7)
-    error = problem.observed(0, {}, 1.2e-4).value(tau) - fine.value(tau)
+    error = problem.simulate_channel(0, {}, 1.2e-4).value(tau) - fine.value(tau)
     assert channel.coarse == 0.0
     assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise
-    assert fitted(start, one, THICKNESS).model is Model.FITS
+    assert fitted(start, one, THICKNESS).model is ModelVerdict.FITS
 
 
 @pytest.mark.full
@@ -868,10 +863,10 @@ def test_a_simulation_that_cannot_be_fine_enough_says_so() -> None:
     start = scene(*changes)
     record = measured(truth(start, "v_p", 5e-3), Spoilt(noise=1e-3), 0, rate_hz=1e7)
     found = fitted(start, record, THICKNESS)
-    assert found.model is Model.CANNOT_TELL
+    assert found.model is ModelVerdict.CANNOT_TELL
     assert "The error of the simulation can explain that" in " ".join(found.reasons)
     wrong = fitted(scene(*changes, *YIELDS), record, THICKNESS)
-    assert wrong.model is Model.DOES_NOT_FIT
+    assert wrong.model is ModelVerdict.DOES_NOT_FIT
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
@@ -898,19 +893,19 @@ def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
     found = fitted(scene("plate.loss_factor=1e-3"), Record("r", tau, clean, "contact_force"),
                    RADIUS)  # fmt: skip
     assert found.estimates[0].value == pytest.approx(3.1e-3, rel=1e-4)
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
 
 
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
     point = (0.3, 0.27)
     model = FrozenModel(scene(), 5e-4, 1e-4, point)
     tau = np.arange(-2e-4, 4.5e-4, 1e-6)
-    value = observe(model.run({}, 5e-4), "v_p", Chain(), True).value(tau)
+    value = observe(model.run({}, 5e-4), "v_p", MeasuringChain(), True).value(tau)
     # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
     early = (tau > 0.0) & (tau < 8e-6)
     assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
     noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
-    one = Record("beside", tau, value + noise, "v_p", Measured(quantity="v_p", point_m=point))
+    one = Record("beside", tau, value + noise, "v_p", Measurement(quantity="v_p", point_m=point))
     [estimate] = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS).estimates
     assert estimate.low is not None
     assert estimate.high is not None
@@ -923,9 +918,9 @@ def test_a_record_far_from_the_contact_is_aligned_by_the_wave_that_arrives() -> 
     point = (0.38, 0.26)
     model = FrozenModel(scene(), 1e-3, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, 9.9e-4, 1e-6)
-    value = observe(model.run({}, 1e-3), "v_p", Chain(low_pass_hz=1e5), True).value(tau)
+    value = observe(model.run({}, 1e-3), "v_p", MeasuringChain(low_pass_hz=1e5), True).value(tau)
     noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
-    table = Measured(quantity="v_p", low_pass_hz=1e5, point_m=point)
+    table = Measurement(quantity="v_p", low_pass_hz=1e5, point_m=point)
     one = Record("far", tau + 3e-3, value + noise, "v_p", table)
     found = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS)
     [estimate] = found.estimates
@@ -942,8 +937,8 @@ def test_the_records_of_the_tutorial_give_the_true_values() -> None:
     setup = load(str(EXAMPLES / "bench.toml"))
     names = ("bench-force", "bench-velocity", "bench-force-higher")
     *records, held = (read_record(EXAMPLES / f"{name}.csv") for name in names)
-    found = fit(setup, records, [free_of(setup, key) for key in TRUE], [held])
-    assert found.model is Model.FITS
+    found = fit(setup, records, [parse_free_key(setup, key) for key in TRUE], [held])
+    assert found.model is ModelVerdict.FITS
     assert found.hold_out is not None
     assert found.hold_out["residual_over_noise"] < 1.2
     for estimate in found.estimates:
@@ -1011,7 +1006,7 @@ def test_a_fit_says_how_far_it_is() -> None:
     one, told = record(scene(*YIELDS)), []
     start = scene(YIELDS[0], "contact.limiting_pressure_pa=1.1e9")
     found = fit(
-        start, [one], [free_of(start, PRESSURE)],
+        start, [one], [parse_free_key(start, PRESSURE)],
         on_progress=lambda done, expected: told.append((done, expected)),
     )  # fmt: skip
     done = [d for d, _ in told]
@@ -1031,7 +1026,7 @@ def test_records_of_the_independent_solver(number: int, tmp_path: Path) -> None:
     from tests.identification.many_records import written
 
     _, path, start, true = written(number, tmp_path)
-    found = fit(start, [read_record(path)], [free_of(start, key) for key in true])
-    assert found.model is Model.FITS
+    found = fit(start, [read_record(path)], [parse_free_key(start, key) for key in true])
+    assert found.model is ModelVerdict.FITS
     for e in found.estimates:
         assert e.value == pytest.approx(true[e.key], rel=0.01), e.key

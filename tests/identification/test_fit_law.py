@@ -9,10 +9,16 @@ import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit import report
-from hertzloop.identification.fit.fit import FitError, FitResult, check, fit, free_of
+from hertzloop.identification.fit.check import check
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.verdicts import Model, Verdict
-from hertzloop.identification.records.records import Measured, Record, RecordError
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
 
@@ -28,12 +34,12 @@ def scene(*changes: str, law: str = "slope_threshold") -> Setup:
 def record(setup: Setup, quantity: str = FORCE, duration_s: float = 90e-6, seed: int = 3,
            phase: float = 0.3, **table: object) -> Record:  # fmt: skip
     seen = truth(setup, quantity, duration_s, accuracy=1e-4, phase=phase)
-    said = Measured(quantity=quantity, **table)  # type: ignore[arg-type]
+    said = Measurement(quantity=quantity, **table)  # type: ignore[arg-type]
     return measured(seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002)
 
 
 def fitted(setup: Setup, records: list[Record], *keys: str) -> FitResult:
-    return fit(setup, records, [free_of(setup, key) for key in keys])
+    return fit(setup, records, [parse_free_key(setup, key) for key in keys])
 
 
 def holds(found: FitResult, **true: float) -> bool:
@@ -80,9 +86,9 @@ def test_the_latency_of_a_loop_is_found_with_an_interval() -> None:
     found = fitted(scene(), [record(scene(f"{LATENCY}=6"))], LATENCY)
     [estimate] = found.estimates
     assert holds(found, latency_us=6.0)
-    assert estimate.verdict is Verdict.IDENTIFIED
+    assert estimate.verdict is KeyVerdict.IDENTIFIED
     assert estimate.value % 1.0 == 0.0
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
     assert found.setup is not None
     assert found.setup.latency_us == estimate.value
     assert any("simulated under the law 'slope_threshold'" in note for note in found.notes)
@@ -93,7 +99,7 @@ def test_latency_and_gain_of_a_velocity_feedback() -> None:
     start = true.vary({LATENCY: 5.0, KAPPA: 0.4})
     found = fitted(start, [record(true, "v_p", 150e-6)], LATENCY, KAPPA)
     assert holds(found, latency_us=3.0, kappa=0.5)
-    assert all(e.verdict is Verdict.IDENTIFIED for e in found.estimates)
+    assert all(e.verdict is KeyVerdict.IDENTIFIED for e in found.estimates)
     assert found.covariance.shape == (2, 2)
 
 
@@ -102,9 +108,9 @@ def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not
     one = record(true, PUSH, 150e-6)
     found = fitted(true.vary({BANDWIDTH: 5e4}), [one], BANDWIDTH)
     assert holds(found, bandwidth_hz=4e4)
-    assert found.model is Model.FITS
+    assert found.model is ModelVerdict.FITS
     wrong = fitted(true.vary({KAPPA: 0.5, BANDWIDTH: 5e4}), [one], BANDWIDTH)
-    assert wrong.model is Model.DOES_NOT_FIT
+    assert wrong.model is ModelVerdict.DOES_NOT_FIT
 
 
 @pytest.mark.full
@@ -112,13 +118,13 @@ def test_the_latency_needs_the_touch_in_the_same_time() -> None:
     """A force that comes after the contact has any latency, as its record begins at any time."""
     true = scene(f"{LATENCY}=40", f"{BANDWIDTH}=4e4")
     push = record(true, PUSH, 130e-6, clock="daq")
-    asked = [free_of(true, f"{LATENCY}=37:43")]
+    asked = [parse_free_key(true, f"{LATENCY}=37:43")]
     [alone] = check(true, [push], asked).estimates
-    assert alone.verdict is Verdict.NOT_IDENTIFIABLE
+    assert alone.verdict is KeyVerdict.NOT_IDENTIFIABLE
     both = [record(true, duration_s=130e-6, seed=4, clock="daq"), push]
     found = fit(true.vary({LATENCY: 38.0}), both, asked)
     assert holds(found, latency_us=40.0)
-    assert found.estimates[0].verdict is Verdict.IDENTIFIED
+    assert found.estimates[0].verdict is KeyVerdict.IDENTIFIED
     first, second = found.nuisances
     assert first.time_shift_s == second.time_shift_s
 
@@ -128,7 +134,7 @@ def test_a_latency_without_effect_is_not_identifiable() -> None:
     true = scene(f"{LATENCY}=60")
     found = fitted(true.vary({LATENCY: 30.0}), [record(true, duration_s=60e-6)], LATENCY)
     [estimate] = found.estimates
-    assert estimate.verdict is Verdict.NOT_IDENTIFIABLE
+    assert estimate.verdict is KeyVerdict.NOT_IDENTIFIABLE
     assert estimate.high is None
     assert any("the records allow" in sentence for sentence in report.sentences(found))
 
@@ -145,7 +151,7 @@ def test_a_finer_grid_resolves_more_of_a_latency() -> None:
 def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:
     true = scene(f"{LATENCY}=6")
     free = truth(true.without_control(), FORCE, 80e-6, accuracy=1e-4)
-    off = measured(free, Spoilt(), 5, table=Measured(quantity=FORCE, control=False))
+    off = measured(free, Spoilt(), 5, table=Measurement(quantity=FORCE, control=False))
     found = fitted(true.vary({LATENCY: 3.0, RADIUS: 3.1e-3}), [off, record(true)], RADIUS, LATENCY)
     assert holds(found, radius_m=3e-3, latency_us=6.0)
 
@@ -168,7 +174,7 @@ def test_what_cannot_be_identified_is_refused(
     changes: tuple[str, ...], table: dict[str, object], keys: tuple[str, ...], words: str
 ) -> None:
     one = record(scene(f"{LATENCY}=6"))
-    one = replace(one, measured=replace(one.measured, **table))  # type: ignore[arg-type]
+    one = replace(one, measurement=replace(one.measurement, **table))  # type: ignore[arg-type]
     with pytest.raises((FitError, RecordError), match=words):
         fitted(scene(*changes), [one], *keys)
 
@@ -188,11 +194,11 @@ def test_a_force_that_jumps_needs_a_bandwidth() -> None:
 
 def test_free_keys_of_a_law_are_read_from_their_text() -> None:
     setup = scene(f"{LATENCY}=2")
-    one = free_of(setup, LATENCY)
-    assert (one.low, one.high, one.grain) == (0.0, 20.0, 1.0)
-    assert free_of(setup, f"{LATENCY}=0:40").start == 2.0
-    assert free_of(setup, "actuator.dead_time_us").start == 0.0
-    assert free_of(setup, f"{KAPPA}±5%").prior == pytest.approx(0.05)
+    one = parse_free_key(setup, LATENCY)
+    assert (one.low, one.high, one.resolution) == (0.0, 20.0, 1.0)
+    assert parse_free_key(setup, f"{LATENCY}=0:40").start == 2.0
+    assert parse_free_key(setup, "actuator.dead_time_us").start == 0.0
+    assert parse_free_key(setup, f"{KAPPA}±5%").prior == pytest.approx(0.05)
     for text, words in (
         (f"{LATENCY}±1", "has no prior"), ("controller.jitter_us", "one run cannot tell"),
         ("controller.v_thr_m_s", "one positive number"), ("controller.law", "one positive"),
@@ -200,7 +206,7 @@ def test_free_keys_of_a_law_are_read_from_their_text() -> None:
         ("actuator.stuck_from_s", "of the actuator only"),
     ):  # fmt: skip
         with pytest.raises(FitError, match=words):
-            free_of(setup, text)
+            parse_free_key(setup, text)
 
 
 def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
@@ -219,4 +225,4 @@ def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
     assert LATENCY in page.read_text()
     expects = ["fit", "aluminium-3mm", "--check", "--expect", "contact_force:90us:0.3%", "--free"]
     assert invoke([*expects, LATENCY, "--set", f"{LATENCY}=6"]).exit_code == 0
-    assert report.sentences(check(scene(), [one], [free_of(scene(), LATENCY)]))
+    assert report.sentences(check(scene(), [one], [parse_free_key(scene(), LATENCY)]))

@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import FitError, check, fit, free_of
-from hertzloop.identification.fit.hits import found_in, shown, split, told
+from hertzloop.identification.fit.check import check
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.hits import describe_file, describe_hits, find_hits, split_hits
 from hertzloop.identification.fit.report import fit_table, sentences
-from hertzloop.identification.fit.verdicts import Verdict
-from hertzloop.identification.records.records import Measured, Record, RecordError, read_records
+from hertzloop.identification.fit.verdicts import KeyVerdict
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 
 STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"
@@ -47,36 +53,36 @@ def of_speeds(*speeds_m_s: float) -> Record:
         at = round((0.2 * number + 0.05) * RATE_HZ)
         value[at : at + len(part.value)] = part.value
     time_s = np.arange(len(value)) / RATE_HZ
-    return Record("hits.csv", time_s, value, "contact_force", Measured(quantity="contact_force"))
+    return Record("hits.csv", time_s, value, "contact_force", Measurement(quantity="contact_force"))
 
 
 def test_hits_are_found_and_judged() -> None:
     pulses = (0.1, 1.0), (0.3, 0.6), (0.31, 0.3), (0.5, 0.8), (0.7, 0.2)
-    found = found_in(train(*pulses), True)
+    found = find_hits(train(*pulses), True)
     assert [round(hit.first / RATE_HZ, 3) for hit in found] == [0.1, 0.3, 0.5, 0.7]
     assert [hit.peak_n for hit in found] == pytest.approx([1.0, 0.6, 0.8, 0.2], rel=0.01)
     assert [hit.defect[:20] for hit in found] == ["", "double hit: the seco", "", ""]
     assert "follows after 10 ms" in found[1].defect
     one = train(*pulses)
     cut = replace(one, value=np.minimum(one.value, 0.9))
-    assert [bool(hit.defect) for hit in found_in(cut, True)] == [True, True, False, False]
-    assert "clipped" in found_in(cut, True)[0].defect
+    assert [bool(hit.defect) for hit in find_hits(cut, True)] == [True, True, False, False]
+    assert "clipped" in find_hits(cut, True)[0].defect
     early = replace(one, time_s=one.time_s[5115:], value=one.value[5115:])
-    assert found_in(early, True)[0].defect == "6 samples before it, and 16 are needed"
-    assert told(found, one)[3] == (
+    assert find_hits(early, True)[0].defect == "6 samples before it, and 16 are needed"
+    assert describe_hits(found, one)[3] == (
         "train.csv, hit 4: 0.1988 N at 0.700098 s, 7171 samples before it; used."
     )
 
 
 def test_bounces_of_a_sphere_are_one_drop() -> None:
     falling = (0.1, 1.0), (0.3, 0.7), (0.45, 0.5), (0.6, 1.0), (0.8, 0.6)
-    assert [hit.first for hit in found_in(train(*falling), False)] == [5121, 30721]
-    assert len(found_in(train(*falling), True)) == 5
+    assert [hit.first for hit in find_hits(train(*falling), False)] == [5121, 30721]
+    assert len(find_hits(train(*falling), True)) == 5
     sphere = load("aluminium-3mm", ["controller.law=off"])
-    several = split([train(*falling)], sphere)
+    several = split_hits([train(*falling)], sphere)
     assert [one.name for one in several] == ["train.csv, hit 1", "train.csv, hit 2"]
     assert [one.hit for one in several] == [1, 2]
-    assert split([train((0.1, 1.0), (0.3, 0.7))], sphere)[0].hit == 0
+    assert split_hits([train((0.1, 1.0), (0.3, 0.7))], sphere)[0].hit == 0
 
 
 def test_a_structure_that_still_moves_spoils_a_hit() -> None:
@@ -84,7 +90,7 @@ def test_a_structure_that_still_moves_spoils_a_hit() -> None:
     after = [force.time_s - start for start in (0.1, 0.3, 0.9)]
     motion = sum(np.where(t > 0, np.sin(3e3 * t) * np.exp(-10.0 * t), 0.0) for t in after)
     moving = replace(force, name="a", value=motion, quantity="acceleration")
-    found = found_in(force, True, [moving])
+    found = find_hits(force, True, [moving])
     assert [bool(hit.defect) for hit in found] == [False, True, False]
     assert found[1].defect == "acceleration before it: the structure still moves"
 
@@ -92,18 +98,18 @@ def test_a_structure_that_still_moves_spoils_a_hit() -> None:
 def test_files_of_single_hits_are_paired_by_their_order() -> None:
     force = train((0.1, 1.0))
     motion = replace(force, quantity="acceleration")
-    found = split([force, force, motion, motion], rig())
+    found = split_hits([force, force, motion, motion], rig())
     assert [one.hit for one in found] == [1, 2, 1, 2]
-    assert found[0].measured.clock == found[2].measured.clock != found[1].measured.clock
+    assert found[0].measurement.clock == found[2].measurement.clock != found[1].measurement.clock
     with pytest.raises(RecordError, match="double hit"):
-        split([train((0.1, 1.0), (0.12, 1.0), (0.4, 1.0), (0.42, 1.0))], rig())
+        split_hits([train((0.1, 1.0), (0.12, 1.0), (0.4, 1.0), (0.42, 1.0))], rig())
 
 
 @pytest.mark.full
 def test_hits_share_the_tip_and_one_is_held_out() -> None:
     record = of_speeds(0.5, 0.35, 0.6)
     start = rig("hammer.tip_stiffness=2.4e6", "hammer.speed_m_s=5")
-    found = fit(start, [record], [free_of(start, STIFFNESS)])
+    found = fit(start, [record], [parse_free_key(start, STIFFNESS)])
     by_key = {e.key: e for e in found.estimates}
     assert list(by_key) == [STIFFNESS, f"{SPEED}[1]", f"{SPEED}[2]"]
     for key, true in ((STIFFNESS, 2e6), (f"{SPEED}[1]", 0.5), (f"{SPEED}[2]", 0.35)):
@@ -111,7 +117,7 @@ def test_hits_share_the_tip_and_one_is_held_out() -> None:
         assert low is not None
         assert high is not None
         assert low < true < high
-    assert by_key[STIFFNESS].verdict is Verdict.IDENTIFIED
+    assert by_key[STIFFNESS].verdict is KeyVerdict.IDENTIFIED
     # The sensor is the same in all hits, and so is its gain.
     assert found.nuisances[0].gain == found.nuisances[1].gain == pytest.approx(1.01, abs=0.03)
     assert found.hold_out is not None
@@ -132,7 +138,7 @@ def test_hits_share_the_tip_and_one_is_held_out() -> None:
 @pytest.mark.full
 def test_any_hit_can_be_held_out() -> None:
     record = of_speeds(0.5, 0.35)
-    free = [free_of(rig(), STIFFNESS)]
+    free = [parse_free_key(rig(), STIFFNESS)]
     found = fit(rig(), [record], free, hold_out=[1])
     assert [e.key for e in found.estimates] == [STIFFNESS]
     assert found.hold_out is not None
@@ -149,6 +155,6 @@ def test_check_lists_the_hits(tmp_path: Path) -> None:
     np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",", fmt="%.9g",
                header="time_s,contact_force_n", comments="")  # fmt: skip
     assert len(read_records(path)) == 1
-    lines = shown(path)
+    lines = describe_file(path)
     assert any(line.startswith("train.csv, hit 1: 0.9997 N") and "used." in line for line in lines)
     assert any("not used (double hit" in line for line in lines)

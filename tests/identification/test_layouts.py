@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.identification.records.records import RecordError, read_record
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.reading import read_record
 
 COUNT, STEP_S = 40, 5e-7
 TIME = STEP_S * np.arange(COUNT) - 2e-6

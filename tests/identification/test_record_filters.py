@@ -5,15 +5,17 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import fit, free_of
-from hertzloop.identification.fit.observation import Chain
-from hertzloop.identification.records.records import RecordError, measured_of
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.observation import MeasuringChain
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import parse_record_table
 from hertzloop.scene.setup import load
 
 STEP_S, CORNER_HZ = 1e-7, 50e3
 
 
-def response(chain: Chain, frequency_hz: np.ndarray) -> np.ndarray:
+def response(chain: MeasuringChain, frequency_hz: np.ndarray) -> np.ndarray:
     """Of a chain, by the spectrum of its output of a narrow pulse."""
     pulse = np.zeros(16384)
     pulse[8000:8003] = 0.5, 1.0, 0.5  # twice a triangle, which a line between samples makes
@@ -32,12 +34,14 @@ def test_a_low_pass_has_its_response(kind: str, order: int) -> None:
     else:
         poles = scipy.signal.butter(order, omega, analog=True, output="zpk")[1]
     exact = np.prod(-poles / (2j * np.pi * at_hz[:, np.newaxis] - poles), axis=1)
-    found = response(Chain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order), at_hz)
+    found = response(
+        MeasuringChain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order), at_hz
+    )
     np.testing.assert_allclose(found, exact, atol=2e-3)
 
 
 def test_a_sigma_delta_converter_passes_all_below_its_corner_without_delay() -> None:
-    chain = Chain(low_pass_hz=CORNER_HZ, low_pass="sigma-delta")
+    chain = MeasuringChain(low_pass_hz=CORNER_HZ, low_pass="sigma-delta")
     found = response(chain, np.array([1e3, 30e3, 42e3, 58e3, 100e3]))
     np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 0.0, 0.0], atol=5e-3)
 
@@ -53,21 +57,21 @@ def test_a_sigma_delta_converter_passes_all_below_its_corner_without_delay() -> 
 )
 def test_a_wrong_filter_is_refused(table: dict[str, object], words: str) -> None:
     with pytest.raises(RecordError, match=words):
-        measured_of(table, "drop.csv")
+        parse_record_table(table, "drop.csv")
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("kind", "order"), [("bessel", 4), ("sigma-delta", 1)])
 def test_a_filtered_record_gives_the_true_radius(kind: str, order: int) -> None:
     setup = load("aluminium-3mm", ["controller.law=off"])
-    chain = Chain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order)
+    chain = MeasuringChain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order)
     given = {"low_pass_hz": CORNER_HZ, "low_pass": kind}
-    table = measured_of(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
+    table = parse_record_table(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
     one = measured(
         truth(setup, "contact_force", 2e-4, chain), Spoilt(), 3, quiet_s=4e-4, table=table
     )
     base = setup.vary({"sphere.radius_m": 0.0031})
-    found = fit(base, [one], [free_of(base, "sphere.radius_m")])
+    found = fit(base, [one], [parse_free_key(base, "sphere.radius_m")])
     [estimate] = found.estimates
     assert estimate.low is not None
     assert estimate.high is not None

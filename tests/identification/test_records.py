@@ -9,10 +9,12 @@ import pytest
 
 from benchmarks.text_tables import draw, judged
 from hertzloop.common.optional_dependencies import EXTRAS
-from hertzloop.identification.fit.hits import shown
+from hertzloop.identification.fit.hits import describe_file
+from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.formats import FORMATS
-from hertzloop.identification.records.records import RecordError, read_record
-from hertzloop.identification.records.text_tables import read_table, spacing_s
+from hertzloop.identification.records.reading import read_record
+from hertzloop.identification.records.text.facts import stated_spacing
+from hertzloop.identification.records.text.reading import read_table
 from hertzloop.identification.records.units import name_and_unit, unit_of
 from tests.commands import invoke
 from tests.tiers import default
@@ -155,7 +157,7 @@ def test_facts_give_the_times(tmp_path: Path) -> None:
     path = tmp_path / "f.csv"
     for fact in ("Sample Interval,5e-07", "Sampling Rate: 2 MHz", "dt = 0.5 us", "# fs: 2e6"):
         path.write_text(f"{fact}\nForce\n" + "\n".join(map(str, FORCE)))
-        found = spacing_s(read_table(path, ("force",)))
+        found = stated_spacing(read_table(path, ("force",)))
         assert found is not None
         assert found[0] == pytest.approx(5e-7, rel=1e-12)
 
@@ -214,7 +216,7 @@ def test_exports_of_runs_are_records(tmp_path: Path, ending: str) -> None:
     one = read_record(path, {"quantity": "contact_force"})
     assert one.interval_s == pytest.approx(1e-6)
     assert 40.0 < np.max(one.value) < 120.0
-    assert one.measured.control in (None, False)
+    assert one.measurement.control in (None, False)
 
 
 def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path: Path) -> None:
@@ -289,7 +291,7 @@ def test_check_of_a_record_alone_shows_what_was_read(tmp_path: Path) -> None:
     assert "time: column 1 'Time [us]' in us; contact_force: column 2 'Force [kN]' in kN" in (
         " ".join(done.output.split())
     )
-    assert len(shown(path, samples=3)) == 5
+    assert len(describe_file(path, samples=3)) == 5
 
 
 def test_the_documentation_lists_every_format() -> None:

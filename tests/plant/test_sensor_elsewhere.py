@@ -8,9 +8,11 @@ import pytest
 import scipy
 
 from benchmarks.margin import beside_the_contact
-from hertzloop.identification.fit.fit import _placed
 from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.records.records import Measured, Record, RecordError
+from hertzloop.identification.fit.prepare import with_measuring_point
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec, modes_of
@@ -224,24 +226,27 @@ def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
 
 def velocity_record(**measured: object) -> Record:
     time_s = np.arange(600) * 1e-6
-    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measured(**measured))  # type: ignore[arg-type]
+    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measurement(**measured))  # type: ignore[arg-type]
 
 
 def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> None:
     setup = plate(SENSOR)
-    assert _placed(velocity_record(), setup).measured.point_m == (0.31, 0.22)
-    assert _placed(velocity_record(point_m=(0.1, 0.2)), setup).measured.point_m == (0.1, 0.2)
-    assert _placed(velocity_record(), plate()).measured.point_m is None
+    assert with_measuring_point(velocity_record(), setup).measurement.point_m == (0.31, 0.22)
+    assert with_measuring_point(velocity_record(point_m=(0.1, 0.2)), setup).measurement.point_m == (
+        0.1,
+        0.2,
+    )
+    assert with_measuring_point(velocity_record(), plate()).measurement.point_m is None
     force = Record("f.csv", np.arange(600) * 1e-6, np.ones(600), "contact_force")
-    assert _placed(force, setup) is force
+    assert with_measuring_point(force, setup) is force
     heavy = plate(SENSOR, "actuator.mass_kg=0.01")
     with pytest.raises(RecordError, match=r"actuator.mass_kg = 0.01: not supported with v.csv"):
-        _placed(velocity_record(), heavy)
+        with_measuring_point(velocity_record(), heavy)
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
     of_file = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'modes.npz'}"])
     with pytest.raises(RecordError, match=r"record.point_m = .*: the modes of modes.npz know no"):
-        _placed(velocity_record(point_m=(0.1, 0.2)), of_file)
-    assert _placed(velocity_record(), of_file).measured.point_m is not None
+        with_measuring_point(velocity_record(point_m=(0.1, 0.2)), of_file)
+    assert with_measuring_point(velocity_record(), of_file).measurement.point_m is not None
 
 
 @pytest.mark.full
@@ -255,7 +260,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
         setup = load("aluminium-3mm", [*settings, f"plate.modes={tmp_path / 'modes.npz'}"])
     else:
         setup = load("aluminium-3mm", [*settings, SENSOR])
-    point = _placed(velocity_record(), setup).measured.point_m
+    point = with_measuring_point(velocity_record(), setup).measurement.point_m
     frozen = FrozenModel(setup, 5e-4, 1e-3, point)
     plant, seen_m_s = build_plant(setup), np.empty(setup.steps)
     for i in range(setup.steps):

@@ -10,12 +10,17 @@ from hertzloop.cli import options
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.text_files import text_of
-from hertzloop.identification.fit import fit as fit_study
 from hertzloop.identification.fit import report as fit_report
-from hertzloop.identification.fit.hits import shown
-from hertzloop.identification.fit.loop_model import acts_by_law
-from hertzloop.identification.fit.verdicts import Model
-from hertzloop.identification.records.records import Record, holds_records, read_records
+from hertzloop.identification.fit.check import check as check_records
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.expected_record import expected_record
+from hertzloop.identification.fit.fit import fit as fit_records
+from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.hits import describe_file
+from hertzloop.identification.fit.loop_model import is_control_key
+from hertzloop.identification.fit.verdicts import ModelVerdict
+from hertzloop.identification.records.reading import holds_records, read_records
+from hertzloop.identification.records.record import Record
 
 
 def fit(
@@ -62,7 +67,7 @@ def fit(
     """
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
-            out.say("\n".join(shown(file)))
+            out.say("\n".join(describe_file(file)))
         return
     setup = options.scene_from(scene, settings, None)
     files = list(records or [])
@@ -79,9 +84,9 @@ def fit(
         if path is not None:
             options.check_output(path, overwrite, option, read=[*files, *held])
     options.check_json(json_file, target, report_file, replay_file)
-    keys = [fit_study.free_of(setup, text) for text in free or []]
+    keys = [parse_free_key(setup, text) for text in free or []]
     if not keys:
-        raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
+        raise FitError("--free: no key is free. Name at least one, --free KEY.")
     measured = [one for path in files for one in read_records(path)]
     compared: list[Record | int] = [one for path in held for one in read_records(path)]
     compared += numbers
@@ -90,16 +95,16 @@ def fit(
             out.say(f"{one.name}: {one.source}.")
     options.compile_first(setup)
     if check:
-        under = True if any(acts_by_law(key.key) for key in keys) else None
+        under = True if any(is_control_key(key.key) for key in keys) else None
         measured += [
-            fit_study.expected_record(setup, text, f"expected record {i}", under)
+            expected_record(setup, text, f"expected record {i}", under)
             for i, text in enumerate(expect or [], 1)
         ]
     if not measured:
         remedy = "RECORD, or --expect" if check else "RECORD"
-        raise fit_study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
+        raise FitError(f"RECORD: none is given. Name at least one {remedy}.")
     if check:
-        result = fit_study.check(setup, measured, keys)
+        result = check_records(setup, measured, keys)
     else:
         with progress("fit", 1000, lines=True) as advance:
 
@@ -108,7 +113,7 @@ def fit(
                 advance(round(1000 * done / expected), about)
 
             others = compared if hold_out else None
-            result = fit_study.fit(setup, measured, keys, others, tell, exact)
+            result = fit_records(setup, measured, keys, others, tell, exact)
     out.print(fit_report.parameter_table(result))
     for sentence in fit_report.sentences(result):
         out.say(sentence)
@@ -122,8 +127,14 @@ def fit(
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
-        words = ["fit", scene, *files, *given, *(["--check"] if check else []),
-                 *(["--exact"] if exact else [])]  # fmt: skip
+        words = [
+            "fit",
+            scene,
+            *files,
+            *given,
+            *(["--check"] if check else []),
+            *(["--exact"] if exact else []),
+        ]
         command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
         write_whole(report_file, page(result, command))
         out.say(f"written: {report_file}")
@@ -135,7 +146,7 @@ def fit(
     options.write_json(json_file, data)
     if not result.identifiable:
         raise typer.Exit(2)
-    if result.model is Model.DOES_NOT_FIT:
+    if result.model is ModelVerdict.DOES_NOT_FIT:
         raise typer.Exit(1)
 
 

@@ -89,10 +89,20 @@ def modes(
     """
     scene, files = _scene_and_files(names or [], source)
     if source is None:
-        given = {"contact": contact, "actuator": actuator, "sensor": sensor, "units": units,
-                 "direction": direction, "loss-factor": loss_factor, "reference": reference,
-                 "unit-modal-mass": unit_mass or None, "kind": kind, "picture": picture,
-                 "hold-out": hold_out, "exponential-window": exponential_window}  # fmt: skip
+        given = {
+            "contact": contact,
+            "actuator": actuator,
+            "sensor": sensor,
+            "units": units,
+            "direction": direction,
+            "loss-factor": loss_factor,
+            "reference": reference,
+            "unit-modal-mass": unit_mass or None,
+            "kind": kind,
+            "picture": picture,
+            "hold-out": hold_out,
+            "exponential-window": exponential_window,
+        }
         for option, value in given.items():
             if value is not None:
                 fail(f"--{option}: describes a measured structure. Add --from FILE.")
@@ -146,8 +156,13 @@ def modes(
             found = _of_responses(paths[0], sets, points, in_units, kind, reference, held, units)
     else:
         from_modes = False
-        for option, value in {"actuator": actuator, "direction": direction, "kind": kind,
-                              "reference": reference, "units": units}.items():  # fmt: skip
+        for option, value in {
+            "actuator": actuator,
+            "direction": direction,
+            "kind": kind,
+            "reference": reference,
+            "units": units,
+        }.items():
             if value is not None:
                 fail(f"--{option}: records do not have it. Remove the option.")
         found = _of_hits(paths, held, sensor in (None, contact), exponential_window)
@@ -212,9 +227,15 @@ def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
 
 
 def _of_responses(
-    path: Path, sets: list[dict[str, Any]], points: "Points", in_units: "FileUnits | None",
-    kind: str | None, reference: int | None, held: list[Path], units: str | None,
-) -> MeasuredModes:  # fmt: skip
+    path: Path,
+    sets: list[dict[str, Any]],
+    points: "Points",
+    in_units: "FileUnits | None",
+    kind: str | None,
+    reference: int | None,
+    held: list[Path],
+    units: str | None,
+) -> MeasuredModes:
     if len(held) > 1:
         fail(f"--hold-out: {len(held)} files are given. Give one universal file.")
     responses = responses_of_sets(sets, path, points, in_units, kind, reference)
@@ -332,9 +353,13 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
 
 
 def _of_scene(
-    scene: str, out_file: Path | None, settings: list[str], grid: bool, overwrite: bool,
+    scene: str,
+    out_file: Path | None,
+    settings: list[str],
+    grid: bool,
+    overwrite: bool,
     json_file: Path | None,
-) -> None:  # fmt: skip
+) -> None:
     resolved = options.scene_from(scene, settings, None)
     target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
     if grid and target.suffix != ".npz":

@@ -8,14 +8,11 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.discrepancy import Discrepancy
-from hertzloop.identification.fit.observation import Observed
-from hertzloop.identification.records.records import (
-    QUANTITIES,
-    Record,
-    RecordError,
-    clipped,
-    converter_step,
-)
+from hertzloop.identification.fit.observation import ObservedSignal
+from hertzloop.identification.records.converter import clipped_samples, converter_step
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 
 _SURE = 8.0  # noise levels that a sample has to leave the baseline by
 _STEADY = 7  # samples, most of which have to have left it
@@ -98,7 +95,7 @@ class Channel:
     @property
     def elsewhere(self) -> bool:
         """Whether the values are of another point than that of the contact."""
-        return self.record.measured.point_m is not None
+        return self.record.measurement.point_m is not None
 
     @property
     def noise_unknown(self) -> bool:
@@ -108,7 +105,7 @@ class Channel:
     @property
     def contact_unknown(self) -> bool:
         """Whether the simulation does not converge during contact."""
-        return _unlimited(self.record)
+        return is_unfiltered_acceleration(self.record)
 
     @property
     def interval_s(self) -> float:
@@ -149,7 +146,7 @@ class Channel:
     def prior_sds(self, exact: bool = False) -> tuple[float, float]:
         """Standard deviations of the priors of gain and clock (ppm); unless the model is `exact`,
         with the errors of the model that a whole record shares."""
-        m = self.record.measured
+        m = self.record.measurement
         common = 0.0 if exact or self.discrepancy is None else self.discrepancy.overall
         return (
             max(math.hypot(m.sensitivity_uncertainty, common), 1e-9),
@@ -181,7 +178,7 @@ class Channel:
         return good
 
 
-def make_ready(record: Record) -> Channel:
+def prepare_channel(record: Record) -> Channel:
     """Find peak, baseline, onset and noise of a record.
 
     Raises:
@@ -189,7 +186,7 @@ def make_ready(record: Record) -> Channel:
     """
     notes = list(record.notes)
     known = np.isfinite(record.value)
-    cut = clipped(record)
+    cut = clipped_samples(record)
     if np.any(cut):
         notes.append(
             f"{record.name}: {np.count_nonzero(cut)} samples are at the end of the range and are "
@@ -217,7 +214,7 @@ def make_ready(record: Record) -> Channel:
     if not is_gap:
         _check_impact(record, values - baseline, max(spread, rough))
     filled = np.where(known, value, baseline)
-    onset = _onset(filled, baseline, spread, peak, is_gap)
+    onset = _find_onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= _FEWEST_QUIET and not is_gap
     # After the last contact a force is as quiet as before it, and tells the noise too.
     pushed = np.flatnonzero(np.abs(filled - baseline) > max(_SURE * spread, _ONSET_SHARE * peak))
@@ -239,16 +236,16 @@ def make_ready(record: Record) -> Channel:
         if len(calm) >= _FEWEST_QUIET:
             noise, source, quiet = float(np.std(calm, ddof=1)), "quiet", len(calm)
             if noise < _RESOLVED * step:
-                noise, alike = _beside_steps(calm, step)
+                noise, alike = noise_below_converter_step(calm, step)
             spikes = len(before) - len(calm)
             if enough and spikes == 0 and noise > step:
-                ar, innovation = _coloured(before)
+                ar, innovation = autoregressive_noise(before)
     elif is_gap:
         third = np.diff(values, 3)
         noise, source = float(np.std(third)) / math.sqrt(20.0), "differences"
         quiet = len(third) // 4
     noise, floored = max(noise, step / math.sqrt(12.0)), False
-    floor = _floor(record, notes) * peak
+    floor = simulation_error_share(record, notes) * peak
     if source != "residual":
         floored = noise < floor
         noise = math.hypot(noise, floor)
@@ -265,14 +262,28 @@ def make_ready(record: Record) -> Channel:
             "the samples before the impact."
         )
     return Channel(
-        record=record, time_s=time_s, value=filled, kept=good, peak=peak, noise=noise,
-        noise_from=source, quiet=quiet, baseline=baseline, step=step, ar=ar, innovation=innovation,
-        onset_s=float(time_s[onset]), has_quiet_start=quiet_start or is_gap, notes=notes,
-        floored=floored, alike=alike, least_noise=math.hypot(step / math.sqrt(12.0), floor),
-    )  # fmt: skip
+        record=record,
+        time_s=time_s,
+        value=filled,
+        kept=good,
+        peak=peak,
+        noise=noise,
+        noise_from=source,
+        quiet=quiet,
+        baseline=baseline,
+        step=step,
+        ar=ar,
+        innovation=innovation,
+        onset_s=float(time_s[onset]),
+        has_quiet_start=quiet_start or is_gap,
+        notes=notes,
+        floored=floored,
+        alike=alike,
+        least_noise=math.hypot(step / math.sqrt(12.0), floor),
+    )
 
 
-def _beside_steps(readings: np.ndarray, step: float) -> tuple[float, int]:
+def noise_below_converter_step(readings: np.ndarray, step: float) -> tuple[float, int]:
     """Noise of readings away from the baseline, where a converter hides most of it.
 
     The readings before the impact rest on one level or change between two, whichever the baseline
@@ -297,17 +308,17 @@ def _beside_steps(readings: np.ndarray, step: float) -> tuple[float, int]:
     return step * math.sqrt(found), int(min(len(readings), alike))
 
 
-def _unlimited(record: Record) -> bool:
+def is_unfiltered_acceleration(record: Record) -> bool:
     """Whether a record is an acceleration at the contact point without a filter."""
-    if record.quantity != "acceleration" or record.measured.point_m is not None:
+    if record.quantity != "acceleration" or record.measurement.point_m is not None:
         return False
-    limits = [f for f in (record.measured.low_pass_hz, record.measured.resonance_hz) if f]
+    limits = [f for f in (record.measurement.low_pass_hz, record.measurement.resonance_hz) if f]
     return not limits or min(limits) > _FASTEST_HZ
 
 
-def _floor(record: Record, notes: list[str]) -> float:
+def simulation_error_share(record: Record, notes: list[str]) -> float:
     """Error of the simulation, of the peak."""
-    if _unlimited(record):
+    if is_unfiltered_acceleration(record):
         notes.append(
             f"{record.name}: without a filter the acceleration at the contact point has no "
             "limit during contact, so samples there are not used. Give record.low_pass_hz, "
@@ -336,7 +347,9 @@ def _check_impact(record: Record, values: np.ndarray, spread: float) -> None:
         )
 
 
-def _onset(value: np.ndarray, baseline: float, spread: float, peak: float, is_gap: bool) -> int:
+def _find_onset(
+    value: np.ndarray, baseline: float, spread: float, peak: float, is_gap: bool
+) -> int:
     """The first sample that has clearly left the baseline, or the first below zero of a gap."""
     if is_gap:
         below = np.flatnonzero(value < 0.0)
@@ -353,7 +366,7 @@ def _onset(value: np.ndarray, baseline: float, spread: float, peak: float, is_ga
     return int(found[0]) if len(found) else int(np.argmax(size))
 
 
-def _coloured(before: np.ndarray) -> tuple[np.ndarray, float]:
+def autoregressive_noise(before: np.ndarray) -> tuple[np.ndarray, float]:
     """Autoregressive coefficients of noise that is not white; none of white noise.
 
     Returns:
@@ -398,7 +411,7 @@ def ljung_box(residual: np.ndarray, whitened_by: int = 0) -> float:
     return float(scipy.stats.chi2.sf(q, _LAGS))
 
 
-def align(channel: Channel, observed: Observed, contact_s: float) -> None:
+def align(channel: Channel, observed: ObservedSignal, contact_s: float) -> None:
     """Find the touch, gain and offset of a channel by correlation with a simulated record.
 
     Raises:
@@ -438,7 +451,7 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
     best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s, late_s)
-    known_gain = math.isfinite(record.measured.sensitivity_uncertainty)
+    known_gain = math.isfinite(record.measurement.sensitivity_uncertainty)
     wrong = best is not None and not _LEAST_GAIN <= best[2] <= _MOST_GAIN
     if best is not None and not best[4] and wrong and known_gain:
         # A few spikes in a row can look like the onset: look everywhere, then closer.
@@ -456,7 +469,7 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
     if gain < 0.0 or mirrored:
         raise RecordError(
             f"{record.name}: the record has the opposite sign of the simulation. Give "
-            f"record.sensitivity = {-record.measured.sensitivity:g}, or change the sign."
+            f"record.sensitivity = {-record.measurement.sensitivity:g}, or change the sign."
         )
     if not known_gain or _LEAST_GAIN <= gain <= _MOST_GAIN:
         channel.touch_s, channel.gain, channel.offset = touch_s, gain, offset
@@ -477,9 +490,14 @@ def _too_coarse(channel: Channel, contact_s: float) -> RecordError:
 
 
 def _best_shift(
-    channel: Channel, observed: Observed, guess: float, reach_s: float, step_s: float,
-    contact_s: float, late_s: float,
-) -> tuple[float, float, float, float, bool] | None:  # fmt: skip
+    channel: Channel,
+    observed: ObservedSignal,
+    guess: float,
+    reach_s: float,
+    step_s: float,
+    contact_s: float,
+    late_s: float,
+) -> tuple[float, float, float, float, bool] | None:
     """Cost, touch, gain, offset, and whether a negative gain fits better by far. `late_s`: from
     the touch to the first contact time that counts."""
     best: tuple[float, float, float, float] | None = None
@@ -512,7 +530,7 @@ def _best_shift(
     return (*best, turned < 0.3 * best[0] and turned < 0.2)
 
 
-def weighted(channel: Channel) -> None:
+def weight_equal_readings(channel: Channel) -> None:
     """Give the samples of a long run of equal readings together the weight of one sample.
 
     Where the noise is hidden in the steps of a converter, they share one error: the readings before
@@ -526,7 +544,7 @@ def weighted(channel: Channel) -> None:
     channel.weight = 1.0 / np.sqrt(each)
 
 
-def without_contact(channel: Channel, contact_s: float) -> None:
+def exclude_contact(channel: Channel, contact_s: float) -> None:
     """Leave the contact out of an acceleration without a filter, where the record goes on long
     enough: there it grows with the number of modes."""
     if not channel.contact_unknown or channel.duration_s < 4.0 * contact_s:
@@ -535,7 +553,7 @@ def without_contact(channel: Channel, contact_s: float) -> None:
     channel.kept = channel.kept & ~((tau > -1e-6) & (tau < _UNKNOWN_CONTACTS * contact_s))
 
 
-def thinned(channel: Channel, contact_s: float) -> None:
+def thin_samples(channel: Channel, contact_s: float) -> None:
     """Use every sample of the first contacts, and of a very long record every n-th beyond."""
     n = len(channel.time_s)
     if n <= _MOST_SAMPLES:

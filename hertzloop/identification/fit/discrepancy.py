@@ -140,7 +140,7 @@ def _precision(nodes: int, spacing: float, kappa: float) -> tuple[np.ndarray, np
     return whole, scipy.linalg.cholesky_banded(whole)
 
 
-def unknown(
+def build_discrepancy(
     tau_s: np.ndarray,
     signal: np.ndarray,
     whitening: Any,
@@ -186,7 +186,7 @@ def unknown(
 
 
 @dataclass
-class Rows:
+class RecordLikelihood:
     """What the likelihood needs of a record.
 
     `white`: whitened derivatives and, as the last column, the residual, (samples, parameters + 1).
@@ -229,8 +229,8 @@ class Rows:
         return logarithm + error.logarithm(system), square
 
 
-def estimated(
-    records: Sequence[Rows], priors: np.ndarray
+def estimate_discrepancies(
+    records: Sequence[RecordLikelihood], priors: np.ndarray
 ) -> tuple[float, list[tuple[tuple[float, float], float]], float]:
     """Find the shares of the errors, their correlation and unknown noises.
 

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.records.records import (
-    QUANTITIES,
-    Record,
-    RecordError,
-    clipped,
-    read_records,
-)
+from hertzloop.identification.records.converter import clipped_samples
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 FEWEST_BEFORE = 16  # samples between two hits, for the noise
@@ -26,7 +24,7 @@ _SHOWN = 64  # samples that show it
 
 
 @dataclass(frozen=True)
-class FoundHit:
+class RecordedHit:
     """A hit in a record: the first sample of its pulse, the samples that belong to it, its largest
     force (N), and why it cannot be used, "" if it can."""
 
@@ -36,7 +34,7 @@ class FoundHit:
     defect: str
 
 
-def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> list[FoundHit]:
+def find_hits(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> list[RecordedHit]:
     """Return the hits of a record of the contact force.
 
     Args:
@@ -66,7 +64,7 @@ def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> l
         min(int(np.searchsorted(time_s, time_s[group[-1][0]] + LONGEST_S)), following[0][0])
         for group, following in pairwise(groups)
     ]
-    cut, found = clipped(force), []
+    cut, found = clipped_samples(force), []
     for group, start, stop in zip(groups, starts, [*starts[1:], len(value)], strict=True):
         first, end = group[0]
         defect = ""
@@ -81,11 +79,13 @@ def found_in(force: Record, withdrawn: bool, others: Sequence[Record] = ()) -> l
             rest = one.value[max(start, first - _SHOWN) : first - 2]
             if np.nanstd(rest) > _MOVES * np.nanmax(np.abs(one.value[first:stop])):
                 defect = f"{one.quantity} before it: the structure still moves"
-        found.append(FoundHit(first, slice(start, stop), float(np.nanmax(size[first:end])), defect))
+        found.append(
+            RecordedHit(first, slice(start, stop), float(np.nanmax(size[first:end])), defect)
+        )
     return found
 
 
-def told(hits: Sequence[FoundHit], force: Record) -> list[str]:
+def describe_hits(hits: Sequence[RecordedHit], force: Record) -> list[str]:
     """Return sentences on the hits of a record: where, how large, and whether they can be used."""
     return [
         f"{force.name}, hit {number}: {hit.peak_n:.4g} N at {force.time_s[hit.first]:.6g} s, "
@@ -95,25 +95,29 @@ def told(hits: Sequence[FoundHit], force: Record) -> list[str]:
     ]
 
 
-def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) -> list[str]:
+def describe_file(
+    path: Path, given: Mapping[str, Any] | None = None, samples: int = 5
+) -> list[str]:
     """Return sentences on a file: what was understood, its first samples, and what is not used.
 
     Raises:
         RecordError: the file cannot be read, or holds several records; the series are named.
     """
     records = read_records(path, given)
-    found = [line for one in records for line in _shown(one, samples)]
+    found = [line for one in records for line in _describe_record(one, samples)]
     for force in (one for one in records if one.quantity == "contact_force"):
         others = [one for one in records if one is not force and one.time_s is force.time_s]
-        hits = found_in(force, True, others)
-        found += told(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
+        hits = find_hits(force, True, others)
+        found += describe_hits(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
     return found
 
 
-def _shown(one: Record, samples: int) -> list[str]:
+def _describe_record(one: Record, samples: int) -> list[str]:
     unit = QUANTITIES[one.quantity].unit
-    rows = [f"  {t:.9g} s  {v:.6g} {unit}"
-            for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)]  # fmt: skip
+    rows = [
+        f"  {t:.9g} s  {v:.6g} {unit}"
+        for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)
+    ]
     peak = int(np.nanargmax(np.abs(one.value)))
     return [
         f"{one.name}: {one.source}.",
@@ -124,7 +128,7 @@ def _shown(one: Record, samples: int) -> list[str]:
     ]
 
 
-def split(records: Sequence[Record], setup: Setup) -> list[Record]:
+def split_hits(records: Sequence[Record], setup: Setup) -> list[Record]:
     """Return the records with one hit each, and the number of the hit of a hammer.
 
     The channels of a clock are split where their contact force has several hits. Of records without
@@ -136,56 +140,62 @@ def split(records: Sequence[Record], setup: Setup) -> list[Record]:
     hammer = setup.scene.hammer
     withdrawn = hammer is not None and not hammer.bounces
     found: list[Record] = []
-    for together in _by_clock(records):
+    for together in _group_by_clock(records):
         force = next((one for one in together if one.quantity == "contact_force"), None)
         others = [
             one for one in together if one is not force and one.quantity not in ("xi", "xi_s")
         ]
-        hits = found_in(force, withdrawn, others) if force is not None else []
+        hits = find_hits(force, withdrawn, others) if force is not None else []
         if force is None or len(hits) < 2:
             if hits and hits[0].defect.startswith("double") and force is not None:
-                notes = (*force.notes, *told(hits, force))
+                notes = (*force.notes, *describe_hits(hits, force))
                 together = [replace(one, notes=notes) if one is force else one for one in together]
             found += together
             continue
-        words = told(hits, force)
+        words = describe_hits(hits, force)
         if all(hit.defect for hit in hits):
             raise RecordError(" ".join(words))
         for number, hit in enumerate(hits, 1):
             if hit.defect:
                 continue
             for one in together:
-                name = f"{one.measured.clock or one.name}, hit {number}"
+                name = f"{one.measurement.clock or one.name}, hit {number}"
                 notes, words = (*(one.notes if words else ()), *words), []
-                found.append(replace(
-                    one, name=f"{one.name}, hit {number}", time_s=one.time_s[hit.samples],
-                    value=one.value[hit.samples], measured=replace(one.measured, clock=name),
-                    notes=notes, hit=1,
-                ))  # fmt: skip
+                found.append(
+                    replace(
+                        one,
+                        name=f"{one.name}, hit {number}",
+                        time_s=one.time_s[hit.samples],
+                        value=one.value[hit.samples],
+                        measurement=replace(one.measurement, clock=name),
+                        notes=notes,
+                        hit=1,
+                    )
+                )
     several = any(one.hit for one in found)
-    return _numbered(found) if hammer is not None or several else found
+    return _number_hits(found) if hammer is not None or several else found
 
 
-def _by_clock(records: Sequence[Record]) -> list[list[Record]]:
+def _group_by_clock(records: Sequence[Record]) -> list[list[Record]]:
     """Records of one clock together, in their order; a record without one is alone."""
     groups: dict[object, list[Record]] = {}
     for one in records:
-        groups.setdefault(one.measured.clock or id(one), []).append(one)
+        groups.setdefault(one.measurement.clock or id(one), []).append(one)
     return list(groups.values())
 
 
-def _numbered(records: Sequence[Record]) -> list[Record]:
+def _number_hits(records: Sequence[Record]) -> list[Record]:
     """The records with the number of their hit, and a common clock of those with equal times."""
     numbers: dict[object, int] = {}
     counts = dict.fromkeys(QUANTITIES, 0)
     found: list[Record] = []
     for one in records:
-        counts[one.quantity] += not one.measured.clock
-        key = one.measured.clock or f"\n{counts[one.quantity]}"
+        counts[one.quantity] += not one.measurement.clock
+        key = one.measurement.clock or f"\n{counts[one.quantity]}"
         number = numbers.setdefault(key, len(numbers) + 1)
         first = next((r for r in found if r.hit == number), one)
-        clock = one.measured.clock
+        clock = one.measurement.clock
         if clock is None and np.array_equal(first.time_s, one.time_s):
             clock = key
-        found.append(replace(one, hit=number, measured=replace(one.measured, clock=clock)))
+        found.append(replace(one, hit=number, measurement=replace(one.measurement, clock=clock)))
     return found

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.model import FrozenModel, Simulated
-from hertzloop.identification.records.records import Record, RecordError
+from hertzloop.identification.fit.model import FrozenModel, SimulatedImpact
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.record import Record
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.statistics import control_force_n
@@ -29,7 +30,7 @@ _OF_ACTUATOR = ("bandwidth_hz", "damping", "force_limit_n", "dead_time_us")
 _NOT_OF_ONE_RUN = ("jitter_us", "drop_out_probability")
 
 
-def acts_by_law(key: str) -> bool:
+def is_control_key(key: str) -> bool:
     """Whether a key changes nothing but the force of the actuator."""
     table, _, last = key.partition(".")
     return table == "controller" or (table == "actuator" and last != "mass_kg")
@@ -45,7 +46,7 @@ def why_not_free(key: str) -> str | None:
     return None
 
 
-def grain_us(setup: Setup, key: str) -> float | None:
+def resolution_us(setup: Setup, key: str) -> float | None:
     """How far apart the values of a key in whole steps are, us; None of another key."""
     table, _, last = key.partition(".")
     if key == "actuator.dead_time_us" or (
@@ -77,16 +78,16 @@ def refuse_unknown_loop(setup: Setup) -> None:
             )
 
 
-def refuse_unseen(record: Record, setup: Setup) -> None:
+def refuse_incomparable(record: Record, setup: Setup) -> None:
     """Raise RecordError for a record that the simulation under a law cannot be compared with."""
-    measured, actuator = record.measured, setup.actuator
-    if measured.point_m is not None:
+    measurement, actuator = record.measurement, setup.actuator
+    if measurement.point_m is not None:
         raise RecordError(
-            f"record.point_m = {list(measured.point_m)}: under a law {record.name} must be of the "
-            "contact point or of the actuator's force."
+            f"record.point_m = {list(measurement.point_m)}: under a law {record.name} must be of "
+            "the contact point or of the actuator's force."
         )
     held = actuator.bandwidth_hz is None
-    filtered = measured.low_pass_hz is not None or measured.resonance_hz is not None
+    filtered = measurement.low_pass_hz is not None or measurement.resonance_hz is not None
     if record.quantity == "actuator_force" and held and not filtered:
         raise RecordError(
             f"{record.name}: without a bandwidth the actuator's force jumps at every step, which "
@@ -120,19 +121,23 @@ class LoopModel(FrozenModel):
         alone = setup.plant_only().scene
         ideal = alone.actuator.replaced(dead_time_us=None)
         super().__init__(
-            resolve(alone.replaced(actuator=ideal)), duration_s, accuracy,
+            resolve(alone.replaced(actuator=ideal)),
+            duration_s,
+            accuracy,
             step_ns=max(1, round(setup.step_ns / self.parts)),
-        )  # fmt: skip
-        self.grain_s = setup.step_s
+        )
+        self.loop_step_s = setup.step_s
         self.spec = replace(self.spec, step_s=setup.step_s / self.parts)
         kept = {
             f"run.{key}": getattr(self.setup.scene.run, key)
             for key in ("scheme", "plate_model", "accuracy")
         }
         changed = {
-            "plate.theory": self.setup.theory, "sensors.noise_rms": 0.0, "run.touch_phase": 0.5,
+            "plate.theory": self.setup.theory,
+            "sensors.noise_rms": 0.0,
+            "run.touch_phase": 0.5,
             "run.duration_s": max(setup.duration_s, 2.0 * duration_s) + _ROOM_S,
-        }  # fmt: skip
+        }
         self.loop = setup.vary(kept | changed)
 
     @property
@@ -149,7 +154,9 @@ class LoopModel(FrozenModel):
         """Return the plant with other values of some scene keys. Raises SceneError."""
         return self.spec_with(self.loop.vary(values).mechanics if values else self.loop.mechanics)
 
-    def run(self, values: Mapping[str, float], until_s: float, phase: float = 0.5) -> Simulated:
+    def run(
+        self, values: Mapping[str, float], until_s: float, phase: float = 0.5
+    ) -> SimulatedImpact:
         """Simulate the drop with other values of some keys until `until_s` after the touch.
 
         Raises:
@@ -159,7 +166,7 @@ class LoopModel(FrozenModel):
         key = (tuple(sorted(values.items())), until_s, round(phase, 9))
         return self.kept(key, lambda: self._looped(values, until_s, phase))
 
-    def _looped(self, values: Mapping[str, float], until_s: float, phase: float) -> Simulated:
+    def _looped(self, values: Mapping[str, float], until_s: float, phase: float) -> SimulatedImpact:
         self.simulations += 1
         loop = self.loop.vary(values) if values else self.loop
         spec = self.spec_with(loop.mechanics)
@@ -169,7 +176,7 @@ class LoopModel(FrozenModel):
         before = lead * self.parts + phase * self.parts
         spec = replace(spec, lead_in_s=(math.floor(before) + 0.5) * spec.step_s)
         plant = self.plant_of(spec, before - math.floor(before))
-        steps = lead + math.ceil(phase + until_s / self.grain_s) + 4
+        steps = lead + math.ceil(phase + until_s / self.loop_step_s) + 4
         rows = finer_loop(loop, plant, steps, self.parts)
         time_s = (np.arange(rows.shape[1]) - before) * spec.step_s
         return self.simulated(spec, plant, time_s, rows)
@@ -180,7 +187,7 @@ class LoopModel(FrozenModel):
         return float(np.max(np.abs(control_force_n(self.loop, rows)))) > _ACTS
 
 
-def notes_on(setup: Setup, names: list[str]) -> Iterator[str]:
+def control_notes(setup: Setup, names: list[str]) -> Iterator[str]:
     """Sentences on what a simulation under a law supposes of some records."""
     law = setup.law_reference
     yield (

@@ -50,7 +50,7 @@ _NEXT_MODE = 1.02  # how far above the limit the next mode is looked for
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedImpact:
     """One simulated drop.
 
     `time_s`: times of the rows after the first touch, s, shape (steps,). `rows`: the columns of
@@ -168,7 +168,7 @@ class Simulated:
         """Return a quantity at times after the first touch.
 
         Args:
-            quantity: a key of `hertzloop.identification.records.records.QUANTITIES`.
+            quantity: a key of `hertzloop.identification.records.quantities.QUANTITIES`.
             time_s: s, shape (samples,); before the touch the plate is at rest.
             elsewhere: at the measuring point instead of the contact point.
 
@@ -235,10 +235,15 @@ class FrozenModel:
         self.step_ns = step_ns or _step_ns(lasts_s, duration_s)
         self.contact_s = lasts_s
         changed: dict[str, Any] = {
-            "run.scheme": "modal", "run.plate_model": "modal", "run.lead_in_s": LEAD_IN_S,
-            "run.touch_phase": PHASE, "run.step_ns": self.step_ns, "run.accuracy": accuracy,
-            "run.duration_s": 2.0 * LEAD_IN_S + duration_s, "plate.theory": free.theory,
-        }  # fmt: skip
+            "run.scheme": "modal",
+            "run.plate_model": "modal",
+            "run.lead_in_s": LEAD_IN_S,
+            "run.touch_phase": PHASE,
+            "run.step_ns": self.step_ns,
+            "run.accuracy": accuracy,
+            "run.duration_s": 2.0 * LEAD_IN_S + duration_s,
+            "plate.theory": free.theory,
+        }
         if point_m is not None and free.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
         self.setup = free.vary(changed)
@@ -251,7 +256,7 @@ class FrozenModel:
         self._limit_hz = _between_modes(self.spec)
         self._scale = _frequency_scale(self.spec)
         self._plants: dict[Any, Any] = {}
-        self._runs: dict[Any, Simulated] = {}
+        self._runs: dict[Any, SimulatedImpact] = {}
         self.simulations = 0
 
     def _velocity_error(self, step_ns: int, limit_hz: float) -> float:
@@ -311,7 +316,7 @@ class FrozenModel:
         check_modes_reach_impact(spec)
         return spec
 
-    def run(self, values: Mapping[str, float], until_s: float) -> Simulated:
+    def run(self, values: Mapping[str, float], until_s: float) -> SimulatedImpact:
         """Simulate the drop with other values of some keys until `until_s` after the touch.
 
         Raises:
@@ -321,11 +326,11 @@ class FrozenModel:
         key = (tuple(sorted(values.items())), steps)
         return self.kept(key, lambda: self._simulated(self.spec_of(values), steps))
 
-    def run_spec(self, spec: PlantSpec, until_s: float) -> Simulated:
+    def run_spec(self, spec: PlantSpec, until_s: float) -> SimulatedImpact:
         """Simulate the drop of another plant until `until_s` after the touch."""
         return self._simulated(spec, 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns))
 
-    def kept(self, key: Any, simulate: Callable[[], Simulated]) -> Simulated:
+    def kept(self, key: Any, simulate: Callable[[], SimulatedImpact]) -> SimulatedImpact:
         """Return a simulation, which is made once for a key."""
         found = self._runs.get(key)
         if found is None:
@@ -335,7 +340,7 @@ class FrozenModel:
             self._runs[key] = found
         return found
 
-    def _simulated(self, spec: PlantSpec, steps: int) -> Simulated:
+    def _simulated(self, spec: PlantSpec, steps: int) -> SimulatedImpact:
         self.simulations += 1
         plant = self.plant_of(spec)
         rows = ts.series_under(plant, np.zeros(steps))
@@ -345,23 +350,36 @@ class FrozenModel:
 
     def simulated(
         self, spec: PlantSpec, plant: Any, time_s: np.ndarray, rows: np.ndarray
-    ) -> Simulated:
+    ) -> SimulatedImpact:
         """Return the rows of a plant as a simulated drop."""
         tail, sphere = plant.model.tail, spec.sphere
         mobility = 0.0 if tail is None else tail.mobility_m_ns
         pushed = mobility if spec.same_point and np.any(rows[ts.F_A]) else 0.0
         held = spec.actuator.bandwidth_hz is None
-        return Simulated(
-            time_s, rows, spec.contact, sphere.impact_speed_m_s, sphere.gravity_m_s2, mobility,
-            pushed, held,
-        )  # fmt: skip
+        return SimulatedImpact(
+            time_s,
+            rows,
+            spec.contact,
+            sphere.impact_speed_m_s,
+            sphere.gravity_m_s2,
+            mobility,
+            pushed,
+            held,
+        )
 
     def plant_of(self, spec: PlantSpec, phase: float = PHASE) -> Any:
         """The plant at the start of the drop; its modes are computed once for a structure."""
         from hertzloop.plant.schemes.collocation import with_contact
 
-        key = (spec.plate, spec.frequency_limit_hz, spec.contact_point_m, spec.actuator_point_m,
-               spec.actuator.mass_kg, spec.sensor_point_m, spec.sensor_mass_kg)  # fmt: skip
+        key = (
+            spec.plate,
+            spec.frequency_limit_hz,
+            spec.contact_point_m,
+            spec.actuator_point_m,
+            spec.actuator.mass_kg,
+            spec.sensor_point_m,
+            spec.sensor_mass_kg,
+        )
         base = self._plants.get(key)
         if base is None or base.model.air is not None:
             try:

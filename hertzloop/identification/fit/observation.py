@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.model import Simulated
-from hertzloop.identification.records.records import QUANTITIES, Record
+from hertzloop.identification.fit.model import SimulatedImpact
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.sensors.acquisition import Filters
 
@@ -17,7 +18,7 @@ _FINER, _MOST_REFINED = 4, 30_000  # points of the filters' grid for a step; of 
 
 
 @dataclass(frozen=True)
-class Chain(Filters):
+class MeasuringChain(Filters):
     """Filters of a measuring chain, which may end with the brick wall of a sigma-delta converter:
     `low_pass` is one of `records.LOW_PASSES`."""
 
@@ -37,8 +38,9 @@ class Chain(Filters):
             rise = np.diff(value, prepend=0.0)
             off = scipy.signal.lfilter(
                 [ramp_0, own_01 * ramp_1 - own_11 * ramp_0],
-                [1.0, -own_00 - own_11, own_00 * own_11 - own_01 * own_10], rise,
-            )  # fmt: skip
+                [1.0, -own_00 - own_11, own_00 * own_11 - own_01 * own_10],
+                rise,
+            )
             value = value + off if low else -off
         if self.low_pass_hz is not None and self.before_s:
             # The brick wall of a sigma-delta converter: a symmetric sinc in a Blackman window.
@@ -62,28 +64,32 @@ class Chain(Filters):
         return () if self.before_s else super().low_pass_poles()
 
 
-def chain_of(record: Record, setup: Setup) -> Chain:
+def chain_of_record(record: Record, setup: Setup) -> MeasuringChain:
     """Return the chain of a record: that of its table, else that of the scene's sensor where this
     samples the same quantity."""
-    m = record.measured
+    m = record.measurement
     if m.filtered:
-        return Chain(
-            m.resonance_hz, m.resonance_damping, m.ac_coupling_hz, m.low_pass_hz, m.low_pass,
+        return MeasuringChain(
+            m.resonance_hz,
+            m.resonance_damping,
+            m.ac_coupling_hz,
+            m.low_pass_hz,
+            m.low_pass,
             m.low_pass_order,
-        )  # fmt: skip
+        )
     if QUANTITIES[record.quantity].sensed != setup.quantity:
-        return Chain()
+        return MeasuringChain()
     spec = setup.sensor
-    return Chain(*(getattr(spec, one.name) for one in fields(Filters)))
+    return MeasuringChain(*(getattr(spec, one.name) for one in fields(Filters)))
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservedSignal:
     """A filtered quantity as a function of the time after the first touch."""
 
-    simulated: Simulated
+    simulated: SimulatedImpact
     quantity: str
-    chain: Chain
+    chain: MeasuringChain
     elsewhere: bool
     spline: Any  # of the output over the fine grid
 
@@ -106,7 +112,9 @@ class Observed:
         return np.asarray(np.where(time_s > grid[0], found, 0.0))
 
 
-def observe(simulated: Simulated, quantity: str, chain: Chain, elsewhere: bool) -> Observed:
+def observe(
+    simulated: SimulatedImpact, quantity: str, chain: MeasuringChain, elsewhere: bool
+) -> ObservedSignal:
     """Return what a chain shows of a simulated drop."""
     grid_s = simulated.time_s
     if chain.before_s:
@@ -120,4 +128,4 @@ def observe(simulated: Simulated, quantity: str, chain: Chain, elsewhere: bool) 
     if not chain.ideal:
         fine = chain.filtered(fine, float(grid_s[1] - grid_s[0]))
     spline = scipy.interpolate.CubicSpline(grid_s, fine)
-    return Observed(simulated, quantity, chain, elsewhere, spline)
+    return ObservedSignal(simulated, quantity, chain, elsewhere, spline)

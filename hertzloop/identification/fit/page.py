@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.atomic_files import write_whole
-from hertzloop.identification.fit.fit import FitResult, Nuisance
 from hertzloop.identification.fit.report import fitted_scene, number, sentences
-from hertzloop.identification.fit.verdicts import Model
-from hertzloop.identification.records.records import QUANTITIES, Record
+from hertzloop.identification.fit.results import FitResult, Nuisance
+from hertzloop.identification.fit.verdicts import ModelVerdict
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.studies import pictures
@@ -32,15 +33,19 @@ def page(result: FitResult, command: str) -> str:
         command: the command that makes the page again.
     """
     said = sentences(result)
-    doubtful = result.reasons if result.model is Model.DOES_NOT_FIT else []
+    doubtful = result.reasons if result.model is ModelVerdict.DOES_NOT_FIT else []
     names = ", ".join(r.name for r in result.records)
     scene = [] if result.setup is None else [(result.setup.name, fitted_scene(result, "fitted"))]
     return template("results.html.j2").render(
         title=f"{'Check' if result.checked_only else 'Fit'} of {names}",
-        lines=[line for line in said if line not in doubtful], charts=_charts(result),
-        tables=_tables(result), warnings=doubtful, commands=[command],
-        versions=code_version(), scenes=scene,
-    )  # fmt: skip
+        lines=[line for line in said if line not in doubtful],
+        charts=_charts(result),
+        tables=_tables(result),
+        warnings=doubtful,
+        commands=[command],
+        versions=code_version(),
+        scenes=scene,
+    )
 
 
 def _tables(result: FitResult) -> list[ResultTable]:
@@ -50,13 +55,26 @@ def _tables(result: FitResult) -> list[ResultTable]:
         for e in result.estimates
     ]
     of_records = (
-        "record", "gain", "offset", "touch, s", "clock, ppm", "noise", "residual over noise"
-    )  # fmt: skip
+        "record",
+        "gain",
+        "offset",
+        "touch, s",
+        "clock, ppm",
+        "noise",
+        "residual over noise",
+    )
     records = [
-        [n.record, f"{n.gain:.5g}", f"{n.offset:.4g}", f"{n.time_shift_s:.9g}",
-         f"{n.clock_ppm:.3g}", f"{n.noise_rms:.3g}", f"{n.residual_over_noise:.3g}"]
+        [
+            n.record,
+            f"{n.gain:.5g}",
+            f"{n.offset:.4g}",
+            f"{n.time_shift_s:.9g}",
+            f"{n.clock_ppm:.3g}",
+            f"{n.noise_rms:.3g}",
+            f"{n.residual_over_noise:.3g}",
+        ]
         for n in result.nuisances
-    ]  # fmt: skip
+    ]
     tables = [ResultTable("Keys", keys, rows), ResultTable("Records", of_records, records)]
     if len(result.estimates) > 1:
         names = [e.key for e in result.estimates]
@@ -76,7 +94,7 @@ def _charts(result: FitResult) -> list[ResultChart]:
     found = []
     for record, n, curve in zip(result.records, result.nuisances, result.curves, strict=False):
         assert result.setup is not None
-        base = result.setup.vary(dict(record.measured.set))
+        base = result.setup.vary(dict(record.measurement.set))
         contact_s = rigid_impact(base.sphere, base.contact).contact_s
         words = (
             f"Left: around the contact. Right: the whole record. The shaded time is the first "
@@ -138,11 +156,13 @@ def write_replay(result: FitResult, path: Path) -> None:
         times = [rr.TimeColumn("after_touch", duration=curve["time_s"])]
         for name in ("simulated", "measured"):
             stream.send_columns(
-                rr.new_entity_path([record.name, record.quantity, name]), indexes=times,
+                rr.new_entity_path([record.name, record.quantity, name]),
+                indexes=times,
                 columns=rr.Scalars.columns(scalars=curve[name]),
-            )  # fmt: skip
+            )
         stream.send_columns(
-            rr.new_entity_path([record.name, "residual"]), indexes=times,
+            rr.new_entity_path([record.name, "residual"]),
+            indexes=times,
             columns=rr.Scalars.columns(scalars=curve["measured"] - curve["simulated"]),
-        )  # fmt: skip
+        )
     write_whole(path, memory.drain_as_bytes())

@@ -5,17 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.fit import Estimate, FitResult
-from hertzloop.identification.fit.verdicts import WIDEST, Model, Verdict
+from hertzloop.identification.fit.results import Estimate, FitResult
+from hertzloop.identification.fit.verdicts import WIDEST, KeyVerdict, ModelVerdict
 from hertzloop.scene.tables import FitTable
 from hertzloop.scene.toml import to_toml
 from hertzloop.views.format import Table
 
 _OPEN = "open"
 _MODEL_WORDS = {
-    Model.FITS: "The model fits.",
-    Model.DOES_NOT_FIT: "The model does not fit.",
-    Model.CANNOT_TELL: "The records cannot tell whether the model fits.",
+    ModelVerdict.FITS: "The model fits.",
+    ModelVerdict.DOES_NOT_FIT: "The model does not fit.",
+    ModelVerdict.CANNOT_TELL: "The records cannot tell whether the model fits.",
 }
 
 
@@ -23,16 +23,22 @@ def as_json(result: FitResult) -> dict[str, Any]:
     """Return a fit as data for JSON: see docs/reference/fit-json.md for the fields."""
     by_record = {
         n.record: {
-            "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,
-            "clock_ppm": n.clock_ppm, "noise_rms": n.noise_rms,
-            "residual_over_noise": n.residual_over_noise, "samples": n.samples,
-            "rejected_samples": n.rejected, "in_pulse_percent": n.off_percent[0],
-            "after_pulse_percent": n.off_percent[1], "largest_percent": n.off_percent[2],
+            "time_shift_s": n.time_shift_s,
+            "gain": n.gain,
+            "offset": n.offset,
+            "clock_ppm": n.clock_ppm,
+            "noise_rms": n.noise_rms,
+            "residual_over_noise": n.residual_over_noise,
+            "samples": n.samples,
+            "rejected_samples": n.rejected,
+            "in_pulse_percent": n.off_percent[0],
+            "after_pulse_percent": n.off_percent[1],
+            "largest_percent": n.off_percent[2],
             "model_error_in_pulse_percent": n.error_percent[0],
             "model_error_after_pulse_percent": n.error_percent[1],
         }
         for n in result.nuisances
-    }  # fmt: skip
+    }
     first = next(iter(by_record.values()))
     keys = ("time_shift_s", "gain", "offset", "clock_ppm")
     return {
@@ -45,7 +51,8 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "reasons": result.reasons,
         "combinations": [
             {
-                "keys": c.exponents, "combination": str(c),
+                "keys": c.exponents,
+                "combination": str(c),
                 "half_width_percent": c.half_width_percent,
             }
             for c in result.combinations
@@ -60,15 +67,20 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "scene": None,
         "evaluations": result.evaluations,
         "wall_s": result.wall_s,
-    }  # fmt: skip
+    }
 
 
 def _of_estimate(e: Estimate) -> dict[str, Any]:
     return {
-        "value": e.value, "low": e.low, "high": e.high, "verdict": str(e.verdict),
-        "half_width_percent": e.half_width_percent, "start": e.start,
-        "half_width_alone_percent": e.alone_percent, "prior_pull_sigma": e.prior_pull,
-    }  # fmt: skip
+        "value": e.value,
+        "low": e.low,
+        "high": e.high,
+        "verdict": str(e.verdict),
+        "half_width_percent": e.half_width_percent,
+        "start": e.start,
+        "half_width_alone_percent": e.alone_percent,
+        "prior_pull_sigma": e.prior_pull,
+    }
 
 
 def fit_table(result: FitResult) -> FitTable:
@@ -78,7 +90,7 @@ def fit_table(result: FitResult) -> FitTable:
     covariance = result.covariance[np.ix_(shared, shared)]
     covariance = np.where(np.isfinite(covariance), covariance, 0.0)
     for i, e in enumerate(estimates):
-        if e.verdict is not Verdict.IDENTIFIED:
+        if e.verdict is not KeyVerdict.IDENTIFIED:
             covariance[i, :] = covariance[:, i] = 0.0
     return FitTable(
         keys=tuple(e.key for e in estimates),
@@ -130,17 +142,17 @@ def sentences(result: FitResult) -> list[str]:
     """Return what a fit comes to, in sentences."""
     found = list(result.notes)
     for e in result.estimates:
-        if e.verdict is Verdict.ONE_SIDED:
+        if e.verdict is KeyVerdict.ONE_SIDED:
             limit = f"at least {number(e.low)}" if e.high is None else f"at most {number(e.high)}"
             low, high = result.speeds_m_s
             found.append(
                 f"{e.key} is {limit} (95 %): the records, at impact speeds of {low:.3g} to "
                 f"{high:.3g} m/s, set no limit on the other side."
             )
-        if e.grain is not None:
+        if e.resolution is not None:
             found.append(
-                f"{e.key} is fitted in steps of {e.grain:g} us, and its interval reaches half a "
-                "step beyond the values that explain the records."
+                f"{e.key} is fitted in steps of {e.resolution:g} us, and its interval reaches half "
+                "a step beyond the values that explain the records."
             )
     found += _unidentified(result)
     found += result.measure_next
@@ -190,7 +202,7 @@ def _good_to(record: str, pulse: float | None, after: float | None, largest: flo
 
 def _unidentified(result: FitResult) -> list[str]:
     """Name what the records cannot tell: combinations first, then each key with the reason."""
-    keys = [e for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE]
+    keys = [e for e in result.estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE]
     if not keys:
         return []
     worst = [c for c in result.combinations if c.half_width_percent > 100.0 * WIDEST]
@@ -203,7 +215,7 @@ def _unidentified(result: FitResult) -> list[str]:
 
 
 def _why_unidentified(e: Estimate, others: bool) -> str:
-    if e.grain is not None:
+    if e.resolution is not None:
         return f"{e.key}: the records allow {number(e.low)} to {number(e.high)}."
     half, alone = e.half_width_percent, e.alone_percent
     if half is None or half >= 1e3:

@@ -185,10 +185,12 @@ def _near(hits: Sequence[Hit], start: float, patience: int = 1) -> _Estimate:
 
         samples = float(
             scipy.optimize.minimize_scalar(
-                square, bounds=(samples - _NEAR, samples + _NEAR), method="bounded",
+                square,
+                bounds=(samples - _NEAR, samples + _NEAR),
+                method="bounded",
                 options={"xatol": _TOLERANCE},
             ).x
-        )  # fmt: skip
+        )
         observed = _observed(hits, samples)
         modes = refined(observed, grown.omega_rad_s, grown.loss_factor)
         since = 0 if modes.square < (1.0 - _GAIN) * least else since + 1

@@ -12,14 +12,11 @@ import scipy
 
 from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, MeasuredRows
 from hertzloop.identification.modes.universal import ModalDataError
-from hertzloop.identification.records.records import (
-    FILTERS,
-    Record,
-    RecordError,
-    clipped,
-    read_record,
-    read_records,
-)
+from hertzloop.identification.records.chain_keys import FILTERS
+from hertzloop.identification.records.converter import clipped_samples
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.reading import read_record, read_records
+from hertzloop.identification.records.record import Record
 
 ORDERS = {"xi_p": 0, "v_p": 1, "acceleration": 2}
 _FORCES = ("contact_force", "actuator_force")
@@ -165,11 +162,13 @@ def _apart(force: Record, response: Record) -> Iterator[tuple[Record, Record]]:
         # All parts of a record have its rate.
         first, second = (
             replace(
-                one, name=f"{one.name} (hit {i})", value=one.value[begin:end],
+                one,
+                name=f"{one.name} (hit {i})",
+                value=one.value[begin:end],
                 time_s=one.time_s[begin] + one.interval_s * np.arange(len(one.value[begin:end])),
             )
             for one in (force, response)
-        )  # fmt: skip
+        )
         yield first, second
 
 
@@ -184,7 +183,7 @@ def _hit(force: Record, response: Record) -> Hit:
             "of one recorder."
         )
     if any(
-        getattr(force.measured, key) != getattr(response.measured, key)
+        getattr(force.measurement, key) != getattr(response.measurement, key)
         for key in (*FILTERS, "low_pass", "low_pass_order")
     ):
         raise ModalDataError(
@@ -194,7 +193,7 @@ def _hit(force: Record, response: Record) -> Hit:
     for one in (force, response):
         if not np.all(np.isfinite(one.value)):
             raise ModalDataError(f"{one.name}: has gaps in its values. Give records without gaps.")
-        cut = int(np.count_nonzero(clipped(one)))
+        cut = int(np.count_nonzero(clipped_samples(one)))
         if cut:
             raise ModalDataError(
                 f"{one.name}: {cut} samples are clipped at the end of the range. Measure with a "
@@ -221,10 +220,11 @@ def _hit(force: Record, response: Record) -> Hit:
         raise ModalDataError(
             f"{force.name}: its peak is negative, and a contact pushes only. Turn its sign: give "
             "the record a negative sensitivity."
-            if high < _PULLS * low else
-            f"{force.name}: has both signs, {high:.3g} and {-low:.3g} N, and a contact pushes only."
-            " Check whether force and response are swapped, and which filters the force has passed."
-        )  # fmt: skip
+            if high < _PULLS * low
+            else f"{force.name}: has both signs, {high:.3g} and {-low:.3g} N, and a contact pushes "
+            "only. Check whether force and response are swapped, and which filters the force has "
+            "passed."
+        )
     if len(f) * noise**2 > _NOISY * np.sum(f**2):  # it would drive the modes
         f[np.flatnonzero(np.abs(f) > min(_OVER_NOISE * noise, _MOST_RISE * high))[-1] + 1 :] = 0.0
         f[: first - 2] = 0.0
@@ -251,11 +251,15 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
     values = np.concatenate([one.response for one in hits])[None]
     rest = np.concatenate([one.as_recorded(_stiff(one)) for one in hits])[None][: int(at_contact)]
     return MeasuredRows(
-        basis, rest, values,
+        basis,
+        rest,
+        values,
         np.full(values.shape, 1.0 / np.sqrt(np.mean(values**2))),
-        (_LOWEST_PERIODS / longest, _BAND / dt), 1.0 / longest,
-        0 if at_contact else None, _LEAST_WIDTH / longest,
-    )  # fmt: skip
+        (_LOWEST_PERIODS / longest, _BAND / dt),
+        1.0 / longest,
+        0 if at_contact else None,
+        _LEAST_WIDTH / longest,
+    )
 
 
 def _spectrum(hit: Hit) -> tuple[np.ndarray, np.ndarray, int]:

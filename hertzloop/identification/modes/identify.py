@@ -132,9 +132,12 @@ def _square(points: list[_Point]) -> float:
 
 
 def refined(
-    observed: MeasuredRows, omega: np.ndarray, loss: np.ndarray, rounds: int = _ROUNDS,
+    observed: MeasuredRows,
+    omega: np.ndarray,
+    loss: np.ndarray,
+    rounds: int = _ROUNDS,
     gain: float = _GAIN,
-) -> FittedModes:  # fmt: skip
+) -> FittedModes:
     """Return the modes near some frequencies (rad/s) and loss factors that fit best."""
     n, damping = len(omega), 1e-2
     columns = observed.columns(omega, loss)
@@ -170,7 +173,7 @@ def refined(
     order, factors = np.argsort(omega), np.array([point.x for point in points])
     return FittedModes(
         omega[order], loss[order], factors[:, order], factors[:, n:], _square(points)
-    )  # fmt: skip
+    )
 
 
 def _triangle(matrix: np.ndarray) -> np.ndarray:

@@ -80,9 +80,11 @@ def modes_of_hits(
             the hits do not tell, or the window takes more damping than a mode has.
     """
     hits, held, late = corrected(hits, held)
-    turns = [(list(hits), list(held))] if held else [
-        ([*hits[:i], *hits[i + 1 :]], [one]) for i, one in enumerate(hits)
-    ]  # fmt: skip
+    turns = (
+        [(list(hits), list(held))]
+        if held
+        else [([*hits[:i], *hits[i + 1 :]], [one]) for i, one in enumerate(hits)]
+    )
     if len(hits) == 1 and not held:
         turns = [(list(hits), list(hits))]
     found: list[HeldOut] = []
@@ -217,10 +219,14 @@ def _predicted(modes: FittedModes, hits: Sequence[Hit], at_contact: bool) -> lis
         pair = errors(modelled[kept], one.response[kept])
         found.append(
             HeldOut(
-                one.name, len(modes.omega_rad_s), *pair, x[kept], one.response[kept],
+                one.name,
+                len(modes.omega_rad_s),
+                *pair,
+                x[kept],
+                one.response[kept],
                 modelled[kept],
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -249,9 +255,12 @@ def modes_of_responses(
     modes = refined(observed, modes.omega_rad_s, modes.loss_factor, gain=1e-6)
     inside = modes.omega_rad_s <= 2.0 * np.pi * responses.hz[-1]
     kept = FittedModes(
-        modes.omega_rad_s[inside], modes.loss_factor[inside], modes.residues[:, inside],
-        0.0 * modes.rest, modes.square,
-    )  # fmt: skip
+        modes.omega_rad_s[inside],
+        modes.loss_factor[inside],
+        modes.residues[:, inside],
+        0.0 * modes.rest,
+        modes.square,
+    )
     by_force, shapes = _shapes(kept.residues, drive)
     residual, notes = None, []
     if drive is None:
@@ -266,17 +275,24 @@ def modes_of_responses(
         return shapes[responses.nodes.index(node)] if node in responses.nodes else by_force
 
     table = _table(
-        kept, at(points.contact), at(points.actuator),
-        None if points.sensor is None else at(points.sensor), residual,
-    )  # fmt: skip
+        kept,
+        at(points.contact),
+        at(points.actuator),
+        None if points.sensor is None else at(points.sensor),
+        residual,
+    )
     modelled = kept.response(judged.observed())
     checked = [
         HeldOut(
-            f"node {node}, {name}", len(kept.omega_rad_s),
-            *errors(model, measured), judged.hz, measured, model,
+            f"node {node}, {name}",
+            len(kept.omega_rad_s),
+            *errors(model, measured),
+            judged.hz,
+            measured,
+            model,
         )
         for node, measured, model in zip(judged.nodes, judged.values, modelled, strict=True)
-    ]  # fmt: skip
+    ]
     return MeasuredModes(table, tuple(checked), tuple(notes))
 
 
@@ -288,10 +304,18 @@ def _shapes(residues: np.ndarray, drive: int | None) -> tuple[np.ndarray, np.nda
 
 
 def _table(
-    modes: FittedModes, contact: np.ndarray, actuator: np.ndarray, sensor: np.ndarray | None,
+    modes: FittedModes,
+    contact: np.ndarray,
+    actuator: np.ndarray,
+    sensor: np.ndarray | None,
     residual: float | None,
-) -> ModeTable:  # fmt: skip
+) -> ModeTable:
     return ModeTable(
-        modes.omega_rad_s, modes.loss_factor, np.ones(len(contact)), contact, actuator, residual,
+        modes.omega_rad_s,
+        modes.loss_factor,
+        np.ones(len(contact)),
+        contact,
+        actuator,
+        residual,
         shape_sensor=sensor,
-    )  # fmt: skip
+    )

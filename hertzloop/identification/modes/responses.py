@@ -24,12 +24,21 @@ _SENSED = {8: "receptance", 11: "mobility", 12: "accelerance"}  # specific data 
 _FORCES = (9, 13)
 # Labels of units: the kind of response, and how many are one SI unit.
 _LABELS = {
-    "m": ("receptance", 1.0), "mm": ("receptance", 1e3), "um": ("receptance", 1e6),
-    "m/s": ("mobility", 1.0), "mm/s": ("mobility", 1e3), "in/s": ("mobility", 1 / 0.0254),
-    "m/s^2": ("accelerance", 1.0), "m/s2": ("accelerance", 1.0), "m/s**2": ("accelerance", 1.0),
-    "mm/s^2": ("accelerance", 1e3), "g": ("accelerance", 1 / 9.80665),
-    "n": ("force", 1.0), "lbf": ("force", 1 / 4.4482216152605), "kn": ("force", 1e-3),
-}  # fmt: skip
+    "m": ("receptance", 1.0),
+    "mm": ("receptance", 1e3),
+    "um": ("receptance", 1e6),
+    "m/s": ("mobility", 1.0),
+    "mm/s": ("mobility", 1e3),
+    "in/s": ("mobility", 1 / 0.0254),
+    "m/s^2": ("accelerance", 1.0),
+    "m/s2": ("accelerance", 1.0),
+    "m/s**2": ("accelerance", 1.0),
+    "mm/s^2": ("accelerance", 1e3),
+    "g": ("accelerance", 1 / 9.80665),
+    "n": ("force", 1.0),
+    "lbf": ("force", 1 / 4.4482216152605),
+    "kn": ("force", 1e-3),
+}
 _SAME = 1e-3
 _LINES = 4000  # taken evenly over the band; those around peaks come on top
 _AROUND = 60  # lines on each side of a peak
@@ -83,9 +92,14 @@ class FrequencyResponses:
         x2 = (self.hz / self.hz[-1]) ** 2
         low, high = float(self.hz[0]), float(self.hz[-1])
         return MeasuredRows(
-            basis, FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]), self.values, self.weights,
-            (low, 1.1 * high), (high - low) / 600, self.drive,
-        )  # fmt: skip
+            basis,
+            FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]),
+            self.values,
+            self.weights,
+            (low, 1.1 * high),
+            (high - low) / 600,
+            self.drive,
+        )
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (rad/s) and loss factors to begin with."""
@@ -113,8 +127,9 @@ def noise_weights(values: np.ndarray) -> np.ndarray:
     bins = np.array_split(np.argsort(size), _BINS)
     noise = np.array([max(np.median(apart[some]), 1e-30 * np.mean(size)) for some in bins])
     of_size = np.array([np.median(size[some]) for some in bins])
-    share, floor = scipy.optimize.nnls(np.stack([of_size, np.ones(_BINS)], 1) / noise[:, None],
-                                       np.ones(_BINS))[0]  # fmt: skip
+    share, floor = scipy.optimize.nnls(
+        np.stack([of_size, np.ones(_BINS)], 1) / noise[:, None], np.ones(_BINS)
+    )[0]
     return 1.0 / np.sqrt(max(share, _LEAST_SHARE) * np.abs(values) ** 2 + floor)
 
 
@@ -212,9 +227,14 @@ def responses_of_sets(
         raise ModalDataError(f"{path}: has fewer than 16 lines above 0 Hz. Measure a wider band.")
     weights = np.array([noise_weights(one) for one in values[:, good]])
     return FrequencyResponses(
-        hz[good], values[:, good], weights, orders.pop(),
-        tuple(node for node in nodes if node in by_node), reference, direction,
-    )  # fmt: skip
+        hz[good],
+        values[:, good],
+        weights,
+        orders.pop(),
+        tuple(node for node in nodes if node in by_node),
+        reference,
+        direction,
+    )
 
 
 def _axis(code: int) -> str:

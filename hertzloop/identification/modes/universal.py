@@ -22,14 +22,26 @@ _SHOWN = 12  # of many nodes in a sentence
 # is that of acceleration, in accelerances.
 LENGTHS = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254, "ft": 1 / 0.3048, "g": 1 / 9.80665}
 FORCES = {
-    "N": 1.0, "cN": 1e2, "mN": 1e3, "kN": 1e-3, "lbf": 1 / 4.4482216152605,
-    "kgf": 1 / 9.80665, "pdl": 1 / 0.138254954376,
-}  # fmt: skip
+    "N": 1.0,
+    "cN": 1e2,
+    "mN": 1e3,
+    "kN": 1e-3,
+    "lbf": 1 / 4.4482216152605,
+    "kgf": 1 / 9.80665,
+    "pdl": 1 / 0.138254954376,
+}
 # What the codes of data set 164 mean; 9 is defined by its factors alone.
 _CODES = {
-    1: ("m", "N"), 2: ("ft", "lbf"), 3: ("m", "kgf"), 4: ("ft", "pdl"), 5: ("mm", "mN"),
-    6: ("cm", "cN"), 7: ("in", "lbf"), 8: ("mm", "kgf"), 10: ("mm", "N"),
-}  # fmt: skip
+    1: ("m", "N"),
+    2: ("ft", "lbf"),
+    3: ("m", "kgf"),
+    4: ("ft", "pdl"),
+    5: ("mm", "mN"),
+    6: ("cm", "cN"),
+    7: ("in", "lbf"),
+    8: ("mm", "kgf"),
+    10: ("mm", "N"),
+}
 _SAME_FACTOR = 1e-3
 _NORMAL, _COMPLEX = (2,), (3, 7)  # analysis types: normal modes, complex ones
 _OF_SHAPES = (0, 1, 8)  # specific data types: unknown, general, displacement
@@ -297,8 +309,12 @@ def _mode_of(one: dict[str, Any], path: Path) -> _Mode | None:
     if one["type"] == 55 and one.get("analysis_type") in (*_NORMAL, *_COMPLEX):
         said, nodes = one.get("spec_data_type"), one["node_nums"]
         shapes = np.stack([np.asarray(one[f"r{i}"]) for i in (1, 2, 3)], axis=1)
-        numbers = (one.get("freq", 0.0), one.get("modal_m", 0.0), one.get("modal_damp_vis", 0.0),
-                   one.get("modal_damp_his", 0.0))  # fmt: skip
+        numbers = (
+            one.get("freq", 0.0),
+            one.get("modal_m", 0.0),
+            one.get("modal_damp_vis", 0.0),
+            one.get("modal_damp_his", 0.0),
+        )
         eigenvalue, modal_a = complex(one.get("eig", 0.0)), complex(one.get("modal_a", 0.0))
     elif (
         one["type"] == 2414

@@ -5,38 +5,118 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 _SIZES = {
-    "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9, "da": 10.0, "d": 0.1, "c": 1e-2, "m": 1e-3, "u": 1e-6,
-    "n": 1e-9, "p": 1e-12,
-}  # fmt: skip
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+    "da": 10.0,
+    "d": 0.1,
+    "c": 1e-2,
+    "m": 1e-3,
+    "u": 1e-6,
+    "n": 1e-9,
+    "p": 1e-12,
+}
 # SI unit, size, and the prefixes in use. A meganewton and a kilo-g stand in no record: they are
 # a millinewton and a kilogram that were written another way.
 _BASES = {
-    "s": ("s", 1.0, " m u n p"), "min": ("s", 60.0, " "), "h": ("s", 3600.0, " "),
-    "N": ("N", 1.0, " k m u n da"), "lbf": ("N", 4.4482216152605, " "),
-    "kgf": ("N", 9.80665, " "), "kp": ("N", 9.80665, " "), "dyn": ("N", 1e-5, " "),
-    "m": ("m", 1.0, " c d m u n p"), "in": ("m", 0.0254, " "), "ft": ("m", 0.3048, " "),
-    "mil": ("m", 2.54e-5, " "), "g": ("m/s^2", 9.80665, " m u"),
-    "V": ("V", 1.0, " k m u n"), "A": ("A", 1.0, " k m u n"), "C": ("C", 1.0, " m u n p"),
-    "Pa": ("Pa", 1.0, " k M G m"), "Hz": ("Hz", 1.0, " k M G m"), "S/s": ("Hz", 1.0, " k M G"),
-}  # fmt: skip
+    "s": ("s", 1.0, " m u n p"),
+    "min": ("s", 60.0, " "),
+    "h": ("s", 3600.0, " "),
+    "N": ("N", 1.0, " k m u n da"),
+    "lbf": ("N", 4.4482216152605, " "),
+    "kgf": ("N", 9.80665, " "),
+    "kp": ("N", 9.80665, " "),
+    "dyn": ("N", 1e-5, " "),
+    "m": ("m", 1.0, " c d m u n p"),
+    "in": ("m", 0.0254, " "),
+    "ft": ("m", 0.3048, " "),
+    "mil": ("m", 2.54e-5, " "),
+    "g": ("m/s^2", 9.80665, " m u"),
+    "V": ("V", 1.0, " k m u n"),
+    "A": ("A", 1.0, " k m u n"),
+    "C": ("C", 1.0, " m u n p"),
+    "Pa": ("Pa", 1.0, " k M G m"),
+    "Hz": ("Hz", 1.0, " k M G m"),
+    "S/s": ("Hz", 1.0, " k M G"),
+}
 _WORDS = {
-    "newton": "N", "second": "s", "sec": "s", "metre": "m", "meter": "m", "volt": "V",
-    "ampere": "A", "amp": "A", "coulomb": "C", "pascal": "Pa", "hertz": "Hz", "inch": "in",
-    "foot": "ft", "minute": "min", "hour": "h",
-}  # fmt: skip
-_LONG = {"kilo": "k", "mega": "M", "centi": "c", "milli": "m", "micro": "u", "nano": "n",
-         "pico": "p"}  # fmt: skip
+    "newton": "N",
+    "second": "s",
+    "sec": "s",
+    "metre": "m",
+    "meter": "m",
+    "volt": "V",
+    "ampere": "A",
+    "amp": "A",
+    "coulomb": "C",
+    "pascal": "Pa",
+    "hertz": "Hz",
+    "inch": "in",
+    "foot": "ft",
+    "minute": "min",
+    "hour": "h",
+}
+_LONG = {
+    "kilo": "k",
+    "mega": "M",
+    "centi": "c",
+    "milli": "m",
+    "micro": "u",
+    "nano": "n",
+    "pico": "p",
+}
 _OTHERS = {
-    "gn": "g", "g_n": "g", "G": "g", "lb_f": "lbf", "micron": "um", "microns": "um", "inches": "in",
-    "feet": "ft", "Sa/s": "S/s", "sps": "S/s", "samples/s": "S/s", "samples/second": "S/s",
-    "m*s-2": "m/s^2", "m*s-1": "m/s", "S": "s", "MS": "ms", "US": "us", "NS": "ns", "mS": "ms",
-    "uS": "us", "nS": "ns", "KN": "kN", "hr": "h",
-}  # fmt: skip
+    "gn": "g",
+    "g_n": "g",
+    "G": "g",
+    "lb_f": "lbf",
+    "micron": "um",
+    "microns": "um",
+    "inches": "in",
+    "feet": "ft",
+    "Sa/s": "S/s",
+    "sps": "S/s",
+    "samples/s": "S/s",
+    "samples/second": "S/s",
+    "m*s-2": "m/s^2",
+    "m*s-1": "m/s",
+    "S": "s",
+    "MS": "ms",
+    "US": "us",
+    "NS": "ns",
+    "mS": "ms",
+    "uS": "us",
+    "nS": "ns",
+    "KN": "kN",
+    "hr": "h",
+}
 # Units that may follow any name after an underscore; "channel_A" and "v_s" end in no unit.
 UNITS_AT_ENDS = (
-    "N", "kN", "mN", "lbf", "V", "mV", "uV", "g", "mm", "um", "nm", "m/s", "mm/s",
-    "MN", "lb", "lbs", "kg", "Nm", "tons", "psi", "bar", "counts", "bits",  # not known as units
-)  # fmt: skip
+    "N",
+    "kN",
+    "mN",
+    "lbf",
+    "V",
+    "mV",
+    "uV",
+    "g",
+    "mm",
+    "um",
+    "nm",
+    "m/s",
+    "mm/s",
+    "MN",
+    "lb",
+    "lbs",
+    "kg",
+    "Nm",
+    "tons",
+    "psi",
+    "bar",
+    "counts",
+    "bits",  # not known as units
+)
 
 
 class StatedUnit(NamedTuple):

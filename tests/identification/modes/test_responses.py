@@ -18,7 +18,9 @@ from hertzloop.identification.modes.identify import identified
 from hertzloop.identification.modes.modes import MeasuredModes, modes_of_hits, modes_of_responses
 from hertzloop.identification.modes.picture import draw
 from hertzloop.identification.modes.responses import responses_of_sets
-from hertzloop.identification.records.records import Measured, Record, read_record
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.reading import read_record
+from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures.mode_file import ModeTable, read_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load
@@ -224,7 +226,9 @@ def test_hits_that_are_refused() -> None:
     later = Record("late", motion.time_s + 1e-5, motion.value, "acceleration")
     early = Record("early", force.time_s[:-25], force.value[25:], "contact_force")
     speed = Record("v", last.time_s, last.value, "v_p")
-    passed = Record("slow", motion.time_s, motion.value, "acceleration", Measured(low_pass_hz=1e3))
+    passed = Record(
+        "slow", motion.time_s, motion.value, "acceleration", Measurement(low_pass_hz=1e3)
+    )
     gap = Record("gap", motion.time_s, motion.value, "xi")
     for some, sentence in [
         ([force, other, motion], "--from: 2 records of a force and 1 of a response"),

@@ -1,0 +1,83 @@
+"""A made-up record of a scene, for a check before an experiment."""
+
+import math
+import re
+from contextlib import suppress
+
+import numpy as np
+
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.hits import LONGEST_S
+from hertzloop.identification.fit.loop_model import (
+    LoopModel,
+    refuse_incomparable,
+    refuse_unknown_loop,
+)
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.records.measurement import Measurement
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.record import Record
+from hertzloop.scene.setup import Setup
+
+_MOST_EXPECTED = 10_000_000  # samples of an expected record
+_EXPECTED = re.compile(
+    r"(?P<quantity>[a-z_]+):(?P<us>[0-9.eE+]+)us:(?P<noise>[0-9.eE+-]+)%(?::(?P<mhz>[0-9.eE+-]+)MHz)?"
+)
+
+
+def expected_record(
+    setup: Setup, text: str, name: str = "expected record", control: bool | None = None
+) -> Record:
+    """Return a made-up record of the scene as it is, for a check before an experiment.
+
+    Args:
+        setup: the scene.
+        text: `QUANTITY:DURATIONus:NOISE%[:RATEMHz]`, as `contact_force:70us:0.3%:2MHz`; the noise
+            is a share of the peak.
+        name: of the record.
+        control: whether the law is on; by default for the force of the actuator alone.
+
+    Raises:
+        FitError: the text is not of this form.
+    """
+    match = _EXPECTED.fullmatch(text.strip())
+    if match is None or match["quantity"] not in QUANTITIES:
+        raise FitError(
+            f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz], such as "
+            f"contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."
+        )
+    duration_s = 1e-6 * _positive_number(text, match["us"])
+    share = 0.01 * _positive_number(text, match["noise"])
+    step_s = 1e-6 / _positive_number(text, match["mhz"] or "2")
+    quiet_s = max(250 * step_s, 0.2e-3)
+    samples = (duration_s + quiet_s) / step_s
+    if duration_s > LONGEST_S or samples > _MOST_EXPECTED:
+        raise FitError(
+            f"--expect {text}: is a record of {1e3 * duration_s:.3g} ms with {samples:.3g} "
+            f"samples. Suppose at most {1e3 * LONGEST_S:g} ms and {_MOST_EXPECTED:g} samples."
+        )
+    quantity = match["quantity"]
+    under = quantity == "actuator_force" if control is None else control
+    table = Measurement(quantity=quantity, control=under)
+    model: FrozenModel
+    if under:
+        refuse_unknown_loop(setup)
+        refuse_incomparable(Record(name, np.arange(8.0), np.ones(8), quantity, table), setup)
+        model = LoopModel(setup, duration_s, 1e-4)
+    else:
+        model = FrozenModel(setup, duration_s, 1e-4)
+    time_s = np.arange(-quiet_s, duration_s, step_s)
+    clean = observe(model.run({}, duration_s), quantity, MeasuringChain(), False).value(time_s)
+    noise = share * float(np.max(np.abs(clean)))
+    # The noise has a known size and no influence on the answer; its seed makes it repeatable.
+    noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
+    return Record(name, time_s, noisy, quantity, table)
+
+
+def _positive_number(text: str, part: str) -> float:
+    """Return a positive number in the text of an expected record. Raises FitError."""
+    with suppress(ValueError):
+        if 0.0 < float(part) < math.inf:
+            return float(part)
+    raise FitError(f"--expect {text}: '{part}' is not a positive number. Give one.")

@@ -1,0 +1,46 @@
+"""Take isolated outliers out of the records of a fit."""
+
+import numpy as np
+
+from hertzloop.identification.fit.problem import FitProblem, Iterate
+
+_OUTLIER = 4.0  # robust deviations
+_MOST_OUTLIERS = 0.06
+_FEW = 60  # samples of a pulse, none of which is taken out
+_LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
+
+
+def reject_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> int:
+    """Take isolated samples out that are more than four robust deviations away.
+
+    Returns:
+        How many there were. A run of more than two is a misfit and stays, as do all if they are
+        more than 6 % of a record.
+    """
+    rejected = 0
+    for index, c in enumerate(problem.channels):
+        value, _, tau = problem.predict(iterate.x, index, until_s)
+        _, _, gain, offset = problem.nuisances(iterate.x, index)
+        residual = np.where(c.kept, gain * value + offset - c.value, 0.0)
+        used = c.kept & (tau <= until_s)
+        if np.count_nonzero(used) < 20:
+            continue
+        sd = 1.4826 * float(np.median(np.abs(residual[used])))
+        sd = max(sd, c.noise if c.noise_from == "quiet" else 0.0, 0.5 * c.step)
+        far = used & (np.abs(residual) > _OUTLIER * sd)
+        contact = (tau > -0.5 * problem.models[index].contact_s) & (
+            tau < 1.5 * problem.models[index].contact_s
+        )
+        if np.count_nonzero(contact) < _FEW:  # a misfit of the pulse is as short as an outlier
+            far &= ~contact
+        runs = np.split(np.flatnonzero(far), np.flatnonzero(np.diff(np.flatnonzero(far)) > 1) + 1)
+        single = [i for run in runs if 0 < len(run) <= _LONGEST_RUN for i in run]
+        if len(single) > _MOST_OUTLIERS * np.count_nonzero(used):
+            continue
+        # Of Gauss's noise 6 samples of 100 000 are as far out; these cost nothing.
+        if single:
+            c.kept = c.kept.copy()
+            c.kept[np.array(single)] = False
+            c.rejected += len(single)
+            rejected += len(single)
+    return rejected

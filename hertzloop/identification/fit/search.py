@@ -1,0 +1,120 @@
+"""Starting points of a fit, and the search for a lower minimum."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
+from hertzloop.identification.fit.minimise import minimise
+from hertzloop.identification.fit.problem import FitProblem, Iterate, ignored_without_control
+from hertzloop.scene.errors import SceneError
+
+_STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing yields
+# Of a search for a lower minimum: how much wider a shorter window leaves the keys, how far it looks
+# and in what steps (standard deviations of the shorter and of the whole window), most points on a
+# side, most minima, and by how much chi-square has to fall.
+_BROADER, _ALONG_SD, _APART_SD = 8.0, 4.0, 10.0
+_MOST_TRIED, _MOST_MINIMA, _LOWER = 20, 3, 4.0
+_FARTHEST = 0.4  # of the logarithms of the keys
+
+
+def best_start(problem: FitProblem) -> np.ndarray:
+    """Return the starting parameters. Of a limiting pressure several values are tried: above the
+    elastic pressure of the impact its gradient is zero."""
+    x = problem.start_vector()
+    keys = [f.key for f in problem.varied_keys]
+    if PRESSURE_KEY not in keys:
+        return x
+    place = keys.index(PRESSURE_KEY)
+    f = problem.varied_keys[place]
+    pressure = _elastic_pressure(problem, f)
+    end = problem.windows_s()[0]
+    best: Iterate | None = None
+    for share in _STARTS:
+        tried = x.copy()
+        tried[place] = math.log(min(max(share * pressure, 1.01 * f.low), 0.99 * f.high))
+        found = minimise(problem, tried, end, early=True, steps=12, tolerance=1e-2)
+        if best is None or found.chi_square < best.chi_square:
+            best = found
+    assert best is not None
+    return best.x
+
+
+def search_lower_minimum(
+    problem: FitProblem, iterate: Iterate, windows: Sequence[float]
+) -> Iterate:
+    """Return the iterate, or one with less chi-square along what a shorter window leaves open.
+
+    Waves that come back from the edges repeat: shifted by a period, they fit almost as well, and
+    which of these minima a growing window comes to is chance.
+    """
+    keys = len(problem.varied_keys)
+    known = np.linalg.pinv(parameter_covariance(iterate)[:keys, :keys])
+    for end in reversed(windows[:-1]):
+        covariance = parameter_covariance(problem.evaluate(iterate.x, end, early=True))
+        variances, directions = np.linalg.eigh(covariance[:keys, :keys])
+        direction, sd = directions[:, -1], math.sqrt(max(float(variances[-1]), 1e-30))
+        apart = 1.0 / math.sqrt(max(float(direction @ known @ direction), 1e-30))
+        if not sd > _BROADER * apart:
+            continue
+        axis = covariance[:, :keys] @ direction / sd  # of all parameters
+        reach = min(_ALONG_SD, _FARTHEST / sd)
+        count = min(math.ceil(reach * sd / (_APART_SD * apart)), _MOST_TRIED)
+        trials = []
+        for t in np.linspace(-reach, reach, 2 * count + 1):
+            with suppress(SceneError):  # a value that the scene refuses
+                x = iterate.x + t * axis
+                trials.append(problem.evaluate(x, windows[-1], early=False, jacobian=False))
+        chi = [trial.chi_square for trial in trials]
+        minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
+        for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
+            found = minimise(
+                problem, trials[i].x, windows[-1], early=False, steps=15, tolerance=1e-3
+            )
+            if found.chi_square < iterate.chi_square - _LOWER:
+                iterate = found
+        break
+    return iterate
+
+
+def shifts_beyond_noise(
+    problem: FitProblem, shorter: Sequence[tuple[float, np.ndarray]], iterate: Iterate
+) -> list[np.ndarray]:
+    """Return how much farther the keys are from the solutions of shorter windows than noise
+    explains.
+
+    Args:
+        problem: the fit.
+        shorter: end of each window after the touch, s, and its solution, (parameters,).
+        iterate: solution of the whole records.
+
+    Returns:
+        Differences of the keys' logarithms, (keys,) for each window.
+    """
+    n, found = len(problem.varied_keys), []
+    for end, x in shorter:
+        apart = (x - iterate.x)[:n]
+        variance = np.diag(parameter_covariance(problem.evaluate(x, end, early=True)))[:n]
+        found.append(np.sign(apart) * np.sqrt(np.maximum(apart**2 - variance, 0.0)))
+    return found
+
+
+def parameter_covariance(iterate: Iterate) -> np.ndarray:
+    """Return the covariance of all parameters, (parameters, parameters)."""
+    inverse = iterate.pseudo_inverse()
+    return np.asarray(inverse @ inverse.T)
+
+
+def _elastic_pressure(problem: FitProblem, f: FreeKey) -> float:
+    """Pressure in the centre of the contact at its largest force, if it were elastic, Pa."""
+    model = problem.models[0]
+    values = {g.key: g.start for g in problem.free if not ignored_without_control(g.key)}
+    run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
+    force = float(np.max(run.force_n(run.time_s)))
+    bodies = model.setup.vary(values).mechanics
+    radius = bodies.sphere.radius_m
+    modulus = 0.75 * run.contact.stiffness / math.sqrt(radius)
+    a = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+    return 1.5 * force / (math.pi * a * a)

@@ -1,0 +1,12 @@
+"""Keys of the measuring chain."""
+
+from hertzloop.sensors.acquisition import LOW_PASSES as CAUSAL
+
+FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
+LOW_PASSES = (*CAUSAL, "sigma-delta")
+WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
+
+
+def is_chain_key(key: str) -> bool:
+    """Whether a scene key is of the measuring chain alone: no simulation depends on it."""
+    return key.startswith("sensors.") and key != "sensors.mass_kg"

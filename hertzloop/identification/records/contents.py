@@ -1,0 +1,89 @@
+"""What a file of a record holds: series with names, units and times."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hertzloop.identification.records.quantities import NAMES
+from hertzloop.identification.records.text.table import StatedSpacing
+from hertzloop.identification.records.units import name_and_unit
+
+
+class Series(NamedTuple):
+    """One series of a file.
+
+    Attributes:
+        name: of the column or channel.
+        unit: stated in the name or beside it; "" if none is.
+        values: as in the file, integers too, (samples,); they mean (values - zero)/levels.
+        number: among the columns or channels of the file, from 1 on.
+        group: of the file, to which the series belongs; "" without groups.
+        time_s: times of its own, s, (samples,); None if other series hold them.
+        is_time: whether it holds the times of others.
+        zero: value that means zero.
+        levels: values of the file for one of its unit.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    number: int
+    group: str = ""
+    time_s: np.ndarray | None = None
+    is_time: bool = False
+    zero: float = 0.0
+    levels: float = 1.0
+
+
+@dataclass
+class FileContents:
+    """What a file of records holds.
+
+    Attributes:
+        series: in the order of the file.
+        tables: its `[record]` tables, at least one.
+        spacing: time between samples; None if nothing states it.
+        notes: sentences on what is not used.
+        above: number of lines above a text table.
+        kind: what the file calls a series.
+        facts: keys of every `[record]` table that its format states.
+        multiplier: factor of its values that the file states, as text.
+        interrupted: whether empty lines stand between its rows.
+        name: of the file, for messages.
+    """
+
+    series: list[Series]
+    tables: list[dict[str, Any]] = field(default_factory=lambda: [{}])
+    spacing: StatedSpacing | None = None
+    notes: list[str] = field(default_factory=list)
+    above: int = 0
+    kind: str = "column"
+    facts: dict[str, Any] = field(default_factory=dict)
+    multiplier: str = ""
+    interrupted: bool = False
+    name: str = ""
+
+    def describe(self, series: Series) -> str:
+        """Return a series in words, such as "column 2 'Force [N]'"."""
+        name = f" '{series.name}'" if series.name else ""
+        several = len({s.group for s in self.series}) > 1 and series.group
+        group = f" of group '{series.group}'" if several else ""
+        return f"{self.kind} {series.number}{name}{group}"
+
+
+def even_times(count: int, step_s: float, start_s: float = 0.0) -> np.ndarray:
+    """Return evenly spaced times, s, shape (count,), without a second array of that size."""
+    found = np.arange(count, dtype=float)
+    found *= step_s
+    found += start_s
+    return found
+
+
+def is_series(series: Series, said: str | int) -> bool:
+    """Whether a number or a name of the `[record]` table means a series."""
+    if isinstance(said, int):
+        return series.number == said
+    stem, unit = name_and_unit(series.name, NAMES)
+    stated = unit or series.unit.strip(" ()[]")
+    return said in (series.name, stem, f"{stem} ({stated})", stated)

@@ -1,0 +1,31 @@
+"""Read the samples of hertzloop's own recordings."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop.identification.records.contents import FileContents, Series
+from hertzloop.identification.records.text.table import StatedSpacing
+from hertzloop.sensors.acquisition import Filters
+
+
+def read_recording(path: Path) -> FileContents:
+    """Read the samples of a recording; quantity, law and filters are those of its scene."""
+    from hertzloop.recordings.reader import read
+    from hertzloop.scene.setup import parse
+
+    found = read(path)
+    setup = parse(found.scene_toml, recorded=True)
+    values = np.asarray(found.daq_values, float)
+    pushed = bool(np.any(found.force.arrays.get("force_n", 0.0)))
+    inside: dict[str, Any] = {"quantity": setup.quantity, "control": setup.has_law and pushed}
+    if not setup.sensor.ideal:
+        names = {one.name for one in fields(Filters)}
+        if setup.sensor.low_pass_hz is None:
+            names -= {"low_pass", "low_pass_order"}
+        of_sensor = {name: getattr(setup.sensor, name) for name in names}
+        inside |= {key: value for key, value in of_sensor.items() if value is not None}
+    spacing = StatedSpacing(setup.every_steps * setup.step_s, 0.0, "run.step_ns")
+    return FileContents([Series("value", "", values, 1)], spacing=spacing, facts=inside)

@@ -1,0 +1,42 @@
+"""Read TDMS files."""
+
+from pathlib import Path
+
+from hertzloop.identification.records.contents import FileContents, even_times
+from hertzloop.identification.records.readers.arrays import series_of_array
+
+
+def read_tdms(path: Path) -> FileContents:
+    """Read a TDMS file; channels may start at different times."""
+    from nptdms import TdmsFile
+
+    found = FileContents([], kind="channel")
+    # Times of day with all their digits; the numbers are read apart, as their dates would be raw.
+    starts = {
+        channel.path: channel.properties.get("wf_start_time")
+        for group in TdmsFile.read_metadata(path, raw_timestamps=True).groups()
+        for channel in group.channels()
+        if "wf_increment" in channel.properties
+    }
+    known = [(start.seconds, start.second_fractions) for start in starts.values() if start]
+    first = min(known, default=(0, 0))
+    if known and len(known) < len(starts) and len(set(known)) > 1:
+        found.notes.append("channels without wf_start_time are taken to start with the first.")
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            unit = channel.properties.get("unit_string", channel.properties.get("Unit", ""))
+            made = series_of_array(
+                channel.name, channel[:], str(unit), len(found.series) + 1, found.notes
+            )
+            if channel.path in starts:
+                start, about = starts[channel.path], channel.properties
+                late_s = 0.0
+                if start:
+                    late_s = start.seconds - first[0] + (start.second_fractions - first[1]) / 2**64
+                late_s += float(about.get("wf_start_offset", 0.0))
+                step_s = float(about["wf_increment"])
+                made = [
+                    one._replace(time_s=even_times(len(one.values), step_s, late_s)) for one in made
+                ]
+            found.series += [one._replace(group=group.name) for one in made]
+    return found

@@ -1,0 +1,115 @@
+"""Read text tables, and the segments of LabVIEW's LVM files."""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from hertzloop.identification.records.contents import FileContents, Series, even_times
+from hertzloop.identification.records.errors import TableError
+from hertzloop.identification.records.quantities import NAMES
+from hertzloop.identification.records.text.column_names import SAMPLE_NUMBERS, is_time
+from hertzloop.identification.records.text.facts import stated_fact, stated_spacing, stated_unit
+from hertzloop.identification.records.text.reading import decode_text, read_table, read_text
+from hertzloop.identification.records.text.table import TextColumn, TextTable
+from hertzloop.identification.records.toml_tables import tables_in_comments
+from hertzloop.identification.records.units import name_and_unit, plain_name, unit_of
+
+
+def read_text_table(path: Path) -> FileContents:
+    """Read a text table. Raises TableError."""
+    return contents_of_table(read_table(path, NAMES))
+
+
+def read_lvm(path: Path) -> FileContents:
+    """Read an LVM file: every segment is a text table with facts above it. Raises TableError."""
+    text = decode_text(path.read_bytes())
+    starts = [one.start() for one in re.finditer(r"^Channels\b", text, re.MULTILINE)]
+    if len(starts) < 2:
+        return contents_of_table(read_text(text, NAMES))
+    found = FileContents([], kind="channel")
+    for i, (start, end) in enumerate(pairwise([*starts, len(text)]), 1):
+        part = contents_of_table(read_text(text[: starts[0]] + text[start:end], NAMES))
+        several = len({one.group for one in part.series}) > 1
+        spacing = None if any(one.is_time for one in part.series) else part.spacing
+        found.series += [
+            one._replace(
+                group=f"{i}, {one.group}" if several else str(i),
+                number=len(found.series) + j,
+                time_s=None
+                if spacing is None
+                else even_times(len(one.values), spacing.step_s, spacing.start_s),
+            )
+            for j, one in enumerate(part.series, 1)
+        ]
+        found.notes += part.notes
+    return found
+
+
+def contents_of_table(table: TextTable) -> FileContents:
+    """Return the series of a text table, without columns that number the samples.
+
+    A column of times begins a new group, unless the times stand behind the values.
+    """
+    found = FileContents(
+        [], tables_in_comments(table.comments), None, list(table.notes), table.above
+    )
+    try:
+        found.spacing = stated_spacing(table)
+    except TableError as error:  # which only matters without times
+        found.notes.append(f"{error}.")
+    found.interrupted = table.interrupted
+    found.multiplier = stated_fact(
+        table, ("multiplier", "scale_factor", "scaling_factor", "factor")
+    )
+    rising = _rising_column(table.columns)
+    block, value, after = 0, 0, True
+    for column in table.columns:
+        name = plain_name(name_and_unit(column.heading, ())[0])
+        unnamed = rising is None or column.number < rising.number
+        counter = name[:1] == "x" or (name in SAMPLE_NUMBERS and (name or unnamed))
+        if not unit_of(column.unit) and (
+            plain_name(column.unit) in SAMPLE_NUMBERS - {""}
+            or (counter and _counts_samples(column))
+        ):
+            found.notes.append(f"column {column.number} numbers the samples and is not used.")
+            continue
+        time = column.dates or is_time(column.heading, column.unit) or column is rising
+        if time and not after:
+            block += 1
+        after = time
+        unit = column.unit or stated_unit(table, time, 0 if time else value)
+        value += not time
+        found.series.append(
+            Series(
+                column.heading,
+                "s" if column.dates else unit,
+                column.values,
+                column.number,
+                str(block + 1),
+                is_time=time,
+            )
+        )
+    times = [one.is_time for one in found.series]
+    if found.spacing is None and times and times[-1] and not times[0]:  # times behind values
+        found.series = [one._replace(group="") for one in found.series]
+    return found
+
+
+def _counts_samples(column: TextColumn) -> bool:
+    """Whether each value of a column is the one before it plus one."""
+    return len(column.values) > 1 and bool(np.all(np.diff(column.values) == 1.0))
+
+
+def _rising_column(columns: list[TextColumn]) -> TextColumn | None:
+    """Return the first column of a table without names, or that behind numbers of samples, if it
+    rises as times do; else None."""
+    if len(columns) < 2 or any(column.heading for column in columns):
+        return None
+    if len(columns) > 2 and _counts_samples(columns[0]):
+        return _rising_column(columns[1:])
+    rising = [c for c in columns if np.all(np.diff(c.values[np.isfinite(c.values)]) > 0.0)]
+    if rising[:1] == columns[:1] and _counts_samples(columns[0]) and not columns[0].unit:
+        return None
+    return columns[0] if rising and rising[0] is columns[0] else None

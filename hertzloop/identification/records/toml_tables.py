@@ -1,0 +1,31 @@
+"""`[record]` tables in TOML texts and in the comments of files."""
+
+import re
+import tomllib
+from typing import Any
+
+from hertzloop.identification.records.errors import RecordError
+
+
+def tables_in_toml(text: str) -> list[dict[str, Any]]:
+    """The `[record]` table of a TOML text, or its `[[record]]` tables. Raises TOMLDecodeError and
+    RecordError."""
+    found = tomllib.loads(text).get("record", [])
+    tables = found if isinstance(found, list) else [found]
+    for table in tables:
+        if not isinstance(table, dict):
+            raise RecordError(f"record = {found!r}: is not a table. Write [record] or [[record]].")
+    return tables
+
+
+def tables_in_comments(text: str | bytes) -> list[dict[str, Any]]:
+    """The `[record]` tables of comment lines, at least one; other comments mean nothing. Raises
+    RecordError."""
+    said = text.decode("utf-8") if isinstance(text, bytes) else str(text)
+    first = re.search(r"\[?\[record\]", said)
+    try:
+        return (tables_in_toml(said[first.start() :]) if first else []) or [{}]
+    except tomllib.TOMLDecodeError as error:
+        raise RecordError(
+            f"the record table in the comments is not valid TOML: {error}."
+        ) from error
