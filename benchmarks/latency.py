@@ -34,8 +34,8 @@ from benchmarks.program import (
     write_records,
     written,
 )
-from hertzloop.cli.options import check_law, scene_from
-from hertzloop.cli.study_frame import resumable
+from hertzloop.cli.many_cases import resumable
+from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.results.cases import CASE_ROWS, Span, figures_of_case

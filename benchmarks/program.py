@@ -21,17 +21,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.core import TyperCommand
 
-from hertzloop.cli.options import (
-    JsonOption,
-    SceneArgument,
-    SetOption,
-    check_folder,
-    check_json,
-    compile_first,
-    make_folder,
-    scene_from,
-    write_json,
-)
+from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
+from hertzloop.cli.outputs import check_folder, check_json, make_folder, write_json
+from hertzloop.cli.prepare import compile_first, scene_from
 from hertzloop.cli.terminal import err, explained, fail, out
 from hertzloop.cli.terminal import progress as terminal_progress
 from hertzloop.common.optional_dependencies import need

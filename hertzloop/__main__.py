@@ -21,7 +21,7 @@ def load() -> None:
     from hertzloop.cli import app
     from hertzloop.loop.announcement import versions_here
 
-    app.built()
+    app.root_command()
     versions_here()  # read from the disk, and kept
 
 
@@ -97,8 +97,9 @@ def main() -> None:
     with command_line():
         from hertzloop.cli import app
 
-        app.load(sys.argv[1:])  # here, since typer says nothing of an interrupt in an import
-        app.main(app.built())
+        # Before typer runs, which says nothing of an interrupt in an import.
+        app.import_called(sys.argv[1:])
+        app.main(app.root_command())
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import hertzloop
 from benchmarks.program import app_of
 from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
-from hertzloop.cli.commands import leaves
+from hertzloop.cli.commands import all_commands
 from hertzloop.scene.keys import keys, page
 from tests import figure_page
 
@@ -66,9 +66,9 @@ def commands(page: Path, programs: tuple[str, ...] = ("hertzloop ",)) -> list[li
 def test_documented_commands_exist(page: Path) -> None:
     """Command and options; the files that they name need not be there."""
     for words in commands(page):
-        [leaf] = [leaf for leaf in leaves() if words[1:][: len(leaf.words.split())]
-                  == leaf.words.split()]  # fmt: skip
-        command, rest = app.loaded(leaf), words[1 + len(leaf.words.split()) :]
+        [entry] = [entry for entry in all_commands() if words[1:][: len(entry.words.split())]
+                  == entry.words.split()]  # fmt: skip
+        command, rest = app.load_command(entry), words[1 + len(entry.words.split()) :]
         options = {
             name for option in command.params for name in (*option.opts, *option.secondary_opts)
         }
@@ -99,8 +99,8 @@ def test_every_program_has_its_line() -> None:
 
 def test_every_command_has_its_line() -> None:
     told = (DOCS / "reference" / "commands.md").read_text()
-    for leaf in leaves():
-        assert re.search(rf"`(hertzloop )?{leaf.words}\b", told), leaf.words
+    for entry in all_commands():
+        assert re.search(rf"`(hertzloop )?{entry.words}\b", told), entry.words
 
 
 @pytest.mark.full

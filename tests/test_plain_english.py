@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.cli import app
-from hertzloop.cli.commands import leaves
+from hertzloop.cli.commands import all_commands
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -88,11 +88,11 @@ def raised(path: Path) -> Iterator[tuple[int, str]]:
 
 def helps() -> Iterator[tuple[str, str]]:
     """Yield every command with its summary, its example and all help texts of its page."""
-    for leaf in leaves():
-        command = app.loaded(leaf)
-        told = [leaf.summary, leaf.example, command.help or "", command.epilog or ""]
+    for entry in all_commands():
+        command = app.load_command(entry)
+        told = [entry.summary, entry.example, command.help or "", command.epilog or ""]
         told += [getattr(param, "help", None) or "" for param in command.params]
-        yield leaf.words, "\n".join(told)
+        yield entry.words, "\n".join(told)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from hertzloop.studies.margin.system import LinearSystem
-    from hertzloop.studies.tuning import Found
+    from hertzloop.studies.tuning import Candidate
 
 Range = str | Sequence[Any]
 
@@ -90,7 +90,7 @@ def tune(
     population: int = 40,
     seed: int = 1,
     workers: int | None = None,
-) -> "list[Found]":
+) -> "list[Candidate]":
     """Search the Pareto-optimal settings of laws (NSGA-II, Deb et al. 2002).
 
     Args:

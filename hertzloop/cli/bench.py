@@ -1,8 +1,11 @@
 """The command that measures how fast a scene runs on this machine."""
 
 from dataclasses import asdict
+from typing import Annotated
 
-from hertzloop.cli import options
+import typer
+
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import out, progress
 from hertzloop.processes import fork_server
 from hertzloop.scene.loading import DEFAULT
@@ -19,19 +22,16 @@ _CALLED = {
 def bench(
     scene: options.SceneArgument = DEFAULT,
     settings: options.SetOption = None,
-    quick: bool = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure fewer rounds and cases.")] = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Measure how fast this computer runs a scene.
 
     It times the loop in each transport, and the cases of a small sweep on one core.
-
-    Args:
-        quick: Measure fewer rounds and cases.
     """
-    options.check_json(json_file)
-    resolved = options.scene_from(scene, settings, None)
-    options.compile_first(resolved)
+    outputs.check_json(json_file)
+    resolved = prepare.scene_from(scene, settings, None)
+    prepare.compile_first(resolved)
 
     fork_server.prepare()  # before anything starts a thread
     with progress("bench", 100) as advance:
@@ -57,4 +57,4 @@ def bench(
         f"{by['zenoh'].times_real_time:.2g} times real time, and one core runs "
         f"{found.sweep.per_s:z.0f} cases of a latency sweep in a second."
     )
-    options.write_json(json_file, asdict(found))
+    outputs.write_json(json_file, asdict(found))

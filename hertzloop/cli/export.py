@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from hertzloop.cli import options
-from hertzloop.cli.recordings import FileArgument
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.jit.object_code import outline
 from hertzloop.common.optional_dependencies import need
@@ -19,29 +18,33 @@ from hertzloop.views.labels import export_labels
 
 
 def export(
-    file: FileArgument,
-    out_file: Annotated[Path, typer.Option("--out", "-o", metavar="F")],
-    from_ms: Annotated[float, typer.Option("--from", min=0.0)] = 0.0,
-    to_ms: Annotated[float | None, typer.Option("--to", min=0.0)] = None,
+    file: options.FileArgument,
+    out_file: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="F", help="Write this .mcap, .parquet, .csv, .npz or .h5 file."
+        ),
+    ],
+    from_ms: Annotated[
+        float, typer.Option("--from", min=0.0, help="Start at this simulated time, ms.")
+    ] = 0.0,
+    to_ms: Annotated[
+        float | None, typer.Option("--to", min=0.0, help="Stop at this simulated time, ms.")
+    ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
 
     An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot. Beside F.csv,
     F-columns.csv has the unit and the meaning of each column.
-
-    Args:
-        out_file: Write this .mcap, .parquet, .csv, .npz or .h5 file.
-        from_ms: Start at this simulated time, ms.
-        to_ms: Stop at this simulated time, ms.
     """
     # Arrow takes 0.05 s, which the other command saves.
-    from hertzloop.recordings.export.export import FORMATS, outputs
-    from hertzloop.recordings.export.export import export as write
+    from hertzloop.recordings.export import export as sample_export
     from hertzloop.recordings.export.samples import Samples
 
-    if out_file.suffix not in FORMATS:
-        fail(f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.")
+    if out_file.suffix not in sample_export.FORMATS:
+        endings = ", ".join(sample_export.FORMATS)
+        fail(f"--out = {out_file}: unknown format. Use a name that ends in {endings}.")
     if out_file.suffix == ".h5":
         need("h5py")
     for option, value in (("--from", from_ms), ("--to", to_ms)):
@@ -49,9 +52,9 @@ def export(
             fail(f"{option} = {value:g}: must be a finite number. Give a time in ms.")
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.")
-    written = outputs(out_file)
+    written = sample_export.outputs(out_file)
     for path in written:
-        options.check_output(path, overwrite, read=[file])
+        outputs.check_output(path, overwrite, read=[file])
     recording = read(file)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
@@ -66,7 +69,7 @@ def export(
         begin, end = (f"{ns / 1e6:.10g}" for ns in recorded)
         given = f"--from = {from_ms:g}" + ("" if to_ms is None else f", --to = {to_ms:g}")
         fail(f"{given}: has no samples. Give a span within {begin} to {end} ms.")
-    write(samples, out_file)
+    sample_export.export(samples, out_file)
     out.say(f"written: {' and '.join(map(str, written))}")
 
 
@@ -80,10 +83,19 @@ CpuOption = Annotated[
 
 def export_plant(
     scene: options.SceneArgument,
-    out_file: Annotated[Path | None, typer.Option("--out", "-o", metavar="F")] = None,
-    out_dir: Annotated[Path | None, typer.Option("--out-dir", metavar="DIR")] = None,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="F", help="Write this .fmu or .so file.")
+    ] = None,
+    out_dir: Annotated[
+        Path | None,
+        typer.Option(
+            "--out-dir",
+            metavar="DIR",
+            help="Write the C library, its header and an example into this folder.",
+        ),
+    ] = None,
     cpu: CpuOption = "x86-64-v3",
-    fmi: Literal["2", "3"] = "3",
+    fmi: Annotated[Literal["2", "3"], typer.Option(help="Use this version of FMI for .fmu.")] = "3",
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
@@ -91,11 +103,6 @@ def export_plant(
     """Write the plant for other programs: an FMU or a C library.
 
     It holds plant, actuator and sensor. The calling program gives the force.
-
-    Args:
-        out_file: Write this .fmu or .so file.
-        out_dir: Write the C library, its header and an example into this folder.
-        fmi: Use this version of FMI for .fmu.
     """
     here = sys.platform, platform.machine()
     if here != ("linux", "x86_64"):
@@ -107,11 +114,11 @@ def export_plant(
     assert out_path is not None
     if not folder and out_path.suffix not in (".fmu", ".so"):
         fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir")
-    options.check_reachable(out_path)
-    resolved = options.scene_from(scene, settings, seed)
+    outputs.check_reachable(out_path)
+    resolved = prepare.scene_from(scene, settings, seed)
     if not folder:
-        options.check_output(
-            out_path, overwrite, read=options.files_of(resolved, scene, *(settings or []))
+        outputs.check_output(
+            out_path, overwrite, read=outputs.files_of(resolved, scene, *(settings or []))
         )
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(
@@ -124,7 +131,7 @@ def export_plant(
     made = image(resolved)
     if not is_compiled(outline(made.unit), cpu):
         err.print(f"Compiling the kernels for {cpu}: once, about half a minute.")
-    options.make_folder(out_path if folder else out_path.parent)
+    outputs.make_folder(out_path if folder else out_path.parent)
     if folder:
         library.write_folder(made, cpu, out_path)
     elif out_path.suffix == ".fmu":

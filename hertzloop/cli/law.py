@@ -12,7 +12,7 @@ import typer
 from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import StreamFault
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import RunOptions
@@ -49,40 +49,52 @@ def list_laws() -> None:
 
 
 def new(
-    file: Annotated[Path, typer.Argument(metavar="F.py|F.c")],
-    with_check: bool = False,
+    file: Annotated[Path, typer.Argument(metavar="F.py|F.c", help="Write this new file.")],
+    with_check: Annotated[
+        bool,
+        typer.Option(
+            "--with-check",
+            help="Write requirements.toml and a workflow for continuous integration beside it.",
+        ),
+    ] = False,
 ) -> None:
     """Write a commented law in Python or C that runs without changes.
 
     A law in C gets the header hertzloop_law.h beside it.
-
-    Args:
-        file: Write this new file.
-        with_check: Write requirements.toml and a workflow for continuous integration beside it.
     """
-    then = _next(file, with_check)
-    options.write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), then)
+    then = _next_command(file, with_check)
+    outputs.write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), then)
 
 
 def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
+    """Return the files of a new law, with their texts."""
     texts = {file: _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)}
     header = file.with_name("hertzloop_law.h")
     if file.suffix == ".c" and not header.exists():
         texts[header] = _resource("hertzloop_law.h")
-    for name in ("requirements.toml", "workflow.yml") if with_check else ():
-        beside = file.with_name(name)
-        if beside.exists():
-            fail(f"{beside} exists. Move it, or omit --with-check.")
-        text = _resource(f"{name}.txt").replace('law = "FILE"', f'law = "{_runs(file).name}"')
-        texts[beside] = text.replace("FILE", file.name)
-    if file.suffix == ".c" and with_check:
+    return texts | (_checks_of(file) if with_check else {})
+
+
+def _checks_of(file: Path) -> dict[Path, str]:
+    """Return the requirements of a new law, and the workflow that checks them."""
+    texts = {}
+    for name in ("requirements.toml", "workflow.yml"):
+        path = file.with_name(name)
+        if path.exists():
+            fail(f"{path} exists. Move it, or omit --with-check.")
+        text = _resource(f"{name}.txt")
+        text = text.replace('law = "FILE"', f'law = "{_loadable(file).name}"')
+        texts[path] = text.replace("FILE", file.name)
+    if file.suffix == ".c":
         compiled = f"      - run: {compilation(Path(file.name))}\n"
-        before, check, after = texts[beside].partition("      - run: hertzloop budget")
-        texts[beside] = before + compiled + check + after
+        workflow = file.with_name("workflow.yml")
+        before, check, after = texts[workflow].partition("      - run: hertzloop budget")
+        texts[workflow] = before + compiled + check + after
     return texts
 
 
-def _runs(file: Path) -> Path:
+def _loadable(file: Path) -> Path:
+    """Return the file that a scene names as its law: of a law in C, the compiled library."""
     return file.with_suffix(".so") if file.suffix == ".c" else file
 
 
@@ -90,35 +102,32 @@ def _resource(name: str) -> str:
     return (resources.files("hertzloop.controller") / "loading" / "start" / name).read_text("utf-8")
 
 
-def _next(file: Path, with_check: bool) -> str:
-    words = ["run", "--set", f"controller.law={_runs(file)}"]
+def _next_command(file: Path, with_check: bool) -> str:
+    """Return the command that tries a new law; a law in C is compiled first."""
+    words = ["run", "--set", f"controller.law={_loadable(file)}"]
     if with_check:
         words = ["budget", "--check", str(file.with_name("requirements.toml"))]
-    run = shlex.join(["hertzloop", *words])
-    return f"{compilation(file)} && {run}" if file.suffix == ".c" else run
+    command = shlex.join(["hertzloop", *words])
+    return f"{compilation(file)} && {command}" if file.suffix == ".c" else command
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="F.mcap")],
-    law: str,
+    file: options.FileArgument,
+    law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
     settings: options.SetOption = None,
-    picture: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
+    ] = None,
     overwrite: options.OverwriteOption = False,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Feed a recording's samples to another law and show where the forces differ.
-
-    Args:
-        file: Recording to read.
-        law: Feed the recorded samples to this law.
-        picture: Write the picture here; default: F-law.png.
-    """
+    """Feed a recording's samples to another law and show where the forces differ."""
     from hertzloop.studies import law_on as law_replay  # of an extra
 
     target = picture or file.with_name(f"{file.stem}-law.png")
-    options.check_picture(target)
-    options.check_output(target, overwrite, read=[file])
-    options.check_json(json_file, target)
+    outputs.check_picture(target)
+    outputs.check_output(target, overwrite, read=[file])
+    outputs.check_json(json_file, target)
     recording = read(file)
     keys = dict(parse_setting(text) for text in settings or [])
     setup = law_replay.scene_with(recording, law, keys)
@@ -127,14 +136,15 @@ def replay(
         err.say(f"{file}: {problem}")
     if note := loaded_law(setup).identity_note():
         err.say(note)
-    ran = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
-    law_replay.draw(found, (f"recorded: {ran}", loaded_law(setup).name), target)
+    law_used = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
+    law_replay.draw(found, (f"recorded: {law_used}", loaded_law(setup).name), target)
     out.say(_difference(found, loaded_law(setup).name))
     out.say(f"written: {target}")
-    options.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
+    outputs.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 
 
 def _difference(found: "ForceComparison", name: str) -> str:
+    """Say at which step the forces of two laws differ first."""
     if found.first is None:
         return f"the same forces in all {len(found.other_n):,} steps"
     at = found.first
@@ -144,35 +154,41 @@ def _difference(found: "ForceComparison", name: str) -> str:
     )
 
 
-@options.takes(only=("controller", "name", "timeout_s"))
 def controller_test(
-    request: RunOptions,
-    law: str | None = None,
+    name: options.NameOption = None,
+    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
+    controller: options.ControllerOption = None,
+    law: Annotated[
+        str | None, typer.Option(help="Require the forces of this law, byte for byte.")
+    ] = None,
     settings: options.SetOption = None,
-    port: Annotated[int | None, typer.Option(min=1, max=65533)] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=65533,
+            help="First of three ports: plant's, controller's, recorder's. Default: free "
+            "ones if CMD has {listen}, else those from 7450 on.",
+        ),
+    ] = None,
 ) -> None:
     """Test your own controller program in short runs.
 
     The plant names the first thing that the program does wrong.
-
-    Args:
-        law: Require the forces of this law, byte for byte.
-        port: First of three ports: plant's, controller's, recorder's. Default: free ones if CMD has
-            {listen}, else those from 7450 on.
     """
-    command = request.controller
-    if command is None:
+    run_options = RunOptions(name=name, timeout_s=timeout_s, controller=controller)
+    if controller is None:
         fail("--controller: missing. Give the command line of your program.")
-    check_command(command)
+    check_command(controller)
     cases = cases_of(law, settings or [])
-    options.compile_first(*(case.setup for case in cases))
+    prepare.compile_first(*(case.setup for case in cases))
     fork_server.prepare()  # before anything starts a thread
-    name = request.name or (None if "{name}" in command else BUS_NAME)
+    bus_name = name or (None if "{name}" in controller else BUS_NAME)
     recordings: list[Recording] = []
     for case in cases:
         try:
-            with meeting_endpoints(command, port) as endpoints, own_folder() as folder:
-                meeting = replace(request, endpoints=endpoints, name=name)
+            with meeting_endpoints(controller, port) as endpoints, own_folder() as folder:
+                meeting = replace(run_options, endpoints=endpoints, name=bus_name)
                 recordings.append(run_case(case, meeting, Path(folder)))
             if law:
                 compare_with_law(recordings[-1], case.setup)
@@ -180,7 +196,7 @@ def controller_test(
                 compare_blocks(recordings[-1], recordings[0], case.setup)
         except (RunFailed, RecordingError, StreamFault, BusError, WrongForce) as error:
             fail(f"{case.name}: {error}", 1)
-    ran = law_of(recordings[0])
-    err.say(f"its law: {ran}" if ran else "it does not say which law ran (report.law)")
+    law_used = law_of(recordings[0])
+    err.say(f"its law: {law_used}" if law_used else "it does not say which law ran (report.law)")
     forces = sum(case.setup.steps for case in cases)
     out.print(f"conforms: {len(cases)} runs, {forces:,} forces")

@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.cli import options
-from hertzloop.cli.recordings import FileArgument
+from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.plant.figures.sound import DIRECTIONS
 from hertzloop.recordings.reader import read
@@ -26,39 +25,50 @@ _ENERGIES = {
 
 
 def listen(
-    file: FileArgument,
-    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")] = Path(),
-    at: tuple[float, float, float] = (0.0, 0.0, 1.0),
-    slow: Annotated[float, typer.Option(min=1.0, max=1000.0)] = 1.0,
-    tail: Annotated[float, typer.Option(min=0.0, max=10.0)] = 0.3,
-    energy: bool = False,
+    file: options.FileArgument,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--out-dir",
+            "-o",
+            metavar="DIR",
+            help="Write the sounds into this folder; default: the working folder.",
+        ),
+    ] = Path(),
+    at: Annotated[
+        tuple[float, float, float],
+        typer.Option(help="Place the listener at x, y from the plate centre and this height, m."),
+    ] = (0.0, 0.0, 1.0),
+    slow: Annotated[
+        float, typer.Option(min=1.0, max=1000.0, help="Slow the sound down by this factor.")
+    ] = 1.0,
+    tail: Annotated[
+        float,
+        typer.Option(min=0.0, max=10.0, help="Let the plate ring for this time after the run, s."),
+    ] = 0.3,
+    energy: Annotated[
+        bool, typer.Option("--energy", help="Compute the sound energy through a half sphere.")
+    ] = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Write the sound of a run, with and without control, as WAV.
 
     It is the sound pressure at a listener's point, from the plate's modes in a rigid baffle, up to
     20 kHz. All files have the same scale.
-
-    Args:
-        folder: Write the sounds into this folder; default: the working folder.
-        at: Place the listener at x, y from the plate centre and this height, m.
-        slow: Slow the sound down by this factor.
-        tail: Let the plate ring for this time after the run, s.
-        energy: Compute the sound energy through a half sphere.
     """
     if not at[2] > 0.0:
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
-    options.check_json(json_file)
+    outputs.check_json(json_file)
     recording = read(file, keep=True)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
-    options.make_folder(folder)
+    outputs.make_folder(folder)
     try:
         data = write_sounds(recording, scene_of(recording), folder, at, slow, tail, energy)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     _show(data)
-    options.write_json(json_file, data)
+    outputs.write_json(json_file, data)
 
 
 def _show(data: dict[str, Any]) -> None:

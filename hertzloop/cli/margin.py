@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import out
 from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -20,29 +20,32 @@ from hertzloop.studies.margin.system import LinearSystem
 
 def margin(
     scene: options.SceneArgument = DEFAULT,
-    law: str | None = None,
+    law: Annotated[str | None, typer.Option(help="Use this law instead of the scene's.")] = None,
     settings: options.SetOption = None,
-    folder: Annotated[Path | None, typer.Option("--out-dir", "-o")] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out-dir",
+            "-o",
+            help="Folder for margin.png, margin.json, and the plant as plant.npz.",
+        ),
+    ] = None,
     json_file: options.JsonOption = None,
-) -> None:  # fmt: skip
+) -> None:
     """Tell how stable a linear law's loop is in flight.
 
     It prints growth, latency limit, stable windows, gain margin, and the frequency and mode that
     limit the loop. For a law on the contact force it prints the loop in contact, and for a law that
     is not linear when its first force acts.
-
-    Args:
-        law: Use this law instead of the scene's.
-        folder: Folder for margin.png, margin.json, and the plant as plant.npz.
     """
-    options.check_json(json_file)
+    outputs.check_json(json_file)
     if folder is not None:
         need("matplotlib")
-        options.make_folder(folder)
+        outputs.make_folder(folder)
     changes = list(settings or [])
     if law is not None:
         changes.insert(0, f"controller.law={law}")
-    setup = options.scene_from(scene, changes, None)
+    setup = prepare.scene_from(scene, changes, None)
     contact = facts = None
     found = margin_of(setup)
     if not found.applicable and setup.has_law and SCHEMES[setup.scheme].has_linear_model:
@@ -65,11 +68,11 @@ def margin(
         mode = binding_mode(setup, at_hz)
         data["binding_mode"] = None if mode is None else asdict(mode)
         out.say(mode_line(mode, at_hz))
-    options.write_json(json_file, data)
+    outputs.write_json(json_file, data)
     if folder is None:
         return
     if not found.applicable:
-        options.write_json(folder / "margin.json", data)
+        outputs.write_json(folder / "margin.json", data)
         return
     # Of an extra.
     from hertzloop.studies import pictures
@@ -77,6 +80,6 @@ def margin(
 
     pictures.save(draw(setup, found), folder / "margin.png")
     LinearSystem.of(setup).save(folder / "plant.npz")
-    options.write_json(folder / "margin.json", data)
+    outputs.write_json(folder / "margin.json", data)
     for name in ("margin.png", "margin.json", "plant.npz"):
         out.say(f"written: {folder / name}")

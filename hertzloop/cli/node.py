@@ -16,146 +16,41 @@ from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import too_long
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.recordings import repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.loop.run_options import BusOptions, RunOptions
 from hertzloop.processes import roles
-from hertzloop.processes.program import BASE_PORT, BUS_NAME
+from hertzloop.processes.program import BASE_PORT, BUS_NAME, LARGEST_PORT
 from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.loading import DEFAULT
 
-# Of the kinds that zenoh comes with here.
+# Endpoints of the protocols that zenoh has here.
 _ENDPOINT = re.compile(
     r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:[0-9]{1,9}(?:[?#]\S+)?"
 )
 _PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)")
 
 
-@contextmanager
-def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
-    """Frame of a process of a run: yields a function that reports to a launcher (`machine`).
-
-    Faults are reported too, or told to a person; then the command ends with exit code 1, or
-    130 if it was interrupted. A report says whether the fault is another role's (`others`),
-    which roles were missing (`lost`), and when that was found (`at_s`). While the process runs, it
-    says so again and again (`beat`).
-    """
-
-    def tell(**what: object) -> None:
-        if machine:
-            with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
-                print(json.dumps(what) + "\n", end="", flush=True)  # at once: threads do
-
-    if machine:
-        roles.end_with_the_launcher()
-        clock.on_beat = lambda: tell(beat=True)
-    try:
-        yield tell
-    except KeyboardInterrupt as error:
-        sentence = str(error) or f"{role} was interrupted"
-        tell(fault=sentence)
-        if not machine:
-            err.print(sentence)
-        raise typer.Exit(INTERRUPTED) from None
-    except (BusError, StreamFault, RecordingError) as error:
-        missed: dict[str, object] = {}
-        if isinstance(error, PeerLost):
-            missed = {"lost": list(error.roles), "at_s": error.at_s}
-        others = isinstance(error, PeerLost | EndedByOther)
-        tell(fault=str(error), others=others, **missed)
-        if not machine:
-            fail(str(error), 1)
-        raise typer.Exit(1) from None
-    finally:
-        clock.on_beat = lambda: None
+Report = Callable[..., None]  # takes the parts of a report by name
 
 
-def bus_address(role: str, request: RunOptions, bus: BusOptions) -> BusAddress:
-    """Address from the options of a command, else from its configuration, else on loopback.
-
-    Ends the command if an endpoint or the configuration is none.
-    """
-    check_endpoints("--listen", bus.listen)
-    check_endpoints("--connect", bus.connect)
-    config = bus.zenoh_config
-    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
-    try:
-        if config:
-            own = [] if names_endpoints(config, "listen") else own
-            others = [] if names_endpoints(config, "connect") else others
-            for endpoint in endpoints_named(config):
-                _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
-    except BusError as error:
-        fail(f"--zenoh-config: {error}")
-    return BusAddress(
-        request.name or BUS_NAME, bus.listen or own, bus.connect or others, config,
-        request.timeout_s, bus.wait_s, bus.machine,
-    )  # fmt: skip
-
-
-@contextmanager
-def playing(
-    role: str, request: RunOptions, bus: BusOptions
-) -> Iterator[tuple[Callable[..., None], BusAddress]]:
-    """Frame of a role that meets the others: see `framed`; and where it does."""
-    with framed(role, bus.machine) as tell:
-        address = bus_address(role, request, bus)
-        if not bus.machine:
-            others = " and ".join(other for other in ROLES if other != role)
-            err.print(f"{role} on {where(address)}: waiting for {others}")
-        yield tell, address
-
-
-def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
-    """End the command if what an option gives is no endpoint."""
-    for endpoint in endpoints:
-        found = _ENDPOINT.fullmatch(endpoint)
-        if not found:
-            example = f"tcp/127.0.0.1:{BASE_PORT}"
-            fail(f"{option} = '{endpoint}': invalid endpoint. Write it as {example}.")
-        _check_port(f"{option} '{endpoint}'", endpoint)
-        if too_long(endpoint):
-            fail(f"{option} = '{endpoint}': the path is too long. Use at most 107 bytes.")
-
-
-def _check_port(named: str, endpoint: str) -> None:
-    """End the command if an endpoint's port, if it has one, cannot be."""
-    found = _PORT.search(endpoint)
-    if found and int(found["port"]) > options.LARGEST_PORT:
-        fail(f"{named} has no port up to {options.LARGEST_PORT}")
-
-
-def where(address: BusAddress) -> str:
-    """Where a role listens, in words."""
-    return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
-
-
-def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
-    """Report progress at most ten times a second."""
-    last = [0.0]
-
-    def report(step: int) -> None:
-        now = time.monotonic()
-        if now - last[0] > 0.1:
-            last[0] = now
-            tell(step=step)
-
-    return report
-
-
-def say_profile(stats: dict[str, Any]) -> None:
-    """One line on what was granted."""
-    err.say(f"real-time profile: {stats['realtime']}")
-
-
-@options.takes(PLANT, name=BUS_NAME, realtime="auto")
 def plant(
-    request: RunOptions,
-    bus: BusOptions,
+    horizon: options.HorizonOption = None,
+    name: options.NameOption = BUS_NAME,
+    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
+    fast_lane: options.FastLaneOption = True,
+    realtime: options.RealtimeOption = "auto",
+    pace: options.PaceOption = None,
+    repeat: options.RepeatOption = None,
+    listen: options.ListenOption = None,
+    connect: options.ConnectOption = None,
+    zenoh_config: options.ZenohConfigOption = None,
+    wait_s: options.WaitOption = BusOptions.wait_s,
+    machine: options.MachineOption = False,
     scene: options.SceneArgument = DEFAULT,
     settings: options.SetOption = None,
     seed: options.SeedOption = None,
@@ -164,57 +59,217 @@ def plant(
 
     It waits for controller and recorder, then runs the scene.
     """
-    resolved = options.scene_from(scene, settings, seed, tried=bus.machine)
-    options.check_pace(resolved, request)
-    repeat = request.repeat
-    repeated = repeat_or_fail(read(repeat), resolved) if repeat else None
-    with playing(PLANT, request, bus) as (tell, address):
+    run_options = RunOptions(
+        horizon=horizon,
+        name=name,
+        timeout_s=timeout_s,
+        fast_lane=fast_lane,
+        realtime=realtime,
+        pace=pace,
+        repeat=repeat,
+    )
+    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
+    setup = prepare.scene_from(scene, settings, seed, law_was_tried=machine)
+    prepare.check_pace(setup, run_options)
+    repeated = repeat_or_fail(read(repeat), setup) if repeat else None
+    with _on_bus(PLANT, run_options, bus) as (report, address):
         stats = roles.run_plant(
-            resolved, replace(address, on_open=lambda: tell(open=True)), request,
-            lambda: tell(ready=True), progress_reporter(tell), repeated,
-        )  # fmt: skip
-        tell(done=stats)
-        if not bus.machine:
-            say_profile(stats)
-            out.print(f"{resolved.steps:,} steps in {stats['wall_s']:z.3f} s")
+            setup,
+            replace(address, on_open=lambda: report(open=True)),
+            run_options,
+            lambda: report(ready=True),
+            _progress_reporter(report),
+            repeated,
+        )
+        report(done=stats)
+        if not machine:
+            _print_profile(stats)
+            out.print(f"{setup.steps:,} steps in {stats['wall_s']:z.3f} s")
 
 
-@options.takes(CONTROLLER, name=BUS_NAME, realtime="auto")
 def controller(
-    request: RunOptions,
-    bus: BusOptions,
-    law: str | None = None,
+    name: options.NameOption = BUS_NAME,
+    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
+    fast_lane: options.FastLaneOption = True,
+    realtime: options.RealtimeOption = "auto",
+    listen: options.ListenOption = None,
+    connect: options.ConnectOption = None,
+    zenoh_config: options.ZenohConfigOption = None,
+    wait_s: options.WaitOption = BusOptions.wait_s,
+    machine: options.MachineOption = False,
+    law: Annotated[
+        str | None,
+        typer.Option(help="Load the law from this file; default: controller.law of the scene."),
+    ] = None,
 ) -> None:
     """Run the controller as a separate process.
 
     It takes the scene from the plant, then answers the plant's samples.
-
-    Args:
-        law: Load the law from this file; default: controller.law of the scene.
     """
-    with playing(CONTROLLER, request, bus) as (tell, address):
-        stats = roles.run_controller(address, request, lambda: tell(ready=True), law)
-        tell(done=stats)
-        if not bus.machine:
-            say_profile(stats)
+    run_options = RunOptions(name=name, timeout_s=timeout_s, fast_lane=fast_lane, realtime=realtime)
+    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
+    with _on_bus(CONTROLLER, run_options, bus) as (report, address):
+        stats = roles.run_controller(address, run_options, lambda: report(ready=True), law)
+        report(done=stats)
+        if not machine:
+            _print_profile(stats)
 
 
-@options.takes(RECORDER, name=BUS_NAME, realtime="auto")
 def recorder(
-    request: RunOptions,
-    bus: BusOptions,
-    out_file: Annotated[Path, typer.Option("--out", "-o")] = Path("run.mcap"),
+    overwrite: options.OverwriteOption = False,
+    name: options.NameOption = BUS_NAME,
+    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
+    realtime: options.RealtimeOption = "auto",
+    listen: options.ListenOption = None,
+    connect: options.ConnectOption = None,
+    zenoh_config: options.ZenohConfigOption = None,
+    wait_s: options.WaitOption = BusOptions.wait_s,
+    machine: options.MachineOption = False,
+    out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
+        "run.mcap"
+    ),
 ) -> None:
     """Run the recorder as a separate process.
 
     It writes every stream of a run into one MCAP file.
+    """
+    run_options = RunOptions(overwrite=overwrite, name=name, timeout_s=timeout_s, realtime=realtime)
+    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
+    outputs.check_recording(out_file, overwrite)
+    with _on_bus(RECORDER, run_options, bus) as (report, address):
+        stats = roles.run_recorder(out_file, address, run_options, lambda: report(ready=True))
+        report(done=stats)
+        if not machine:
+            out.print(f"recorded {out_file}")
+
+
+@contextmanager
+def _on_bus(
+    role: str, run_options: RunOptions, bus: BusOptions
+) -> Iterator[tuple[Report, BusAddress]]:
+    """Yield the function that reports to a launcher, and the address where the roles meet.
+
+    The errors of what is inside end the command: see `_reporting`.
+    """
+    with _reporting(role, bus.machine) as report:
+        address = _bus_address(role, run_options, bus)
+        if not bus.machine:
+            others = " and ".join(other for other in ROLES if other != role)
+            where = ", ".join(address.listen) or f"the endpoints of {address.config_file}"
+            err.print(f"{role} on {where}: waiting for {others}")
+        yield report, address
+
+
+@contextmanager
+def _reporting(role: str, machine: bool) -> Iterator[Report]:
+    """Yield a function that reports to a launcher, and end the command if the role fails.
+
+    A report is one line of JSON on standard output; without a launcher there is none. A failure
+    is reported, or printed for a person; the exit code is then 1, or 130 after an interruption.
+    The report of a failure has these parts:
+
+    - `fault`: one sentence.
+    - `others`: whether another role caused it.
+    - `lost`, `at_s`: the roles that were missing, and when that was noticed.
+
+    While the process runs, a thread reports `beat` regularly.
 
     Args:
-        out_file: Recording to write.
+        role: Role of this process.
+        machine: Whether a launcher reads the reports.
     """
-    options.check_recording(out_file, request.overwrite)
-    with playing(RECORDER, request, bus) as (tell, address):
-        stats = roles.run_recorder(out_file, address, request, lambda: tell(ready=True))
-        tell(done=stats)
-        if not bus.machine:
-            out.print(f"recorded {out_file}")
+
+    def report(**parts: object) -> None:
+        if machine:
+            with suppress(BrokenPipeError):  # the launcher is gone
+                # In one call with the line's end, since several threads report.
+                print(json.dumps(parts) + "\n", end="", flush=True)
+
+    if machine:
+        roles.end_with_the_launcher()
+        clock.on_beat = lambda: report(beat=True)
+    try:
+        yield report
+    except KeyboardInterrupt as error:
+        sentence = str(error) or f"{role} was interrupted"
+        report(fault=sentence)
+        if not machine:
+            err.print(sentence)
+        raise typer.Exit(INTERRUPTED) from None
+    except (BusError, StreamFault, RecordingError) as error:
+        missing: dict[str, object] = {}
+        if isinstance(error, PeerLost):
+            missing = {"lost": list(error.roles), "at_s": error.at_s}
+        others = isinstance(error, PeerLost | EndedByOther)
+        report(fault=str(error), others=others, **missing)
+        if not machine:
+            fail(str(error), 1)
+        raise typer.Exit(1) from None
+    finally:
+        clock.on_beat = lambda: None
+
+
+def _bus_address(role: str, run_options: RunOptions, bus: BusOptions) -> BusAddress:
+    """Return where a role meets the others; end the command for an invalid endpoint.
+
+    Endpoints come from the options, else from the zenoh configuration, else they are the usual
+    ports on loopback.
+    """
+    check_endpoints("--listen", bus.listen)
+    check_endpoints("--connect", bus.connect)
+    config = bus.zenoh_config
+    listen, connect = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    try:
+        if config:
+            listen = [] if names_endpoints(config, "listen") else listen
+            connect = [] if names_endpoints(config, "connect") else connect
+            for endpoint in endpoints_named(config):
+                _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
+    except BusError as error:
+        fail(f"--zenoh-config: {error}")
+    return BusAddress(
+        name=run_options.name or BUS_NAME,
+        listen=bus.listen or listen,
+        connect=bus.connect or connect,
+        config_file=config,
+        timeout_s=run_options.timeout_s,
+        wait_s=bus.wait_s,
+        watched=bus.machine,
+    )
+
+
+def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
+    """End the command if one of the endpoints that an option gives is invalid."""
+    for endpoint in endpoints:
+        if not _ENDPOINT.fullmatch(endpoint):
+            example = f"tcp/127.0.0.1:{BASE_PORT}"
+            fail(f"{option} = '{endpoint}': invalid endpoint. Write it as {example}.")
+        _check_port(f"{option} '{endpoint}'", endpoint)
+        if too_long(endpoint):
+            fail(f"{option} = '{endpoint}': the path is too long. Use at most 107 bytes.")
+
+
+def _check_port(named: str, endpoint: str) -> None:
+    """End the command if an endpoint has a port that is too large."""
+    match = _PORT.search(endpoint)
+    if match and int(match["port"]) > LARGEST_PORT:
+        fail(f"{named} has no port up to {LARGEST_PORT}")
+
+
+def _progress_reporter(report: Report) -> Callable[[int], None]:
+    """Return a function that reports the step, at most ten times a second."""
+    last_s = 0.0
+
+    def report_step(step: int) -> None:
+        nonlocal last_s
+        now_s = time.monotonic()
+        if now_s - last_s > 0.1:
+            last_s = now_s
+            report(step=step)
+
+    return report_step
+
+
+def _print_profile(stats: dict[str, Any]) -> None:
+    """Print which real-time scheduling the system has granted."""
+    err.say(f"real-time profile: {stats['realtime']}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.optional_dependencies import need
@@ -44,28 +44,33 @@ def repeat_or_fail(recording: Recording, setup: "Setup") -> RepeatedRun:
     return repeated_run(recording)
 
 
-FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]
-
-
 def inspect(
-    file: FileArgument,
+    file: options.FileArgument,
     json_file: options.JsonOption = None,
-    law_file: Annotated[Path | None, typer.Option("--law", metavar="OUT.py")] = None,
-    responses: Annotated[Path | None, typer.Option("--responses", metavar="DIR")] = None,
+    law_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--law", metavar="OUT.py", help="Write the text of the law that ran to this file."
+        ),
+    ] = None,
+    responses: Annotated[
+        Path | None,
+        typer.Option(
+            "--responses",
+            metavar="DIR",
+            help="Draw the response times of a paced run into this folder.",
+        ),
+    ] = None,
     overwrite: options.OverwriteOption = False,
     details: options.DetailsOption = False,
 ) -> None:
     """Check a recording and print its figures.
 
     The exit code is 1 if a message is missing or damaged.
-
-    Args:
-        law_file: Write the text of the law that ran to this file.
-        responses: Draw the response times of a paced run into this folder.
     """
     from hertzloop.views import inspection
 
-    options.check_json(json_file, law_file)
+    outputs.check_json(json_file, law_file)
     recording = read(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
@@ -73,7 +78,7 @@ def inspect(
     inspection.show(out, found, details)
     if responses is not None:
         _draw_responses(recording, responses)
-    options.write_json(json_file, inspection.summary(found))
+    outputs.write_json(json_file, inspection.summary(found))
     if found.problems:
         raise typer.Exit(1)
 
@@ -87,7 +92,7 @@ def _draw_responses(recording: Recording, folder: Path) -> None:
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
         fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.")
-    options.make_folder(folder)
+    outputs.make_folder(folder)
     law_replay.draw_response(folder / "response.png", responses, found)
     law_replay.write_table(folder / "response.csv", responses)
     for sentence in pacing_sentences(found):
@@ -99,7 +104,7 @@ def _write_law(recording: Recording, file: Path, overwrite: bool) -> None:
     """Write the text of the law that ran; ends the command if there is none."""
     from hertzloop.views.provenance import text_of_law
 
-    options.check_output(file, overwrite, "--law", [recording.path])
+    outputs.check_output(file, overwrite, "--law", [recording.path])
     try:
         write_whole(file, text_of_law(recording))
     except RecordingError as error:
@@ -110,24 +115,33 @@ def _write_law(recording: Recording, file: Path, overwrite: bool) -> None:
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A.mcap")],
     b: Annotated[Path, typer.Argument(metavar="B.mcap")],
-    tolerance: Annotated[float, typer.Option(min=0.0, max=1.0)] = 0.0,
-    figures: bool = False,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Allow this difference relative to the largest value of a field; for "
+            "different processors, for example 1e-9.",
+        ),
+    ] = 0.0,
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Print the figures of both runs and their change instead of comparing bytes.",
+        ),
+    ] = False,
     json_file: options.JsonOption = None,
 ) -> None:
     """Compare the bytes or the figures of two recordings.
 
     The exit code is 0 if every compared stream has the same bytes, else 1.
-
-    Args:
-        tolerance: Allow this difference relative to the largest value of a field; for different
-            processors, for example 1e-9.
-        figures: Print the figures of both runs and their change instead of comparing bytes.
     """
     if json_file and not figures:
         fail(f"--json = {json_file}: there are no figures to write. Add --figures.")
     if tolerance and figures:
         fail("--tolerance: cannot be combined with --figures. Remove one of the two.")
-    options.check_json(json_file, a, b)
+    outputs.check_json(json_file, a, b)
     left, right = read(a), read(b)
     for recording in (left, right):
         for problem in recording.problems:
@@ -171,7 +185,7 @@ def _compare_figures(left: Recording, right: Recording, json_file: Path | None) 
     found = compared(*figures)
     out.print(inspection.comparison_table(found))
     named = {"a": str(left.path), "b": str(right.path)}
-    options.write_json(json_file, {**named, "figures": comparison_as_json(found)})
+    outputs.write_json(json_file, {**named, "figures": comparison_as_json(found)})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:
@@ -187,29 +201,39 @@ def _horizon(recording: Recording, tolerance: float) -> int | None:
 
 
 def replay(
-    file: FileArgument,
-    other: Annotated[Path | None, typer.Argument(metavar="[B.mcap]", show_default=False)] = None,
-    save: Annotated[Path | None, typer.Option(metavar="F.rrd")] = None,
-    screenshot: Annotated[Path | None, typer.Option(metavar="F.png")] = None,
-    alone: bool = False,
+    file: options.FileArgument,
+    other: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[B.mcap]",
+            show_default=False,
+            help="Compare with this recording; default: the run without control.",
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file for the Rerun viewer.")
+    ] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="F.png", help="Write a picture of the first contact; needs no screen."
+        ),
+    ] = None,
+    alone: Annotated[
+        bool, typer.Option("--alone", help="Show the recording without a comparison.")
+    ] = False,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Watch a recording in slow motion beside the run without control.
 
     The replay shows plate, forces, energies and events. It opens a window unless --save or
     --screenshot is given. A second recording replaces the run without control.
-
-    Args:
-        other: Compare with this recording; default: the run without control.
-        save: Write an .rrd file for the Rerun viewer.
-        screenshot: Write a picture of the first contact; needs no screen.
-        alone: Show the recording without a comparison.
     """
     for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
             if output.suffix != ending:
                 fail(f"{option} = {output}: must end in {ending}. Change the name.")
-            options.check_output(output, overwrite, option, [file])
+            outputs.check_output(output, overwrite, option, [file])
     if alone and other is not None:
         fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.")
     recording = read(file, keep=True)
@@ -233,21 +257,21 @@ def replay(
 
 
 def repair(
-    file: FileArgument,
-    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    file: options.FileArgument,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write the repaired file here; default: F-repaired.mcap."),
+    ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Recover a complete file from a truncated recording.
 
     Every MCAP tool opens the new file.
-
-    Args:
-        out_file: Write the repaired file here; default: F-repaired.mcap.
     """
     from hertzloop.views.inspection import without_checksum
 
     whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
-    options.check_recording(whole, overwrite, read=[file])
+    outputs.check_recording(whole, overwrite, read=[file])
     messages, others, unchecked = recover_file(file, whole, overwrite)
     left = f"; ignored: {others:,} of other topics" if others else ""
     out.say(f"repaired: {messages:,} messages are in {whole}{left}")
@@ -256,8 +280,22 @@ def repair(
 
 
 def report(
-    source: Annotated[Path, typer.Argument(metavar="F.mcap|RESULTS")],
-    folder: Annotated[Path, typer.Option("--out-dir", "-o", metavar="DIR")] = Path(),
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="F.mcap|RESULTS",
+            help="Recording, results of a sweep or of tune, or a folder with them.",
+        ),
+    ],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--out-dir",
+            "-o",
+            metavar="DIR",
+            help="Write the page into this folder; default: the working folder.",
+        ),
+    ] = Path(),
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Write an HTML report on a recording, a sweep or a tuning.
@@ -265,10 +303,6 @@ def report(
     The page needs no other file. For a run it has figures, charts, an animation of the plate,
     sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of
     cases and the scene.
-
-    Args:
-        source: Recording, results of a sweep or of tune, or a folder with them.
-        folder: Write the page into this folder; default: the working folder.
     """
     need("matplotlib", "jinja2")
     if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
@@ -295,9 +329,9 @@ def report(
 
 def _page(source: Path, folder: Path, overwrite: bool) -> Path:
     """Where the page goes; ends the command if it cannot."""
-    options.make_folder(folder)
+    outputs.make_folder(folder)
     page = folder / f"{source.stem}.html"
-    options.check_output(page, overwrite, "--out-dir", [source])
+    outputs.check_output(page, overwrite, "--out-dir", [source])
     return page
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scene import keys as all_keys
 from hertzloop.scene.errors import shown
@@ -27,14 +27,11 @@ def list_scenes() -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(metavar="NAME")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a shipped scene.")],
 ) -> None:
     """Print a shipped scene as TOML.
 
     Redirect the output to a file to start a scene of your own from it.
-
-    Args:
-        name: Name of a shipped scene.
     """
     if name not in shipped():
         fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.")
@@ -42,15 +39,11 @@ def show(
 
 
 def new(
-    file: Annotated[Path, typer.Argument(metavar="F.toml")],
+    file: Annotated[Path, typer.Argument(metavar="F.toml", help="Write this new file.")],
 ) -> None:
-    """Write a commented scene that runs without changes.
-
-    Args:
-        file: Write this new file.
-    """
+    """Write a commented scene that runs without changes."""
     then = shlex.join(["hertzloop", "run", str(file)])
-    options.write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, then)
+    outputs.write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, then)
 
 
 _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
@@ -72,17 +65,11 @@ def scene_name(file: Path) -> str:
 
 
 def keys(
-    part: Annotated[str, typer.Argument()] = "",
-    law: str | None = None,
-    markdown: bool = False,
+    part: Annotated[str, typer.Argument(help="List only keys that contain this text.")] = "",
+    law: Annotated[str | None, typer.Option(help="List the keys of this law only.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown page.")] = False,
 ) -> None:
-    """List the keys of a scene: values, unit, default, meaning.
-
-    Args:
-        part: List only keys that contain this text.
-        law: List the keys of this law only.
-        markdown: Print a Markdown page.
-    """
+    """List the keys of a scene: values, unit, default, meaning."""
     if markdown:
         print(all_keys.page(), end="")
         return
@@ -109,9 +96,9 @@ def check(
 
     Every indicator comes with its threshold and formula.
     """
-    resolved = options.scene_from(scene, settings, seed)
-    options.check_json(json_file)
-    options.compile_first(resolved)
+    resolved = prepare.scene_from(scene, settings, seed)
+    outputs.check_json(json_file)
+    prepare.compile_first(resolved)
 
     # 0.07 s, which the other commands save.
     from hertzloop.results.effects import EffectState, neglected_of_scene
@@ -131,4 +118,4 @@ def check(
                 out.say(f"Unknown: {one.sentence}.")
         if lacking := not_evaluated(neglected):
             out.say(lacking)
-    options.write_json(json_file, {"scene": resolved.name, **found})
+    outputs.write_json(json_file, {"scene": resolved.name, **found})

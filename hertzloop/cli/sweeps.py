@@ -1,177 +1,298 @@
-"""The command `sweep`: run many cases, or run cases of its results again as real processes."""
+"""The command `sweep`: simulate many cases of a scene, or verify earlier results."""
 
 import math
 import re
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import numpy as np
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli.many_cases import end_if_failed
+from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
+from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.common.optional_dependencies import need
+from hertzloop.loop.run_options import Transport
+from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE
-from hertzloop.studies.sweeps.design import grouped, planned_by
-from hertzloop.studies.sweeps.evaluate import not_run, run_case
-from hertzloop.studies.sweeps.sweep import (
-    check_laws,
-    code_version,
-    counted,
-    extremes,
-    known,
-    read_results,
-    short,
-)
+from hertzloop.studies.sweeps.design import Design, grouped, planned_by
+from hertzloop.studies.sweeps.evaluate import run_case
+from hertzloop.studies.sweeps.sweep import SweepResults, counted, known
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
-from hertzloop.views.format import Table, unwrapped
+from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 
+OverOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread points; "
+        "repeatable."
+    ),
+]
+DesignOption = Annotated[
+    Literal["grid", "lhs", "sobol"],
+    typer.Option(help="Run all combinations, or points spread over the ranges."),
+]
+CasesOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Run this many spread points; default: 256, with --verify 10."),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
+]
+PhasesOption = Annotated[
+    int | None,
+    typer.Option(
+        min=2,
+        max=1000,
+        help="Run every case at this many touch phases; print mean and range.",
+    ),
+]
+UncertainOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Run every case with --cases draws from the distributions in this TOML file, or "
+        "in the tables [uncertain] and [fit] of this scene."
+    ),
+]
+DaskOption = Annotated[
+    str | None,
+    typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
+]
+VerifyOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="RESULTS",
+        help="Repeat --cases cases of these results over --transport and compare all bytes; exit "
+        "code 1 if any differ.",
+    ),
+]
+TransportOption = Annotated[Transport, typer.Option(help="Use this transport for --verify.")]
 
-@options.takes()
+_CAN_CONTINUE = "finished cases are kept. Run the same command again to continue"
+
+
+@dataclass(frozen=True)
+class SweepArguments:
+    """What `hertzloop sweep` was called with. `request`: which cases to run, and where."""
+
+    request: SweepRequest
+    scene: str
+    settings: list[str]
+    seed: int | None
+    out_file: Path | None
+    overwrite: bool
+    json_file: Path | None
+
+
 def sweep(
-    request: SweepRequest,
+    over: OverOption = None,
+    design: DesignOption = "grid",
+    cases: CasesOption = None,
+    span: options.SpanOption = "impact",
+    workers: WorkersOption = None,
+    phases: PhasesOption = None,
+    uncertain: UncertainOption = None,
+    dask: DaskOption = None,
     scene: options.SceneArgument = DEFAULT,
-    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    out_file: OutOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
-    verify: Annotated[Path | None, typer.Option(metavar="RESULTS")] = None,
-    transport: options.TransportName = "zenoh",
+    verify: VerifyOption = None,
+    transport: TransportOption = Transport.ZENOH,
     json_file: options.JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys.
 
     The results have a row for every case. A killed sweep goes on with the same command.
-
-    Args:
-        out_file: Write the results to this .parquet or .csv file.
-        verify: Repeat --cases cases of these results over --transport and compare all bytes; exit
-            code 1 if any differ.
-        transport: Use this transport for --verify.
     """
-    cases, span, design = request.cases, request.span, request.design
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask)
+    arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     if verify is not None:
-        _verify(verify, 10 if cases is None else cases, transport, 1 if seed is None else seed,
-                json_file)  # fmt: skip
+        count = 10 if cases is None else cases
+        verify_results(verify, count, transport, 1 if seed is None else seed, json_file)
         return
-
-    resolved = options.scene_from(scene, settings, seed)
-    target = out_file or Path(f"{resolved.name}-sweep.parquet")
-    if target.suffix not in (".parquet", ".csv"):
-        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
-    check_conserves(resolved.scheme)
-    if request.dask is not None:
-        _check_scheduler(request.dask)
-    planned, uncertain = planned_by(resolved, request), request.uncertain
-    if uncertain is not None:
-        drawn_from = read_uncertain(uncertain, resolved)
-        planned = with_draws(resolved, planned, drawn_from, request.points)
-    for axis in planned.axes:
-        for law in axis.values if axis.key == "controller.law" else ():
-            options.check_law(resolved.vary({"controller.law": law}))
-    complete = None if overwrite else sweep_study.finished(resolved, planned, span, target)
-    options.check_output(
-        target, overwrite or complete is not None,
-        read=options.files_of(resolved, scene, *(settings or [])),
-    )  # fmt: skip
-    # For what is unfinished, even where a file may be replaced.
-    options.check_writable(target.parent)
-    beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
-    options.check_json(json_file, target, *beside)
-    total = len(planned.cases())
-    on = "finished cases are kept. Run the same command again to continue"
-    if complete is not None:
-        found = complete
-        err.say(f"{target} has the results of this sweep. --overwrite runs it again.")
+    study = _planned(arguments)
+    if study.finished is None:
+        prepare.compile_first(study.setup)
+        results = _run(study, request)
     else:
-        options.compile_first(resolved)
-        try:
-            with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
-                found = sweep_study.sweep(
-                    resolved, planned, span, target, workers=request.workers, dask=request.dask,
-                    on_progress=advance,
-                    on_wait=lambda sentence: err.say(f"{sentence}."),
-                )  # fmt: skip
-        except sweep_study.SweepFailed as error:
-            fail(f"{error}; {on}.", 1)
-        except OSError as error:
-            why = error.strerror or error  # an error of Arrow has no number
-            fail(f"cannot write {error.filename or target}: {why}; {on}.", 1)
-    keys = planned.keys
-    for line in found.damaged:
-        err.say(
-            f"line {line} of {sweep_study.journal_of(target)} was damaged. Its case was run again."
-        )
-    figureless = len(found.not_run) + found.unstable
-    if figureless < total:
-        out.print(_extremes(found.rows, keys))
-    having = sweep_study.known(found.rows, "plate_energy_db")
-    if having and uncertain is None:
-        best = min(having, key=lambda row: row["plate_energy_db"])
-        other = run_case(resolved, OTHER[span], 0, {key: best[key] for key in keys})
-        hint = f"--span {OTHER[span]} sweeps the other."
-        for said in spans_differ(best["plate_energy_db"], other["plate_energy_db"], span, hint):
-            out.say(f"At the least plate energy: {said}")
-    if uncertain is not None and figureless < total:
-        out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
-    phased = PHASE in keys and design == "grid" and uncertain is None
-    over_phases = grouped(found.rows, keys, SHOWN) if phased else []
-    if over_phases:
-        out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
-    rate = found.ran / found.wall_s if found.wall_s else 0.0
-    out.say(
-        f"{found.ran} of {total} cases run in {found.wall_s:z.2f} s: {rate:z.0f} cases/s. "
-        f"Results: {target}"
-    )
-    beyond = counted(found.rows, "out_of_range")
-    if beyond:
-        words = ", ".join(f"{name} in {times} of {total} cases" for name, times in beyond.items())
-        out.say(unwrapped(("OUT OF RANGE:", "bold red"), f" {words}"))
-    if found.unstable:
-        out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
-    growing = found.growing
-    if growing:
-        most = max((one for one in growing if not math.isnan(one)), default=math.nan)
-        size = "" if math.isnan(most) else f"; the loop grows up to {most:.4g}/s"
-        out.say(
-            unwrapped(("Linear loop unstable", "bold red"),
-                   f" in {len(growing)} of {total} cases that are too short to show it{size} "
-                   "(column growth_per_s)."))  # fmt: skip
-    options.write_json(
-        json_file,
-        {
-            "cases": total,
-            "ran": found.ran,
-            "wall_s": found.wall_s,
-            "cases_per_s": rate,
-            "failed": len(found.not_run),
-            "unstable": found.unstable,
-            "unstable_loops": len(growing),
-            "damaged_lines": found.damaged,
-            "leaves_out": counted(found.rows, "leaves_out"),
-            "out_of_range": beyond,
-            "over_phases": [
-                {key: asdict(v) if key in SHOWN else v for key, v in group.items()}
-                for group in over_phases
-            ],
-            "results": str(target),
-        },
-    )
-    if figureless == total:
-        out.print(f"No case of {total} has figures.")
-    options.end_if_not_run([row["status"] for row in found.not_run], total)
-    if figureless == total:
+        results = study.finished
+        err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
+    data = _print_results(study, results, request)
+    outputs.write_json(json_file, data)
+    without_figures = _count_without_figures(results) == study.total
+    if without_figures:
+        out.print(f"No case of {study.total} has figures.")
+    end_if_failed([row["status"] for row in results.not_run], study.total)
+    if without_figures:
         raise typer.Exit(1)
 
 
-_MOST_ROWS = 20
+@dataclass(frozen=True)
+class PlannedSweep:
+    """A sweep that can be run: scene, cases, file of results, and results that it already holds."""
+
+    setup: Setup
+    design: Design
+    results_file: Path
+    total: int  # number of cases
+    finished: SweepResults | None
+
+
+def _planned(arguments: SweepArguments) -> PlannedSweep:
+    """Return the sweep to run; end the command if it cannot be run or written."""
+    request, settings = arguments.request, arguments.settings
+    setup = prepare.scene_from(arguments.scene, settings, arguments.seed)
+    target = arguments.out_file or Path(f"{setup.name}-sweep.parquet")
+    if target.suffix not in (".parquet", ".csv"):
+        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
+    check_conserves(setup.scheme)
+    if request.dask is not None:
+        _check_scheduler(request.dask)
+    design = planned_by(setup, request)
+    if request.uncertain is not None:
+        inputs = read_uncertain(request.uncertain, setup)
+        design = with_draws(setup, design, inputs, request.points)
+    for axis in design.axes:
+        for law in axis.values if axis.key == "controller.law" else ():
+            prepare.check_law(setup.vary({"controller.law": law}))
+    overwrite = arguments.overwrite
+    finished = None if overwrite else sweep_study.finished(setup, design, request.span, target)
+    outputs.check_output(
+        target,
+        overwrite or finished is not None,
+        read=outputs.files_of(setup, arguments.scene, *settings),
+    )
+    outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
+    of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
+    outputs.check_json(arguments.json_file, target, *of_results)
+    return PlannedSweep(setup, design, target, len(design.cases()), finished)
+
+
+def _run(study: PlannedSweep, request: SweepRequest) -> SweepResults:
+    """Run the cases with a progress bar; end the command if they cannot be finished."""
+    total, target = study.total, study.results_file
+    try:
+        with if_interrupted(lambda: _CAN_CONTINUE), progress(f"{total} cases", total) as advance:
+            return sweep_study.sweep(
+                study.setup,
+                study.design,
+                request.span,
+                target,
+                workers=request.workers,
+                dask=request.dask,
+                on_progress=advance,
+                on_wait=lambda sentence: err.say(f"{sentence}."),
+            )
+    except sweep_study.SweepFailed as error:
+        fail(f"{error}; {_CAN_CONTINUE}.", 1)
+    except OSError as error:
+        reason = error.strerror or error  # an error of Arrow has no number
+        fail(f"cannot write {error.filename or target}: {reason}; {_CAN_CONTINUE}.", 1)
+
+
+def _count_without_figures(results: SweepResults) -> int:
+    """Return how many cases failed, or are unstable and have no figures."""
+    return len(results.not_run) + results.unstable
+
+
+def _print_results(
+    study: PlannedSweep, results: SweepResults, request: SweepRequest
+) -> dict[str, Any]:
+    """Print what a sweep found, and return it as plain data."""
+    total, keys, rows = study.total, study.design.keys, results.rows
+    for line in results.damaged:
+        journal = sweep_study.journal_of(study.results_file)
+        err.say(f"line {line} of {journal} was damaged. Its case was run again.")
+    has_figures = _count_without_figures(results) < total
+    is_uncertain = request.uncertain is not None
+    if has_figures:
+        out.print(extremes_table(rows, keys))
+    if not is_uncertain:
+        _print_best(study, results, request)
+    if is_uncertain and has_figures:
+        out.print(quantiles_table(rows, [axis.key for axis in study.design.axes]))
+    phased = PHASE in keys and request.design == "grid" and not is_uncertain
+    over_phases = grouped(rows, keys, SHOWN) if phased else []
+    if over_phases:
+        out.print(phases_table(over_phases, [key for key in keys if key != PHASE]))
+    rate = results.ran / results.wall_s if results.wall_s else 0.0
+    out.say(
+        f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
+        f"Results: {study.results_file}"
+    )
+    out_of_range = counted(rows, "out_of_range")
+    _print_warnings(results, total, out_of_range)
+    return {
+        "cases": total,
+        "ran": results.ran,
+        "wall_s": results.wall_s,
+        "cases_per_s": rate,
+        "failed": len(results.not_run),
+        "unstable": results.unstable,
+        "unstable_loops": len(results.growing),
+        "damaged_lines": results.damaged,
+        "leaves_out": counted(rows, "leaves_out"),
+        "out_of_range": out_of_range,
+        "over_phases": [
+            {key: asdict(value) if key in SHOWN else value for key, value in group.items()}
+            for group in over_phases
+        ],
+        "results": str(study.results_file),
+    }
+
+
+def _print_best(study: PlannedSweep, results: SweepResults, request: SweepRequest) -> None:
+    """Say whether the case with the least plate energy looks different over the other span."""
+    rows = known(results.rows, "plate_energy_db")
+    if not rows:
+        return
+    best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]
+    values = {key: best[key] for key in study.design.keys}
+    other = run_case(study.setup, other_span, 0, values)
+    for sentence in spans_differ(
+        best["plate_energy_db"],
+        other["plate_energy_db"],
+        request.span,
+        f"--span {other_span} sweeps the other.",
+    ):
+        out.say(f"At the least plate energy: {sentence}")
+
+
+def _print_warnings(results: SweepResults, total: int, out_of_range: dict[str, int]) -> None:
+    """Print which effects are out of range, and how many cases or loops are unstable."""
+    if out_of_range:
+        effects = ", ".join(f"{name} in {n} of {total} cases" for name, n in out_of_range.items())
+        out.say(unwrapped(("OUT OF RANGE:", "bold red"), f" {effects}"))
+    if results.unstable:
+        out.print(f"{results.unstable} of {total} cases are unstable and have no figures.")
+    growing = results.growing
+    if growing:
+        largest = max((rate for rate in growing if not math.isnan(rate)), default=math.nan)
+        size = "" if math.isnan(largest) else f"; the loop grows up to {largest:.4g}/s"
+        out.say(
+            unwrapped(
+                ("Linear loop unstable", "bold red"),
+                f" in {len(growing)} of {total} cases that are too short to show it{size} "
+                "(column growth_per_s).",
+            )
+        )
+
+
 _SCHEDULER = re.compile(
     r"(?:(?:tcp|tls|ucx|wss?)://)?(?:\[[^\s\]]+\]|[^\s/:\[\]]+):(?P<port>[0-9]{1,9})"
 )
@@ -183,94 +304,5 @@ def _check_scheduler(address: str) -> None:
     found = _SCHEDULER.fullmatch(address)
     if not found:
         fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.")
-    if not 0 < int(found["port"]) <= options.LARGEST_PORT:
-        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {options.LARGEST_PORT}.")
-
-
-def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    table = Table(title="Against no control")
-    for heading in ("figure", "least", "at", "largest", "at"):
-        table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
-    for figure, *words in extremes(rows, keys):
-        table.add_row(figure, *words)
-    return table
-
-
-def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
-    # So many that their names fit side by side in 80 columns.
-    names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
-    right = [*(key.split(".")[-1] for key in keys), *names]
-    table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
-    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
-    for values, group in list(groups.items())[:_MOST_ROWS]:
-        cells = []
-        for name in names:
-            having = [row[name] for row in known(group, name)] or [math.nan]
-            low, middle, high = np.percentile(having, [2.5, 50.0, 97.5])
-            cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
-        table.add_row(*(short(value) for value in values), *cells)
-    return table
-
-
-def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Mean and range over the touch phase, a setting of the other keys a row."""
-    right = [*(key.split(".")[-1] for key in keys), *SHOWN[:2]]
-    table = Table(right=right, title="Over touch phases: mean (least to most)")
-    for group in groups[:_MOST_ROWS]:
-        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
-    if len(groups) > _MOST_ROWS:
-        table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
-    return table
-
-
-def _verify(
-    results: Path, cases: int, transport: options.TransportName, seed: int, json_file: Path | None
-) -> None:
-    """Run cases of a sweep again as real processes, and compare all bytes."""
-    options.check_json(json_file)
-    try:
-        rows, header = read_results(results)
-        check_laws(header)
-    except ValueError as error:
-        fail(str(error))
-    most = sum(not row["status"] for row in rows)
-    if not most:
-        fail(f"{results}: no case has figures to verify. Run the sweep with other ranges.")
-    cases = min(cases, most)
-    if header["versions"] != code_version():
-        err.say(f"{results}: written by {header['versions']}; bits may differ")
-    options.compile_first()
-    from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
-
-    found: list[RepeatedCase] = []
-    with progress(f"{cases} cases", cases) as advance:
-        for checked in replay_cases(rows, header, cases, transport, seed):
-            found.append(checked)
-            advance(len(found))
-    ran = [checked for checked in found if not checked.not_run]
-    differing = [checked.case for checked in ran if not checked.same]
-    out.print(f"{len(ran) - len(differing)} of {len(ran)} cases: the same bytes over {transport}")
-    if most < len(rows):
-        without = f"{len(rows) - most} of {len(rows)} cases have no figures to verify"
-        out.print(without)
-    if differing:
-        out.say(f"different: case {', '.join(map(str, differing))}")
-    lacking = [row["status"] for row in not_run(rows)]  # in the results already
-    reasons = [f"case {checked.case}: {checked.not_run}" for checked in found if checked.not_run]
-    options.write_json(
-        json_file,
-        {
-            "same": len(ran) - len(differing),
-            "differing": differing,
-            "failed": len(reasons),
-            "without_figures": len(rows) - most,
-            "leaves_out": counted(rows, "leaves_out"),
-            "out_of_range": counted(rows, "out_of_range"),
-        },
-    )
-    options.end_if_not_run([*reasons, *lacking], len(found) + len(lacking))
-    if differing:
-        raise typer.Exit(1)
+    if not 0 < int(found["port"]) <= LARGEST_PORT:
+        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {LARGEST_PORT}.")

@@ -12,11 +12,11 @@ import zenoh
 from hertzloop.bus.codec import MessageError
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import reserved_ports
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs
 from hertzloop.cli.node import check_endpoints
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import write_whole
-from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.loop.run_options import check_name
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
 from hertzloop.processes.signals import INTERRUPTED, deferred
@@ -25,62 +25,63 @@ if TYPE_CHECKING:
     import rerun as rr
 
 
-@options.takes(only=("name", "connect", "machine"), name=BUS_NAME)
 def watch(
-    request: RunOptions,
-    bus: BusOptions,
-    save: Annotated[Path | None, typer.Option(metavar="F.rrd")] = None,
+    name: options.NameOption = BUS_NAME,
+    connect: options.ConnectOption = None,
+    machine: options.MachineOption = False,
+    save: Annotated[
+        Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file instead.")
+    ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
     """Show a run in progress without delaying it.
 
     It shows a few samples of every millisecond, and drops what it cannot take in time.
-
-    Args:
-        save: Write an .rrd file instead.
     """
     import rerun as rr  # 0.5 s, as the next line
 
     from hertzloop.recordings.replay import viewer
 
-    name, connect = request.name or BUS_NAME, bus.connect
-    check_endpoints("--connect", connect)
+    bus_name = BUS_NAME if name is None else name
+    check_name(bus_name)
+    check_endpoints("--connect", connect or ())
     if save is not None:
         if save.suffix != ".rrd":
             fail(f"--save = {save}: must end in .rrd. Change the name.")
-        options.check_output(save, overwrite, "--save")
+        outputs.check_output(save, overwrite, "--save")
     elif not viewer.has_display():
         fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.")
-    where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
-    stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
+    endpoints = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
+    stream = rr.RecordingStream("hertzloop live")
+    samples, ended_by, code = 0, "", 0
     try:
-        with _shown_in(stream, save):
+        with _viewed(stream, save):
             stream.send_blueprint(viewer.live_blueprint())
-            err.print(f"waiting for run '{name}'")
+            err.print(f"waiting for run '{bus_name}'")
             try:
-                for payload in truth_blocks(name, where, bus.machine):
-                    first = not shown
+                for payload in truth_blocks(bus_name, endpoints, machine):
+                    is_first = samples == 0
                     with contextlib.suppress(MessageError):  # of another subscriber
-                        shown += viewer.send_block(stream, payload)
-                        if first and shown:
+                        samples += viewer.send_block(stream, payload)
+                        if is_first and samples:
                             with deferred():  # else the line could come twice
-                                err.print(f"watching run '{name}'")
+                                err.print(f"watching run '{bus_name}'")
             except KeyboardInterrupt:  # what was seen until now is kept
-                why, code = "interrupted", INTERRUPTED
+                ended_by, code = "interrupted", INTERRUPTED
             except PeerLost as error:
-                why, code = str(error), 1
+                ended_by, code = str(error), 1
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:
         fail(f"cannot watch: {error}", 1)
-    out.say(f"watched: {shown:,} samples")
-    if why:
+    out.say(f"watched: {samples:,} samples")
+    if ended_by:
         kept = f"; what was seen until now is in {save}" if save else ""
-        err.say(f"{why}{kept}")
+        err.say(f"{ended_by}{kept}")
         raise typer.Exit(code)
 
 
 @contextlib.contextmanager
-def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
-    """A file, or a viewer that stays open when the run has ended."""
+def _viewed(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
+    """Write a stream to a file, or show it in a viewer that stays open when the run has ended."""
     from hertzloop.recordings.replay import viewer  # 0.5 s
 
     if save is not None:

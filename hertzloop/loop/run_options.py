@@ -1,76 +1,26 @@
-"""Options that are declared once, as fields of a dataclass; among them how to run a scene.
-
-The command line takes them, and a command line can be made of them again.
-"""
+"""How to run a scene, and where one process of a run meets the others."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import Field, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
-
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from typing import Literal
 
 
 class OptionError(ValueError):
-    """An option has a value that cannot be. The message names the option."""
+    """An option has an impossible value. The message names the option."""
 
     exit_status = 2
 
 
-def option(
-    default: Any, words: str, *, name: str = "", roles: Sequence[str] = (),
-    needs: Sequence[str] = (), **more: Any,
-) -> Any:  # fmt: skip
-    """A field of a dataclass that commands offer as an option.
-
-    Args:
-        default: The default.
-        words: The help.
-        name: In place of the field's.
-        roles: Roles of a run that take it from the launcher, and whose commands offer it.
-        needs: What it needs, in words that the checks of the dataclass know.
-        more: What Typer's `Option` takes besides: bounds, a metavar.
-    """
-    about = {"help": words, "name": name, "roles": roles, "needs": needs, "typer": more}
-    return field(default=default, metadata=about)
-
-
-def options_of(kind: Any, role: str = "") -> Iterator[Field[Any]]:
-    """Fields of a dataclass, or of an instance, that are options; of a role, if any are."""
-    found = [one for one in fields(kind) if "help" in one.metadata]
-    of_role = role and any(one.metadata["roles"] for one in found)
-    yield from (one for one in found if not of_role or role in one.metadata["roles"])
-
-
-def options_and_flags(kind: Any, role: str = "") -> list[tuple[Field[Any], str]]:
-    """The same with what each is called on the command line."""
-    return [(one, flag_of(one)) for one in options_of(kind, role)]
-
-
-def flag_of(one: Field[Any]) -> str:
-    """What an option is called on the command line; of a switch that is on by default also the
-    word that turns it off."""
-    name = one.metadata["name"] or one.name.removesuffix("_s").replace("_", "-")
-    return f"--{name}/--no-{name}" if one.default is True else f"--{name}"
-
-
-def words_of(options: Any, role: str = "") -> list[str]:
-    """The command line of these options, of those with a value; `role`: as in `options_of`."""
-    words: list[str] = []
-    for one in options_of(options, role):
-        value, (on, _, off) = getattr(options, one.name), flag_of(one).partition("/")
-        if isinstance(value, bool):
-            words += [on] if value else [off] if off else []
-        elif isinstance(value, tuple | list):
-            words += [word for each in value for word in (on, str(each))]
-        elif value is not None:
-            words += [on, str(value)]
-    return words
-
-
-PROCESSES, LOCK_STEP = "processes", "lock-step"  # what options need: a transport, no pace
+def check_name(name: str) -> None:
+    """Raise OptionError for a name that cannot be part of a key on the bus."""
+    if not re.fullmatch(r"[A-Za-z0-9._+-]{1,100}", name):
+        raise OptionError(
+            f"--name = '{name}': must be 1 to 100 letters, digits and characters of "
+            "'._+-'. Change the name."
+        )
 
 
 class Transport(StrEnum):
@@ -83,56 +33,42 @@ class Transport(StrEnum):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run a scene; but for `pace`, nothing here changes a sample. `endpoints`: of plant,
-    controller and recorder, None for private ones; the others are options of the command line.
+    """How to run a scene. Except for `pace`, nothing here changes a sample.
 
-    Raises OptionError for a name that cannot be part of a key on the bus.
+    Attributes:
+        transport: How the parts of the run communicate.
+        overwrite: Whether the recording replaces an existing file.
+        horizon: Largest number of steps between two exchanges; None: as many as the law allows.
+        endpoints: Endpoints of plant, controller and recorder; None: private ones.
+        name: Name of the run on the bus; None: a new one.
+        timeout_s: Longest wait for a message of another process, s.
+        verify: Whether the closed loop is repeated with half the step and twice the modes.
+        fast_lane: Whether plant and controller on one host exchange data in shared memory.
+        realtime: Use of real-time scheduling; auto: where it is permitted and a core is idle.
+        pace: Ratio of simulated to wall time to follow without waiting for forces; None: lock-step.
+        repeat: Recording whose forces and delays are repeated in lock-step.
+        controller: Command line of a program that plays the controller; None: hertzloop's own.
+
+    Raises:
+        OptionError: The name cannot be part of a key on the bus.
     """
 
-    transport: Transport = option(Transport.ZENOH, "Choose how the parts of the run communicate.")
-    overwrite: bool = option(False, "Replace an existing file.", roles=(RECORDER,))
-    horizon: int | None = option(
-        None, "Exchange data after at most this many steps; default: as the law allows.",
-        roles=(PLANT,), needs=(LOCK_STEP,), min=1,
-    )  # fmt: skip
+    transport: Transport = Transport.ZENOH
+    overwrite: bool = False
+    horizon: int | None = None
     endpoints: Sequence[str] | None = None
-    name: str | None = option(None, "Set the name of the run on the bus.", roles=ROLES)
-    timeout_s: float = option(
-        5.0, "Stop waiting for a message of another process after this time, s.",
-        roles=ROLES, min=0.1, max=1e6,
-    )  # fmt: skip
-    verify: bool = option(
-        False, "Repeat the closed loop with half the step and twice the modes.", needs=(LOCK_STEP,)
-    )
-    fast_lane: bool = option(
-        True, "Exchange data between plant and controller on one host in shared memory.",
-        roles=(PLANT, CONTROLLER),
-    )  # fmt: skip
-    realtime: Literal["auto", "on", "off"] = option(
-        "off", "Use real-time scheduling; auto: where it is permitted and a core is idle.",
-        roles=ROLES,
-    )  # fmt: skip
-    pace: float | None = option(
-        None, "Follow the wall clock at this ratio of simulated to wall time, without waiting "
-        "for forces; default: lock-step.",
-        roles=(PLANT,), needs=(PROCESSES,), min=1e-9, max=1000.0,
-    )  # fmt: skip
-    repeat: Path | None = option(
-        None, "Repeat a recorded run in lock-step with the recorded forces and delays.",
-        roles=(PLANT,), needs=(PROCESSES, LOCK_STEP), metavar="F.mcap",
-    )  # fmt: skip
-    controller: str | None = option(
-        None, "Start this command line as the controller; {name}, {listen} and {connect} in it are "
-        "filled in.",
-        needs=(PROCESSES,), metavar="'CMD ...'",
-    )  # fmt: skip
+    name: str | None = None
+    timeout_s: float = 5.0
+    verify: bool = False
+    fast_lane: bool = True
+    realtime: Literal["auto", "on", "off"] = "off"
+    pace: float | None = None
+    repeat: Path | None = None
+    controller: str | None = None
 
     def __post_init__(self) -> None:
-        if self.name is not None and not re.fullmatch(r"[A-Za-z0-9._+-]{1,100}", self.name):
-            raise OptionError(
-                f"--name = '{self.name}': must be 1 to 100 letters, digits and characters of "
-                "'._+-'. Change the name."
-            )
+        if self.name is not None:
+            check_name(self.name)
 
 
 USUAL_RUN = RunOptions()
@@ -140,15 +76,18 @@ USUAL_RUN = RunOptions()
 
 @dataclass(frozen=True)
 class BusOptions:
-    """Where one process of a run meets the others, as the commands of single roles take it;
-    `machine`: a launcher hears its reports."""
+    """Where one process of a run meets the others.
 
-    listen: Sequence[str] = option((), "Listen on this endpoint.")
-    connect: Sequence[str] = option((), "Connect to this endpoint.")
-    zenoh_config: Path | None = option(
-        None, "Read the zenoh configuration from this JSON5 file.", exists=True
-    )
-    wait_s: float = option(
-        30.0, "Stop waiting for other processes to appear after this time, s.", min=0.1, max=1e6
-    )
-    machine: bool = option(False, "", hidden=True)
+    Attributes:
+        listen: Endpoints to listen on.
+        connect: Endpoints to connect to.
+        zenoh_config: A zenoh configuration, as a JSON5 file.
+        wait_s: Longest wait for the other processes to appear, s.
+        machine: Whether a launcher reads the reports of the process.
+    """
+
+    listen: Sequence[str] = ()
+    connect: Sequence[str] = ()
+    zenoh_config: Path | None = None
+    wait_s: float = 30.0
+    machine: bool = False

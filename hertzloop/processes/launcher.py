@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from pathlib import Path
 from signal import SIGKILL
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.loop.run_options import USUAL_RUN, BusOptions, RunOptions, words_of
+from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes import fork_server
 from hertzloop.processes.child_process import ChildProcess
 from hertzloop.processes.failure_cause import failure_cause, not_responding, silent_roles
@@ -43,6 +42,21 @@ class RunFailed(RuntimeError):
     """A process of the run failed. The message names the first cause."""
 
     exit_status = 1
+
+
+def role_options(role: str, name: str, options: RunOptions) -> list[str]:
+    """Return the options of `hertzloop node ROLE` that pass on the name and the kind of a run."""
+    words = ["--name", name, "--timeout", str(options.timeout_s), "--realtime", options.realtime]
+    if role == RECORDER:
+        return [*words, "--overwrite"] if options.overwrite else words
+    if not options.fast_lane:
+        words.append("--no-fast-lane")
+    if role == PLANT:
+        given = {"horizon": options.horizon, "pace": options.pace, "repeat": options.repeat}
+        for option, value in given.items():
+            if value is not None:
+                words += [f"--{option}", str(value)]
+    return words
 
 
 class Launcher:
@@ -79,8 +93,10 @@ class Launcher:
 
     def _words(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         listen, connect = mesh_endpoints(role, endpoints)
-        bus = BusOptions(listen, connect, wait_s=self._wait_s, machine=True)
-        return words_of(replace(self._options, name=name), role) + words_of(bus)
+        words = role_options(role, name, self._options)
+        for option, chosen in (("--listen", listen), ("--connect", connect)):
+            words += [word for endpoint in chosen for word in (option, endpoint)]
+        return [*words, "--wait", str(self._wait_s), "--machine"]
 
     def _start(
         self, role: str, arguments: list[str], folder: Path, program: str = ""

@@ -10,6 +10,7 @@ from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.run_options import OptionError
 
 BASE_PORT = 7450  # plant's; controller and recorder have the next two
+LARGEST_PORT = 65535
 BUS_NAME = "hertzloop"  # of a run whose processes are not told another
 _PLACES = ("{listen}", "{connect}")
 

@@ -1,96 +1,93 @@
-"""What a study is asked for, as one object: the command line and the Python interface make it."""
+"""Requests of the studies, which the command line and the Python interface make."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from hertzloop.loop.run_options import option
 from hertzloop.results.cases import Span
 
 
 @dataclass(frozen=True)
 class TuneRequest:
-    """A search for the best settings of laws. `at_most`: largest allowed values by figure."""
+    """A search for the best settings of laws.
 
-    objectives: Sequence[str] = option(
-        ("plate_energy_db", "rebound_percent"),
-        "Minimise this figure; repeat for a Pareto front.",
-        name="minimise",
-    )
-    span: Span = option("impact", "Evaluate the first impact or the whole run.")
-    generations: int = option(25, "Stop after this many generations.", min=1, max=10_000)
-    population: int = option(40, "Evaluate this many settings in a generation.", min=4, max=1000)
-    phases: int = option(1, "Average over this many touch phases.", min=1, max=100)
+    Attributes:
+        objectives: Figures to minimise; several give a Pareto front.
+        span: Part of the run that is evaluated: the first impact or the whole run.
+        generations: Number of generations of the search.
+        population: Number of settings in a generation.
+        phases: Number of touch phases to average over.
+        seed: Random seed of the search.
+        require_stable: Whether settings whose linear loop is unstable in flight are refused.
+        at_most: Largest allowed values, by figure.
+    """
+
+    objectives: Sequence[str] = ("plate_energy_db", "rebound_percent")
+    span: Span = "impact"
+    generations: int = 25
+    population: int = 40
+    phases: int = 1
     seed: int = 1
-    require_stable: bool = option(
-        False, "Refuse settings whose linear loop is unstable in flight, however short the run."
-    )
+    require_stable: bool = False
     at_most: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """Which cases of a scene to run, and where. `phases` adds touch phases, and `dask` an
-    address."""
+    """Which cases of a scene to run, and where.
 
-    over: Sequence[str] = option(
-        (),
-        "Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread points; "
-        "repeatable.",
-    )
-    design: Literal["grid", "lhs", "sobol"] = option(
-        "grid", "Run all combinations, or points spread over the ranges."
-    )
-    cases: int | None = option(
-        None, "Run this many spread points; default: 256, with --verify 10.", min=1
-    )
-    span: Span = option("impact", "Evaluate the first impact or the whole run.")
-    workers: int | None = option(
-        None, "Use this many processes; default: one for each core.", min=1
-    )
-    phases: int | None = option(
-        None, "Run every case at this many touch phases; print mean and range.", min=2, max=1000
-    )
-    uncertain: Path | None = option(
-        None,
-        "Run every case with --cases draws from the distributions in this TOML file, or "
-        "in the tables [uncertain] and [fit] of this scene.",
-    )
-    dask: str | None = option(
-        None, "Use the Dask scheduler at this address, for example tcp://host:8786."
-    )
+    Attributes:
+        over: Axes as text: key=low:high:step, key=a,b,c, or key=low:high for spread points.
+        design: All combinations of the axes, or points spread over their ranges.
+        cases: Number of spread points, or of draws; None: 256.
+        span: Part of a run that is evaluated: the first impact or the whole run.
+        workers: Number of processes; None: one for each core.
+        phases: Number of touch phases of every case; None: that of the scene alone.
+        uncertain: File or scene with distributions that every case draws from.
+        dask: Address of a Dask scheduler that runs the cases.
+    """
+
+    over: Sequence[str] = ()
+    design: Literal["grid", "lhs", "sobol"] = "grid"
+    cases: int | None = None
+    span: Span = "impact"
+    workers: int | None = None
+    phases: int | None = None
+    uncertain: Path | None = None
+    dask: str | None = None
 
     @property
     def points(self) -> int:
-        """How many spread points, or draws."""
+        """Number of spread points, or of draws."""
         return 256 if self.cases is None else self.cases
 
 
 @dataclass(frozen=True)
 class BudgetRequest:
-    """What to search for the budget of a law, and how finely."""
+    """What to search for the budget of a law, and how finely.
 
-    goals: Sequence[str] = option(
-        (),
-        "Condition that the law must meet at every touch phase, e.g. 'plate_energy_db <= -3'. "
-        "May be given several times. Default: plate_energy_db <= -0.1.",
-        name="goal",
-    )
-    quick: bool = option(False, "Search coarsely, with a thin plate as the real one.")
-    only: Sequence[str] = option(
-        (), "Quantity to search, e.g. latency_us. May be given several times."
-    )
-    with_real: bool = option(True, "Search in the real plant too.", name="real-plant")
-    span: Literal["impact", "run", "both"] = option(
-        "impact", "Take figures of the first impact, or of the whole run, or of each."
-    )
-    workers: int | None = option(None, "Number of processes; all cores if not given.", min=1)
-    within: float = option(
-        0.03, "Half the width at which the interval is narrow enough.", min=1e-4, max=0.5
-    )
-    most_cases: int = option(4096, "Stop drawing after this many cases.", min=16, max=1_000_000)
-    sobol: int = option(0, "Base points for Sobol indices, a power of 2; 0 for none.", min=0)
+    Attributes:
+        goals: Conditions as text that the law must meet at every touch phase.
+        quick: Whether the search is coarse, with a thin plate as the real one.
+        only: Quantities to search; all if empty.
+        with_real: Whether the real plant is searched too.
+        span: Part of the run that is evaluated, or both.
+        workers: Number of processes; None: one for each core.
+        within: Half the width at which the interval of the probability is narrow enough.
+        most_cases: Largest number of cases drawn for the probability.
+        sobol: Base points for Sobol indices, a power of 2; 0: none.
+    """
+
+    goals: Sequence[str] = ()
+    quick: bool = False
+    only: Sequence[str] = ()
+    with_real: bool = True
+    span: Literal["impact", "run", "both"] = "impact"
+    workers: int | None = None
+    within: float = 0.03
+    most_cases: int = 4096
+    sobol: int = 0
 
     @property
     def first_span(self) -> Span:

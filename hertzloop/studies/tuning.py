@@ -58,7 +58,7 @@ LAWS = (
 
 
 @dataclass(frozen=True)
-class Found:
+class Candidate:
     """A setting and its figures.
 
     Attributes:
@@ -82,8 +82,8 @@ class Tuned:
     objectives: Sequence[str]
     span: str
     at_most: Mapping[str, float]
-    front: list[Found]
-    published: Found
+    front: list[Candidate]
+    published: Candidate
     verdict: Sequence[str]
     failed: int
     command: str
@@ -104,20 +104,20 @@ def read_tuned(path: Path) -> Tuned:
     """Raises ValueError for another kind of file."""
     try:
         data = json.loads(path.read_bytes())["tuned"]
-        front = [_found(one) for one in data.pop("front")]
-        return Tuned(front=front, published=_found(data.pop("published")), **data)
+        front = [_candidate(one) for one in data.pop("front")]
+        return Tuned(front=front, published=_candidate(data.pop("published")), **data)
     except FileNotFoundError as error:
         raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.") from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 
 
-def _found(data: dict[str, Any]) -> Found:
+def _candidate(data: dict[str, Any]) -> Candidate:
     spreads = {
         name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
         for name, spread in data["spreads"].items()
     }
-    return Found(data["values"], data["figures"], spreads)
+    return Candidate(data["values"], data["figures"], spreads)
 
 
 PUBLISHED: dict[str, Any] = {
@@ -269,8 +269,8 @@ def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | N
 
 
 def with_spreads(
-    pool: Pool, scenes: list[Setup], span: Span, found: list[Found], names: Sequence[str]
-) -> list[Found]:
+    pool: Pool, scenes: list[Setup], span: Span, found: list[Candidate], names: Sequence[str]
+) -> list[Candidate]:
     """The same settings with mean and range of their figures over the touch phase."""
     cases = [f.values for f in found]
     tried = [spread_over(pool, setup, span, cases, tuple(names)) for setup in scenes]
@@ -288,7 +288,7 @@ def tune(
     axes: tuple[Axis, ...],
     search: TuneRequest,
     on_progress: Callable[[int], None] = lambda generation: None,
-) -> list[Found]:
+) -> list[Candidate]:
     """Best settings of one law: the one that is best, or the Pareto front of several objectives,
     sorted by the first. Empty if none keeps to the limits or is stable."""
     problem = _Settings(pool, scenes, {"controller.law": law}, axes, search)
@@ -305,7 +305,7 @@ def tune(
         return []
     points, values = np.atleast_2d(result.X), np.atleast_2d(result.F)
     found = [
-        Found(problem.settings(x), dict(zip(objectives, (float(v) for v in f), strict=True)))
+        Candidate(problem.settings(x), dict(zip(objectives, (float(v) for v in f), strict=True)))
         for x, f in zip(points, values, strict=True)
         if np.all(f < _BAD)
     ]
@@ -319,12 +319,12 @@ def best_of(
     given: tuple[Axis, ...],
     search: TuneRequest,
     on_progress: Callable[[int], None] = lambda generation: None,
-) -> list[Found]:
+) -> list[Candidate]:
     """The settings of several laws that no other beats; axes are those of each law where none are
     `given`, `on_progress` counts the generations of all. Raises DesignError for a law without."""
     speed = fastest_m_s(scenes)
     searched = [(law, axes_of(law, given, speed)) for law in laws]
-    found: list[Found] = []
+    found: list[Candidate] = []
     for i, (law, axes) in enumerate(searched):
         before = i * search.generations
         found += tune(
@@ -338,7 +338,7 @@ def best_of(
     return front(found, search.objectives)
 
 
-def front(found: list[Found], objectives: Sequence[str]) -> list[Found]:
+def front(found: list[Candidate], objectives: Sequence[str]) -> list[Candidate]:
     """Those that no other beats in every objective, sorted by the first."""
     if not found:
         return []
@@ -350,13 +350,15 @@ def front(found: list[Found], objectives: Sequence[str]) -> list[Found]:
 
 def published(
     pool: Pool, scenes: list[Setup], span: Span, objectives: Sequence[str], phases: int = 1
-) -> Found:
+) -> Candidate:
     """The published setting of the slope-threshold law in the same scenes."""
     worst = worst_of(pool, scenes, span, [PUBLISHED], list(objectives), phases)[0]
-    return Found(PUBLISHED, dict(zip(objectives, (float(v) for v in worst), strict=True)))
+    return Candidate(PUBLISHED, dict(zip(objectives, (float(v) for v in worst), strict=True)))
 
 
-def better_than(reference: Found, found: list[Found], gain: str, keep: str) -> Found | None:
+def better_than(
+    reference: Candidate, found: list[Candidate], gain: str, keep: str
+) -> Candidate | None:
     """The setting with the least `gain` among those that do not raise `keep`; None if none has
     less than the reference."""
     allowed = [f for f in found if f.figures[keep] <= reference.figures[keep]]
@@ -365,7 +367,7 @@ def better_than(reference: Found, found: list[Found], gain: str, keep: str) -> F
 
 
 def draw_front(
-    path: Path, title: str, best: list[Found], reference: Found, objectives: Sequence[str]
+    path: Path, title: str, best: list[Candidate], reference: Candidate, objectives: Sequence[str]
 ) -> None:
     """Write the Pareto front as PNG."""
     from hertzloop.studies import pictures  # matplotlib belongs to an extra
@@ -374,7 +376,7 @@ def draw_front(
 
 
 def front_sheet(
-    title: str, best: list[Found], reference: Found, objectives: Sequence[str]
+    title: str, best: list[Candidate], reference: Candidate, objectives: Sequence[str]
 ) -> "Figure":
     """The settings found, law by law, over the first two objectives (or over their number)."""
     from hertzloop.studies import pictures  # matplotlib belongs to an extra

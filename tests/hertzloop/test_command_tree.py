@@ -1,4 +1,4 @@
-"""The tree of commands: every leaf has help and an example, and the start imports little."""
+"""The tree of commands: every entry has help and an example, and the start imports little."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from hertzloop.cli import app
-from hertzloop.cli.commands import Leaf, leaves
+from hertzloop.cli.commands import CommandEntry, all_commands
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
@@ -26,18 +26,18 @@ def called(words: list[str]) -> subprocess.CompletedProcess[str]:
 def here(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
     """Exit code and output of a command line in this process."""
     with pytest.raises(SystemExit) as end:
-        app.built().main(words, prog_name="hertzloop")
+        app.root_command().main(words, prog_name="hertzloop")
     said = capsys.readouterr()
     return int(str(end.value.code or 0)), said.out + said.err
 
 
-def commands() -> Iterator[tuple[Leaf, Any]]:
-    for leaf in leaves():
-        yield leaf, app.loaded(leaf)
+def commands() -> Iterator[tuple[CommandEntry, Any]]:
+    for entry in all_commands():
+        yield entry, app.load_command(entry)
 
 
 def test_there_are_at_most_30_leaves_each_once() -> None:
-    words = [leaf.words for leaf in leaves()]
+    words = [entry.words for entry in all_commands()]
     assert len(words) == len(set(words)) <= 30
 
 
@@ -45,47 +45,49 @@ def test_the_help_fits_on_one_screen() -> None:
     done = called(["--help"])
     assert done.returncode == 0
     assert len(done.stdout.splitlines()) <= 50
-    for leaf in leaves():
-        assert leaf.words.split()[0] in done.stdout
+    for entry in all_commands():
+        assert entry.words.split()[0] in done.stdout
 
 
-@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
+@pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
 def test_each_help_starts_with_its_purpose_and_ends_with_an_example(
-    leaf: Leaf, capsys: pytest.CaptureFixture[str]
+    entry: CommandEntry, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = app.loaded(leaf)
+    command = app.load_command(entry)
     first = command.help.split("\n\n")[0].replace("\n", " ").strip()
-    assert first == leaf.summary
-    assert command.epilog == f"Example: hertzloop {leaf.example}"
-    assert leaf.example.startswith(leaf.words)
-    code, text = here([*leaf.words.split(), "--help"], capsys)
+    assert first == entry.summary
+    assert command.epilog == f"Example: hertzloop {entry.example}"
+    assert entry.example.startswith(entry.words)
+    code, text = here([*entry.words.split(), "--help"], capsys)
     assert code == 0
     assert "Example: hertzloop" in text
 
 
-@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
-def test_each_example_is_a_command_line_that_the_command_accepts(leaf: Leaf) -> None:
-    command = app.loaded(leaf)
-    words = shlex.split(leaf.example)[len(leaf.words.split()) :]
-    context = command.make_context(leaf.words, words, resilient_parsing=False)
+@pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
+def test_each_example_is_a_command_line_that_the_command_accepts(entry: CommandEntry) -> None:
+    command = app.load_command(entry)
+    words = shlex.split(entry.example)[len(entry.words.split()) :]
+    context = command.make_context(entry.words, words, resilient_parsing=False)
     assert context is not None
 
 
-@pytest.mark.parametrize("leaf", leaves(), ids=lambda leaf: leaf.words)
-def test_each_refuses_an_unknown_option(leaf: Leaf, capsys: pytest.CaptureFixture[str]) -> None:
-    code, text = here([*leaf.words.split(), "--nonsense"], capsys)
+@pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
+def test_each_refuses_an_unknown_option(
+    entry: CommandEntry, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = here([*entry.words.split(), "--nonsense"], capsys)
     assert code == 2
     assert "--nonsense" in text
 
 
 def test_out_is_a_file_and_out_dir_a_folder() -> None:
-    for leaf, command in commands():
+    for entry, command in commands():
         for parameter in command.params:
             options = [o for o in parameter.opts if o in ("--out", "--out-dir")]
             for option in options:
-                assert "-o" in parameter.opts or leaf.words == "export-plant"
+                assert "-o" in parameter.opts or entry.words == "export-plant"
                 words = (parameter.help or "").lower()
-                assert ("folder" in words) is (option == "--out-dir"), f"{leaf.words} {option}"
+                assert ("folder" in words) is (option == "--out-dir"), f"{entry.words} {option}"
 
 
 def test_quiet_prints_nothing_and_json_goes_to_standard_output(tmp_path: Path) -> None:
@@ -112,7 +114,7 @@ def test_help_and_version_import_no_numerics() -> None:
 
 def test_completion_knows_the_commands() -> None:
     environment = {"_HERTZLOOP_COMPLETE": "complete_bash", "COMP_WORDS": "hertzloop sce"}
-    script = "from hertzloop.cli import app; app.built()(prog_name='hertzloop')"
+    script = "from hertzloop.cli import app; app.root_command()(prog_name='hertzloop')"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False,
         env={**os.environ, **environment, "COMP_CWORD": "1"},

@@ -53,7 +53,7 @@ def test_a_file_that_came_meanwhile_is_left_alone(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the results of a search, whose folder and names --json may hit."""
-    monkeypatch.setattr("hertzloop.cli.options.check_json", lambda *_: None)
+    monkeypatch.setattr("hertzloop.cli.outputs.check_json", lambda *_: None)
     (here / "a.json").write_text("{}")
     result = call("run", "aluminium-3mm", *SHORT, "--json", "a.json")
     assert result.exit_code == 1

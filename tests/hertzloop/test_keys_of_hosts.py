@@ -8,7 +8,7 @@ import pytest
 from hertzloop.bus import streams
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
 from hertzloop.bus.zenoh_config import access_control
-from hertzloop.cli.host_keys import _place
+from hertzloop.cli.host_keys import _address
 from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop
 
@@ -128,5 +128,5 @@ def test_a_new_stream_needs_no_second_place(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_address_in_brackets_needs_no_port() -> None:
-    assert _place("plant", "[::1]", 7450) == _place("plant", "::1", 7450) == ("::1", 7450)
-    assert _place("plant", "[::1]:7500", 7450) == ("::1", 7500)
+    assert _address("plant", "[::1]", 7450) == _address("plant", "::1", 7450) == ("::1", 7450)
+    assert _address("plant", "[::1]:7500", 7450) == ("::1", 7500)

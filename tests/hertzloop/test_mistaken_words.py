@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.cli.commands import GROUPS, leaves
+from hertzloop.cli.commands import GROUPS, all_commands
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from tests.hertzloop.own_laws import write_law
@@ -108,8 +108,8 @@ def test_latency_up_to_the_end_is_accepted_and_off_needs_no_force() -> None:
 
 
 def test_h_is_help_for_every_command() -> None:
-    paths = [leaf.words.split() for leaf in leaves()]
-    for path in [[], *([name] for name in GROUPS), *paths]:
+    paths = [entry.words.split() for entry in all_commands()]
+    for path in [[], *([group.name] for group in GROUPS), *paths]:
         full, short = call(*path, "--help"), call(*path, "-h")
         assert (short.exit_code, short.output) == (0, full.output), path
 

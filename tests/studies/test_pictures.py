@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from benchmarks.latency import draw_maps
 from hertzloop.studies import pictures, words
 from hertzloop.studies.pictures import round_above
-from hertzloop.studies.tuning import Found, draw_front
+from hertzloop.studies.tuning import Candidate, draw_front
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_scales_are_rounded_up(value: float, above: float) -> None:
 
 def test_a_front_is_labelled_in_words_beside_its_points(saved: list[Figure]) -> None:
     figures = {"plate_energy_db": -3.0, "peak_force_n": 40.0}
-    best = [Found({"controller.law": "shifted_threshold"}, figures)]
+    best = [Candidate({"controller.law": "shifted_threshold"}, figures)]
     draw_front(Path("x.png"), "made up", best, best[0], ("plate_energy_db", "peak_force_n"))
     (figure,) = saved
     (ax,) = figure.axes

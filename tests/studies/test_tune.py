@@ -37,7 +37,7 @@ def energy(scene: Setup, kappa: float) -> float:
     return figures_of_case(scene.vary(values)).plate_energy_db
 
 
-def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> study.Found:
+def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> study.Candidate:
     return study.tune(
         pool, scenes, "force_feedback", KAPPA,
         TuneRequest(("plate_energy_db",), generations=12, population=10, at_most=at_most),
@@ -96,9 +96,9 @@ def test_a_search_may_come_back_with_what_a_scene_starts_from(law: str) -> None:
 
 
 def test_without_a_better_setting_none_is_named() -> None:
-    good = study.Found({}, {"a": 0.0, "b": 0.0})
-    assert study.better_than(good, [study.Found({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
-    assert study.better_than(good, [study.Found({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
+    good = study.Candidate({}, {"a": 0.0, "b": 0.0})
+    assert study.better_than(good, [study.Candidate({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
+    assert study.better_than(good, [study.Candidate({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
 
 
 def test_unstable_settings_are_not_offered(pool: Pool) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.text_files import text_of
@@ -25,21 +25,57 @@ from hertzloop.identification.records.record import Record
 
 def fit(
     scene: options.SceneArgument,
-    records: Annotated[list[Path] | None, typer.Argument(metavar="RECORD...")] = None,
+    records: Annotated[
+        list[Path] | None, typer.Argument(metavar="RECORD...", help="Files of measured records.")
+    ] = None,
     free: Annotated[
-        list[str] | None, typer.Option("--free", metavar="KEY[=LOW:HIGH][±PRIOR]")
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="KEY[=LOW:HIGH][±PRIOR]",
+            help="Fit this scene key, within a range, with a prior standard deviation in its "
+            "unit or in %.",
+        ),
     ] = None,
     hold_out: Annotated[
-        list[str] | None, typer.Option("--hold-out", metavar="RECORD|HIT|none")
+        list[str] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="RECORD|HIT|none",
+            help="Compare this record, or the hit of this number, with the result; do not "
+            "fit it. Of several hits the last one is held out.",
+        ),
     ] = None,
-    check: bool = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Report what the records can tell; do not fit. Without a scene, show what "
+            "is read of them.",
+        ),
+    ] = False,
     expect: Annotated[
-        list[str] | None, typer.Option("--expect", metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]")
+        list[str] | None,
+        typer.Option(
+            "--expect",
+            metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]",
+            help="With --check, suppose a record of this kind, before the experiment.",
+        ),
     ] = None,
-    exact: bool = False,
-    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
-    report_file: Annotated[Path | None, typer.Option("--report")] = None,
-    replay_file: Annotated[Path | None, typer.Option("--replay")] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Take the model as exact: only noise spoils a record.")
+    ] = False,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
+    ] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write an HTML page of the fit to this file.")
+    ] = None,
+    replay_file: Annotated[
+        Path | None,
+        typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
+    ] = None,
     settings: options.SetOption = None,
     json_file: options.JsonOption = None,
     overwrite: options.OverwriteOption = False,
@@ -50,26 +86,12 @@ def fit(
 
     Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
     key that the records cannot identify.
-
-    Args:
-        records: Files of measured records.
-        free: Fit this scene key, within a range, with a prior standard deviation in its unit or in
-            %.
-        hold_out: Compare this record, or the hit of this number, with the result; do not fit it. Of
-            several hits the last one is held out.
-        check: Report what the records can tell; do not fit. Without a scene, show what is read of
-            them.
-        expect: With --check, suppose a record of this kind, before the experiment.
-        exact: Take the model as exact: only noise spoils a record.
-        out_file: Fitted scene to write; SCENE-fitted.toml if left out.
-        report_file: Write an HTML page of the fit to this file.
-        replay_file: Write measured over simulated values to this .rrd file.
     """
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
             out.say("\n".join(describe_file(file)))
         return
-    setup = options.scene_from(scene, settings, None)
+    setup = prepare.scene_from(scene, settings, None)
     files = list(records or [])
     numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
     held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
@@ -79,11 +101,11 @@ def fit(
     if not check:
         read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
         own = out_file is None and _written_by_fit(target)
-        options.check_output(target, overwrite or own, read=read)
+        outputs.check_output(target, overwrite or own, read=read)
     for path, option in ((report_file, "--report"), (replay_file, "--replay")):
         if path is not None:
-            options.check_output(path, overwrite, option, read=[*files, *held])
-    options.check_json(json_file, target, report_file, replay_file)
+            outputs.check_output(path, overwrite, option, read=[*files, *held])
+    outputs.check_json(json_file, target, report_file, replay_file)
     keys = [parse_free_key(setup, text) for text in free or []]
     if not keys:
         raise FitError("--free: no key is free. Name at least one, --free KEY.")
@@ -93,7 +115,7 @@ def fit(
     for one in (*measured, *compared):
         if isinstance(one, Record):
             out.say(f"{one.name}: {one.source}.")
-    options.compile_first(setup)
+    prepare.compile_first(setup)
     if check:
         under = True if any(is_control_key(key.key) for key in keys) else None
         measured += [
@@ -143,7 +165,7 @@ def fit(
 
         write_replay(result, replay_file)
         out.say(f"written: {replay_file}")
-    options.write_json(json_file, data)
+    outputs.write_json(json_file, data)
     if not result.identifiable:
         raise typer.Exit(2)
     if result.model is ModelVerdict.DOES_NOT_FIT:

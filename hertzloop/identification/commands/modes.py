@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 import typer
 
-from hertzloop.cli import options
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import write_whole
@@ -44,23 +44,82 @@ if TYPE_CHECKING:
 
 
 def modes(
-    names: Annotated[list[str] | None, typer.Argument(metavar="[SCENE] [FILE]...")] = None,
-    source: Annotated[str | None, typer.Option("--from", metavar="FILE")] = None,
-    contact: Annotated[str | None, typer.Option(metavar="NODE")] = None,
-    actuator: Annotated[str | None, typer.Option(metavar="NODE")] = None,
-    sensor: Annotated[str | None, typer.Option(metavar="NODE")] = None,
-    direction: Literal["x", "y", "z"] | None = None,
-    reference: Annotated[int | None, typer.Option(metavar="NODE")] = None,
-    kind: Literal["modes", "receptance", "mobility", "accelerance"] | None = None,
-    units: Annotated[str | None, typer.Option(metavar="LENGTH,FORCE")] = None,
-    unit_mass: Annotated[bool, typer.Option("--unit-modal-mass")] = False,
-    loss_factor: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
-    exponential_window: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
-    hold_out: list[Path] | None = None,
-    picture: Path | None = None,
-    out_file: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE] [FILE]...",
+            help="Name of a shipped scene, or a .toml file; more files of --from.",
+        ),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="FILE",
+            help="Read measured modes or frequency responses (UFF, UNV), or records of hits.",
+        ),
+    ] = None,
+    contact: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node of the contact point; of records, a name."),
+    ] = None,
+    actuator: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node of the actuator; default: the contact point."),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NODE",
+            help="Node of the sensor; of records, a name of its place; default: the contact point.",
+        ),
+    ] = None,
+    direction: Annotated[
+        Literal["x", "y", "z"] | None,
+        typer.Option(help="Direction of force and motion; default: the only one of the file."),
+    ] = None,
+    reference: Annotated[
+        int | None, typer.Option(metavar="NODE", help="Node of the force of frequency responses.")
+    ] = None,
+    kind: Annotated[
+        Literal["modes", "receptance", "mobility", "accelerance"] | None,
+        typer.Option(help="What to take of a file that holds several, or does not say."),
+    ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH,FORCE",
+            help="Units of the file, such as mm,N; default: those that the file states.",
+        ),
+    ] = None,
+    unit_mass: Annotated[
+        bool,
+        typer.Option("--unit-modal-mass", help="Take the shapes of the file as mass-normalised."),
+    ] = False,
+    loss_factor: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=1.0, help="Loss factor of every mode of a file without damping."),
+    ] = None,
+    exponential_window: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="Time constant of the exponential window of records of hits, s."
+        ),
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(help="Predict this measurement; default: each hit in turn, every fifth line."),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw measured and modelled response to this file.")
+    ] = None,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file.")
+    ] = None,
     settings: options.SetOption = None,
-    grid: bool = False,
+    grid: Annotated[
+        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
+    ] = False,
     json_file: options.JsonOption = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
@@ -68,24 +127,6 @@ def modes(
 
     The key plate.modes of a scene takes this file. With --from, a scene with these modes in the
     place of the plate of SCENE is written beside it.
-
-    Args:
-        names: Name of a shipped scene, or a .toml file; more files of --from.
-        source: Read measured modes or frequency responses (UFF, UNV), or records of hits.
-        contact: Node of the contact point; of records, a name.
-        actuator: Node of the actuator; default: the contact point.
-        sensor: Node of the sensor; of records, a name of its place; default: the contact point.
-        direction: Direction of force and motion; default: the only one of the file.
-        reference: Node of the force of frequency responses.
-        kind: What to take of a file that holds several, or does not say.
-        units: Units of the file, such as mm,N; default: those that the file states.
-        unit_mass: Take the shapes of the file as mass-normalised.
-        loss_factor: Loss factor of every mode of a file without damping.
-        exponential_window: Time constant of the exponential window of records of hits, s.
-        hold_out: Predict this measurement; default: each hit in turn, every fifth line.
-        picture: Draw measured and modelled response to this file.
-        out_file: Write this .csv, .parquet or .npz file.
-        grid: Add mode shapes on a grid for the replay; .npz only.
     """
     scene, files = _scene_and_files(names or [], source)
     if source is None:
@@ -114,13 +155,13 @@ def modes(
     beside = target.with_suffix(".toml")
     held = hold_out or []
     for path in (target, beside):
-        options.check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
+        outputs.check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
     if picture is not None:
-        options.check_picture(picture)
-        options.check_output(
+        outputs.check_picture(picture)
+        outputs.check_output(
             picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)]
         )
-    options.check_json(json_file, target, beside, picture)
+    outputs.check_json(json_file, target, beside, picture)
     paths = list(map(Path, files))
     if contact is None:
         fail(_missing_contact(paths[0], kind, units))
@@ -204,7 +245,7 @@ def modes(
         "warning": warning or None,
         "files": [str(target), str(beside)],
     }
-    options.write_json(json_file, told)
+    outputs.write_json(json_file, told)
 
 
 def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
@@ -360,12 +401,12 @@ def _of_scene(
     overwrite: bool,
     json_file: Path | None,
 ) -> None:
-    resolved = options.scene_from(scene, settings, None)
+    resolved = prepare.scene_from(scene, settings, None)
     target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
     if grid and target.suffix != ".npz":
         fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.")
-    options.check_output(target, overwrite, read=options.files_of(resolved, scene, *settings))
-    options.check_json(json_file, target)
+    outputs.check_output(target, overwrite, read=outputs.files_of(resolved, scene, *settings))
+    outputs.check_json(json_file, target)
 
     table = modes_of_scene(resolved, grid)
     write_whole(target, write_modes(target.suffix, table))
@@ -374,7 +415,7 @@ def _of_scene(
         "of equal frequency merged, modes without participation dropped), and a residual "
         f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}"
     )
-    options.write_json(
+    outputs.write_json(
         json_file,
         {
             "modes": len(table.omega_rad_s),

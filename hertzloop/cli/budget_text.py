@@ -1,0 +1,152 @@
+"""Sentences and tables that the command `budget` prints."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from hertzloop.cli.terminal import out
+from hertzloop.studies.budget.limits import Boundary, limit_words
+from hertzloop.studies.budget.probability import Probability, Sensitivity
+from hertzloop.studies.budget.stability import instability
+from hertzloop.studies.margin.shown import margin_lines
+from hertzloop.views.format import Table
+from hertzloop.views.verdict import spans_differ
+
+if TYPE_CHECKING:
+    from hertzloop.studies.budget.budget import Budget, InPlant
+
+
+def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
+    """Return the plants that were searched, by what sentences call them."""
+    real = [("the real plant", found.real)] if found.real else []
+    if not found.other:
+        return [("the scene", found.ideal), *real]
+    return [("the first impact", found.ideal), ("the whole run", found.other), *real]
+
+
+def effect_lines(found: "Budget") -> list[str]:
+    """Return sentences on the goal, and on what the law does in each plant."""
+    goal = " and ".join(map(str, found.goals))
+    lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
+    for name, plant in _plants(found):
+        energy = plant.nominal.over_phases["plate_energy_db"]
+        words = "meets the goal" if plant.nominal.met else "misses the goal"
+        if plant.nominal.unstable:
+            words += "; the loop is unstable"
+        elif plant.unstable:
+            words += f"{', but' if plant.nominal.met else ';'} {instability(plant.margin)}"
+        lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
+        if plant is found.ideal:
+            own = plant.nominal.figures["plate_energy_db"]
+            hint = "" if found.other else "--span both searches the limits of each."
+            lines += spans_differ(own, found.other_db, found.span, hint)
+        if plant.left_out:
+            refused = ", ".join(plant.left_out)
+            lines.append(f"The real plant is without {refused}, which the scene refuses.")
+    return lines
+
+
+def print_budget(found: "Budget") -> None:
+    """Print a budget on one screen."""
+    for line in effect_lines(found):
+        out.say(line)
+    plants = _plants(found)
+    out.print(_limits_table(plants))
+    for name, plant in plants:
+        _print_limits(name, plant)
+    margin = found.ideal.margin
+    if margin is None:
+        out.print("Linear margin: none, because the loop in flight is not linear under this law.")
+    else:
+        for line in margin_lines(margin):
+            out.say(line)
+
+
+def _print_limits(name: str, plant: "InPlant") -> None:
+    """Print which limit of a plant binds first, and what is special about the others."""
+    unstable = [one.quantity for one in plant.limits if one.boundary is Boundary.UNSTABLE]
+    if unstable:
+        out.say(
+            f"In {name} no value of {', '.join(unstable)} is tolerated, because the linear "
+            "loop is unstable."
+        )
+    if plant.binds_first is not None:
+        out.print(f"In {name} {plant.binds_first} binds first.")
+    elif not unstable:
+        out.print(f"In {name} no quantity has a limit.")
+    for limit in plant.limits:
+        if not limit.interval:
+            values = ", ".join(f"{x:.4g}" for x in limit.holds_again[:6])
+            out.say(
+                f"In {name} the goal is met again at {limit.quantity} = {values}: "
+                "the tolerated values are not an interval."
+            )
+        if limit.reason:
+            head = _REASONS[limit.boundary].format(limit)
+            out.say(f"In {name} {head} {limit.reason}")
+
+
+def trace_line(latencies_us: Sequence[float]) -> str:
+    """Summarise a trace of latencies, us, in a sentence."""
+    ordered = sorted(latencies_us)
+    median, high = (ordered[int(share * (len(ordered) - 1))] for share in (0.5, 0.99))
+    return (
+        f"Trace of {len(ordered)} latencies: median {median:g} us, 99 % below {high:g} us, largest "
+        f"{ordered[-1]:g} us."
+    )
+
+
+_REASONS = {
+    "no limit": "{0.quantity} has no limit:",
+    "refused": "{0.quantity} beyond {0.value:.4g} {0.unit} is refused:",
+    "not possible": "{0.quantity} cannot be varied.",
+}
+
+
+def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
+    """Return the tolerated values of each quantity, a column for each plant."""
+    columns: list[tuple[str, list[str]]] = []
+    for name, plant in plants:
+        columns.append((name, [limit_words(limit) for limit in plant.limits]))
+        if any(limit.impact_alone for limit in plant.limits):
+            alone = [limit_words(limit.impact_alone or limit) for limit in plant.limits]
+            columns.append((f"{plant.span} alone", alone))
+    first = plants[0][1].limits
+    low_high = (f"{one.searched[0]:.3g} to {one.searched[1]:.3g} {one.unit}" for one in first)
+    columns.append(("searched", list(low_high)))
+    title = "Tolerated, each with the other quantities as in the plant"
+    table = Table("quantity", right=[heading for heading, _ in columns], title=title)
+    for one, *cells in zip(first, *(cells for _, cells in columns), strict=True):
+        table.add_row(one.quantity, *cells)
+    return table
+
+
+def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst: str) -> None:
+    """Print how likely the goals are met."""
+    out.say(probability_line(likely))
+    names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
+    right = [f"{100 * quantile:g} %" for quantile in likely.quantiles[names[0]]]
+    table = Table("figure", right=right, title="Quantiles over the uncertain cases")
+    for name in names:
+        table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
+    out.print(table)
+    if indices:
+        title = "Sobol indices, each with half its 95 % interval"
+        shares = Table("keys", right=("figure", "first order", "total"), title=title)
+        for one in indices:
+            shares.add_row(
+                ", ".join(one.keys),
+                one.figure,
+                f"{one.first:z.3f} ± {one.first_half:z.3f}",
+                f"{one.total:z.3f} ± {one.total_half:z.3f}",
+            )
+        out.print(shares)
+    out.say(f"Run the worst case again: {worst}")
+
+
+def probability_line(likely: Probability) -> str:
+    """Return how likely the goals are met, in a sentence."""
+    low, high = likely.interval
+    return (
+        f"Probability that the goal is met: {likely.value:z.3f} ({low:z.3f} to {high:z.3f} at "
+        f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable)."
+    )

@@ -1,0 +1,63 @@
+"""Commands that run many cases: they continue after an interruption, and count failed cases."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hertzloop.cli.terminal import err, fail, if_interrupted
+from hertzloop.studies.sweeps.journal import JournalEntries, kept
+from hertzloop.studies.sweeps.pool import SweepFailed
+
+
+@contextmanager
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
+    """Keep finished cases in a journal, so that the same command continues after an interruption.
+
+    It ends the command with one sentence if the cases cannot be finished.
+
+    Args:
+        folder: Folder of the journal.
+        name: Name of the command.
+        header: Everything that decides the cases. A journal with another header is not continued.
+
+    Yields:
+        The cases that an earlier start of the command has finished.
+    """
+    kept_cases = "no case is finished"
+    try:
+        with kept(folder, name, header) as finished:
+            path = finished.journal.path
+            kept_cases = (
+                f"finished cases are kept in {path}. Run the same command again to continue"
+            )
+            if finished.found:
+                err.say(f"Continuing with {finished.found} finished cases of {path}.")
+            for line in finished.journal.damaged:
+                err.say(f"line {line} of {path} was damaged. Its case is run again.")
+            try:
+                with if_interrupted(lambda: kept_cases):
+                    yield finished
+            except SweepFailed as error:
+                fail(f"{error}; {kept_cases}.", 1)
+    except OSError as error:
+        reason = error.strerror or error
+        fail(f"cannot write to the folder {folder}: {reason}; {kept_cases}.", 1)
+
+
+def end_if_failed(reasons: list[str], total: int) -> None:
+    """End the command with exit code 1 if cases failed, and print the most frequent reasons.
+
+    Args:
+        reasons: The reason of each failed case.
+        total: Number of all cases.
+    """
+    if not reasons:
+        return
+    counted = Counter(reasons).most_common()
+    for reason, times in counted[:3]:
+        err.say(f"{times} times: {reason}" if times > 1 else reason)
+    if len(counted) > 3:
+        err.print(f"... and {len(counted) - 3} more reasons")
+    fail(f"{len(reasons)} of {total} cases failed", 1)

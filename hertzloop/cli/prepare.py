@@ -1,0 +1,109 @@
+"""What a command does before it runs a scene: resolve it, try its law, compile its kernels."""
+
+import os
+from functools import cache
+
+from hertzloop.cli.terminal import err, fail, progress
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.law_trial import try_law
+from hertzloop.processes.signals import INTERRUPTED, ending_signals
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.loading import load as load_scene
+from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
+from hertzloop.scene.setup import Setup, resolve
+from hertzloop.warmup import all_compiled, anything_compiled, ensure_compiled
+
+
+def scene_from(
+    source: str, settings: list[str] | None, seed: int | None, law_was_tried: bool = False
+) -> Setup:
+    """Resolve the scene that a command names, and try its law.
+
+    Args:
+        source: Name of a shipped scene, or a .toml file.
+        settings: Changes of keys, as `key=value`.
+        seed: Random seed; None: that of the scene.
+        law_was_tried: Whether the process that started this one has tried the law.
+
+    Raises:
+        SceneError: The scene cannot be simulated.
+    """
+    setup = resolve(load_scene(source, settings or (), seed))
+
+    if not anything_compiled():
+        announce_compilation()
+    spec = setup.plant
+    takes_s = build_time_s(spec)
+    if takes_s >= WARN_ABOVE_S:
+        count = spec.plate.modes_below(spec.frequency_limit_hz)
+        err.say(f"Computing about {count:.2g} modes takes about {takes_s:.0f} s of processor time.")
+    if not law_was_tried:
+        check_law(setup)
+    return setup
+
+
+def check_law(setup: Setup) -> None:
+    """Try a law that is not shipped for a moment, and print a note on a slow one.
+
+    Of a shipped law it prints what the law has to say of its keys.
+
+    Raises:
+        SceneError: The law cannot be used.
+    """
+    if setup.law_reference in shipped_laws():
+        note = loaded_law(setup).note(setup.scene.controller.keys)
+    else:
+        note = try_law(setup)
+    if note:
+        err.say(note)
+
+
+def check_pace(setup: Setup, options: RunOptions) -> None:
+    """End the command for an impossible pace, or for options that a paced run excludes."""
+    if options.pace is None:
+        return
+    need_lock_step = {
+        "horizon": options.horizon,
+        "verify": options.verify,
+        "repeat": options.repeat,
+    }
+    for name, value in need_lock_step.items():
+        if value:
+            fail(
+                f"--{name}: cannot be combined with --pace, which does not wait for forces. "
+                f"Remove one of the two."
+            )
+    from hertzloop.loop import paced  # 0.05 s, which other runs save
+
+    paced.check_pace(setup, options.pace, options.timeout_s)
+
+
+def compile_first(*scenes: Setup, paced: bool = False) -> None:
+    """Compile the kernels that scenes run, unless they are in the cache; show how far that is.
+
+    Raises:
+        SceneError: A scene cannot be built.
+    """
+    if all_compiled(*scenes, paced=paced):
+        return
+    announce_compilation()
+
+    def end(_: int) -> None:
+        # At once, since nothing is to be kept: what LLVM calls loses a KeyboardInterrupt.
+        err.show_cursor()
+        err.say("interrupted")
+        os._exit(INTERRUPTED)
+
+    with progress("Compiling", 100, lines=True) as advance, ending_signals(end):
+        ensure_compiled(
+            *scenes,
+            paced=paced,
+            on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
+        )
+
+
+@cache
+def announce_compilation() -> None:
+    """Say why the next seconds are silent; once in a process."""
+    err.print("Compiling the model: about 15 s, once for this version of hertzloop.")

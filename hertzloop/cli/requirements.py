@@ -1,0 +1,77 @@
+"""Requirements on a law, checked for `budget --check`."""
+
+from pathlib import Path
+
+import typer
+
+from hertzloop.cli import outputs, prepare
+from hertzloop.cli.terminal import if_interrupted, out, progress
+from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.views.format import unwrapped
+
+
+def check_requirements(
+    path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
+) -> None:
+    """Check a file of requirements; end with exit code 1 if one fails.
+
+    Args:
+        path: The requirements, a TOML file.
+        workers: Number of processes; None: one for each core.
+        junit_file: File for the results as JUnit XML, if one is asked for.
+        json_file: File of --json, if one is given.
+    """
+    requirements = read_requirements(path)
+    setups = [requirement.setup() for requirement in requirements]
+    for setup in {setup.law_reference: setup for setup in setups}.values():
+        prepare.check_law(setup)
+    prepare.compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+    results = []
+    with (
+        if_interrupted(),
+        progress("requirements", len(requirements)) as advance,
+        local_pool(workers) as pool,
+    ):
+        for requirement in requirements:
+            results.append(check(pool, requirement))
+            advance(len(results))
+    for result in results:
+        head = ("holds", "green") if result.passed else ("FAILS", "bold red")
+        out.say(unwrapped(head, f"  {result.row.name}"))
+        for sentence in (*result.fails, *result.holds):
+            out.say(f"    {sentence}")
+        for sentence in result.warnings:
+            out.say(f"    Warning: {sentence}")
+        if not result.passed:
+            out.say(f"    Reproduce: {result.command}")
+    failed = sum(not result.passed for result in results)
+    out.print(f"{len(results) - failed} of {len(results)} requirements hold")
+    if junit_file is not None:
+        junit(junit_file, results)
+    as_data = [
+        {
+            "name": result.row.name,
+            "scene": result.row.scene,
+            "passed": result.passed,
+            "holds": list(result.holds),
+            "fails": list(result.fails),
+            "warnings": list(result.warnings),
+            "unstable": result.unstable,
+            "measured": result.measured,
+            "command": result.command,
+            "seconds": result.seconds,
+        }
+        for result in results
+    ]
+    outputs.write_json(
+        json_file,
+        {
+            "requirements": as_data,
+            "passed": not failed,
+            "failed": failed,
+            "unstable": any(result.unstable for result in results),
+        },
+    )
+    if failed:
+        raise typer.Exit(1)

@@ -1,0 +1,52 @@
+"""Tables that the command `sweep` prints."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hertzloop.results.cases import SHOWN
+from hertzloop.studies.sweeps.sweep import extremes, known, short
+from hertzloop.views.format import Table
+
+_MOST_ROWS = 20
+
+
+def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Return the least and the largest value of each figure, and the keys that gave them."""
+    table = Table(title="Against no control")
+    for heading in ("figure", "least", "at", "largest", "at"):
+        table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
+    for figure, *words in extremes(rows, keys):
+        table.add_row(figure, *words)
+    return table
+
+
+def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Return median and 95 % range of figures over the draws; a row for each setting of `keys`."""
+    # As many figures as fit side by side in 80 columns.
+    names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
+    right = [*(key.split(".")[-1] for key in keys), *names]
+    table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    for values, group in list(groups.items())[:_MOST_ROWS]:
+        cells = []
+        for name in names:
+            having = [row[name] for row in known(group, name)] or [math.nan]
+            low, middle, high = np.percentile(having, [2.5, 50.0, 97.5])
+            cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
+        table.add_row(*(short(value) for value in values), *cells)
+    return table
+
+
+def phases_table(groups: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Return mean and range over the touch phase; a row for each setting of the other keys."""
+    right = [*(key.split(".")[-1] for key in keys), *SHOWN[:2]]
+    table = Table(right=right, title="Over touch phases: mean (least to most)")
+    for group in groups[:_MOST_ROWS]:
+        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
+    if len(groups) > _MOST_ROWS:
+        table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
+    return table

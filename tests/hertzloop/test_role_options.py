@@ -1,0 +1,34 @@
+"""What the launcher passes on to the roles: each option that the command of a role has."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from hertzloop.bus.streams import ROLES
+from hertzloop.cli import app
+from hertzloop.cli.commands import all_commands
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.launcher import role_options
+
+UNUSUAL = RunOptions(
+    overwrite=True,
+    horizon=7,
+    name="mine",
+    timeout_s=9.0,
+    fast_lane=False,
+    realtime="on",
+    pace=0.5,
+    repeat=Path("a.mcap"),
+)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_role_gets_each_option_that_its_command_has(role: str) -> None:
+    [entry] = [entry for entry in all_commands() if entry.words == f"node {role}"]
+    given = app.load_command(entry).make_context(role, role_options(role, "mine", UNUSUAL)).params
+    shared = [field.name for field in fields(RunOptions) if field.name in given]
+    assert {name: given[name] for name in shared} == {
+        name: getattr(UNUSUAL, name) for name in shared
+    }
+    assert {"name", "timeout_s", "realtime"} <= set(shared)
