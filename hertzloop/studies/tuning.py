@@ -168,7 +168,7 @@ def fastest_m_s(scenes: Sequence[Setup]) -> float:
 def _value(axis: Axis, x: float) -> Any:
     if axis.values:
         return axis.values[min(int(x), len(axis.values) - 1)]
-    return axis.grained(float(x))
+    return axis.at_resolution(float(x))
 
 
 class _Settings(Problem):

@@ -94,7 +94,7 @@ def test_spread_points_are_values_that_their_keys_can_have() -> None:
 def test_a_tuned_time_is_a_whole_number_of_steps() -> None:
     scene = load("aluminium-3mm", ["run.step_ns=500"])
     axis = fitted(parse_axis("controller.latency_us=1:9"), scene)
-    assert [axis.grained(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
+    assert [axis.at_resolution(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
 
 
 def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: Path) -> None:

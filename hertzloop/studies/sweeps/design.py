@@ -32,39 +32,39 @@ class DesignError(ValueError):
 @dataclass(frozen=True)
 class Axis:
     """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
-    `high`, in steps of `grain` if that is not 0."""
+    `high`, in steps of `resolution` if that is not 0."""
 
     key: str
     values: tuple[Any, ...] = ()
     low: float = 0.0
     high: float = 0.0
-    grain: float = 0.0
+    resolution: float = 0.0
 
     def at(self, share: float) -> Any:
         """Value at a share in [0, 1) of the axis."""
         if self.values:
             return self.values[int(share * len(self.values))]
-        if self.grain:
-            places = math.floor((self.high - self.low) / self.grain + 1e-9) + 1
-            return self.grained(self.low + int(share * places) * self.grain)
+        if self.resolution:
+            places = math.floor((self.high - self.low) / self.resolution + 1e-9) + 1
+            return self.at_resolution(self.low + int(share * places) * self.resolution)
         return self.low + share * (self.high - self.low)
 
-    def grained(self, value: float) -> Any:
+    def at_resolution(self, value: float) -> Any:
         """The value nearest to a number that the key can have."""
-        return on_grain(value, self.grain, self.low)
+        return on_resolution(value, self.resolution, self.low)
 
 
-def on_grain(value: float, grain: float, low: float = 0.0) -> Any:
-    """The nearest to a number of those that are `grain` apart, `low` among them; 0: any number."""
-    if not grain:
+def on_resolution(value: float, resolution: float, low: float = 0.0) -> Any:
+    """Return the nearest of the numbers `resolution` apart, from `low` on; 0: any number."""
+    if not resolution:
         return value
-    near = low + round((value - low) / grain) * grain
-    return round(near) if grain == round(grain) else float(f"{near:.12g}")
+    near = low + round((value - low) / resolution) * resolution
+    return round(near) if resolution == round(resolution) else float(f"{near:.12g}")
 
 
 def fitted(axis: Axis, setup: Setup) -> Axis:
-    """The axis with the grain that the scene's key has."""
-    return axis if axis.values else replace(axis, grain=setup.resolution_of(axis.key))
+    """The axis with the resolution that the scene's key has."""
+    return axis if axis.values else replace(axis, resolution=setup.resolution_of(axis.key))
 
 
 def parse_axis(text: str) -> Axis:

@@ -20,7 +20,7 @@ from hertzloop.scene.errors import SceneError, shown
 from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.tables import FitTable
-from hertzloop.studies.sweeps.design import Design, on_grain
+from hertzloop.studies.sweeps.design import Design, on_resolution
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
 _NUMBERS: dict[str, tuple[str, ...]] = {
@@ -44,21 +44,21 @@ class UncertainInput:
         numbers: of the distribution, in the unit of the key, in the order of the documentation of
             the file; the measured values; or the means of correlated keys (medians of fitted ones).
         factor: of correlated keys, a square root of the covariance, rows as `keys`.
-        grains: how far apart the values of each key are, 0 for any number.
+        resolutions: how far apart the values of each key are, 0 for any number.
     """
 
     keys: tuple[str, ...]
     kind: str
     numbers: tuple[float, ...]
     factor: tuple[tuple[float, ...], ...] = ()
-    grains: tuple[float, ...] = (0.0,)
+    resolutions: tuple[float, ...] = (0.0,)
 
     def at(self, shares: Sequence[float]) -> dict[str, Any]:
         """Return the values at a point of the unit cube, one number in (0, 1) a key."""
         found = self._correlated(shares) if self.factor else [self._single(shares[0])]
         return {
-            key: on_grain(value, grain)
-            for key, value, grain in zip(self.keys, found, self.grains, strict=True)
+            key: on_resolution(value, resolution)
+            for key, value, resolution in zip(self.keys, found, self.resolutions, strict=True)
         }
 
     def _correlated(self, shares: Sequence[float]) -> list[float]:
@@ -191,13 +191,13 @@ def _checked(parts: tuple[UncertainInput, ...], setup: Setup, name: str) -> Unce
 def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
     table = given if isinstance(given, dict) else {}
     kind = table.get("distribution")
-    grains = (setup.resolution_of(key),)
+    resolutions = (setup.resolution_of(key),)
     if kind == "values":
         values = table.get("values", [])
         numbers = _floats(values if isinstance(values, list) else [], len(values), key, name)
         if not numbers:
             raise SceneError(f"{name}, {key}.values = []: is empty. Give measured values")
-        return UncertainInput((key,), "values", numbers, (), grains)
+        return UncertainInput((key,), "values", numbers, (), resolutions)
     if kind not in _NUMBERS:
         raise SceneError(
             f"{name}, {key}.distribution = {shown(kind)}: is unknown. Choose one of "
@@ -215,7 +215,7 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
         raise SceneError(f"{name}, {key}: {', '.join(wanted)} must increase. Put them in order")
     if kind in ("normal", "log_normal") and not numbers[1] > 0.0:
         raise SceneError(f"{name}, {key}.{wanted[1]} = {numbers[1]:g}: must be above 0. Change it")
-    return UncertainInput((key,), kind, numbers, (), grains)
+    return UncertainInput((key,), kind, numbers, (), resolutions)
 
 
 def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
