@@ -1,4 +1,4 @@
-"""The command that measures how fast a scene runs on this machine."""
+"""The command `bench`."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -12,7 +12,7 @@ from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies import bench as bench_study
 from hertzloop.views.format import Table
 
-_CALLED = {
+_TRANSPORT_WORDS = {
     "compiled": "one compiled call",
     "inprocess": "one process, with messages",
     "zenoh": "three processes over zenoh",
@@ -43,9 +43,11 @@ def bench(
     table = Table("loop", right=right, title=title)
     for loop in found.loops:
         table.add_row(
-            _CALLED[loop.transport], f"{loop.median_us:.3g}", f"{loop.least_us:.3g}",
+            _TRANSPORT_WORDS[loop.transport],
+            f"{loop.median_us:.3g}",
+            f"{loop.least_us:.3g}",
             f"{loop.times_real_time:.3g}",
-        )  # fmt: skip
+        )
     out.print(table)
     out.print(
         f"sweep over {found.sweep.cases} latencies on one core: {found.sweep.per_s:z.0f} cases a "

@@ -1,4 +1,4 @@
-"""The command `hertzloop node keys`: certificates and configurations for a run on several hosts."""
+"""The command `node keys`: certificates and configurations for a run on several hosts."""
 
 import ipaddress
 import json

@@ -1,4 +1,4 @@
-"""The command that lets a run be heard."""
+"""The command `listen`."""
 
 import math
 from pathlib import Path
@@ -67,11 +67,12 @@ def listen(
         data = write_sounds(recording, scene_of(recording), folder, at, slow, tail, energy)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
-    _show(data)
+    _print_sounds(data)
     outputs.write_json(json_file, data)
 
 
-def _show(data: dict[str, Any]) -> None:
+def _print_sounds(data: dict[str, Any]) -> None:
+    """Print pressure, level and energies of each sound."""
     runs = data["runs"]
     compared = len(runs) == 2 and data["full_scale_pa"] > 0.0
     right = ["", *(name.replace("-", " ") for name in runs), *["change"] * compared]
@@ -95,7 +96,7 @@ def _show(data: dict[str, Any]) -> None:
 
 
 def _change(values: list[float], unit: str) -> str:
-    """The first against the second, in dB; "" where there is none."""
+    """Return the change from the second value to the first, in dB; empty without one."""
     first, second = values
     if unit == "dB":
         return f"{first - second:+z.2f} dB" if min(values) > -math.inf else ""
@@ -104,7 +105,7 @@ def _change(values: list[float], unit: str) -> str:
 
 
 def _explain(name: str, run: dict[str, Any]) -> None:
-    """Why the energies of a run differ, and by how much."""
+    """Print by how much the sound energies of a run differ, and why."""
     energies = [run.get(key, 0.0) for key in _ENERGIES]
     if min(energies) > 0.0:
         levels = [10.0 * math.log10(one) for one in energies]

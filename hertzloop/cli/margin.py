@@ -1,4 +1,4 @@
-"""The command that states the linear margin of a scene's loop."""
+"""The command `margin`."""
 
 from dataclasses import asdict
 from pathlib import Path

@@ -24,12 +24,11 @@ if TYPE_CHECKING:
     from hertzloop.scene.setup import Setup
 
 
-# What single commands need is imported in them: views take 0.06 s, Rerun 0.5 s, and what draws is
-# of an extra.
+# Commands import what they alone need: views take 0.06 s, Rerun 0.5 s, and drawing is in an extra.
 
 
 def scene_to_run(recording: Recording) -> "Setup":
-    """The scene of a recording; ends the command if it cannot be simulated here."""
+    """Return the scene of a recording; end the command if it cannot be simulated here."""
     try:
         return parse(recording.scene_toml)
     except SceneError as error:
@@ -38,7 +37,7 @@ def scene_to_run(recording: Recording) -> "Setup":
 
 
 def repeat_or_fail(recording: Recording, setup: "Setup") -> RepeatedRun:
-    """What is to be repeated of a recording of this scene; ends the command for another scene."""
+    """Return the forces and delays to repeat; end the command for a recording of another scene."""
     if to_toml(setup.scene) != recording.scene_toml:
         fail(f"{recording.path}: recorded with a different scene{recording.other_version}")
     return repeated_run(recording)
@@ -167,6 +166,7 @@ def compare(
 
 
 def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
+    """Print the figures of both runs, and their change."""
     from hertzloop.results.comparison import compared
     from hertzloop.results.span_figures import RunFigures
     from hertzloop.views import inspection
@@ -181,7 +181,8 @@ def _compare_figures(left: Recording, right: Recording, json_file: Path | None) 
         figures.append(RunFigures(one.result.figures.first_impact, one.result.figures.whole_run))
         out.say(
             f"{'AB'[len(figures) - 1]}: {recording.path}, scene "
-            f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}")  # fmt: skip
+            f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
+        )
     found = compared(*figures)
     out.print(inspection.comparison_table(found))
     named = {"a": str(left.path), "b": str(right.path)}
@@ -189,8 +190,10 @@ def _compare_figures(left: Recording, right: Recording, json_file: Path | None) 
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:
-    """Step up to which the recorded run can be the same on another processor, None for the end, or
-    where its scene cannot be simulated here."""
+    """Return the step up to which another processor gives the same run.
+
+    None: the whole run, or unknown, since its scene cannot be simulated here.
+    """
     from hertzloop.results.predictability import horizon_step
 
     try:
@@ -270,11 +273,11 @@ def repair(
     """
     from hertzloop.views.inspection import without_checksum
 
-    whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
-    outputs.check_recording(whole, overwrite, read=[file])
-    messages, others, unchecked = recover_file(file, whole, overwrite)
-    left = f"; ignored: {others:,} of other topics" if others else ""
-    out.say(f"repaired: {messages:,} messages are in {whole}{left}")
+    repaired = out_file or file.with_name(f"{file.stem}-repaired.mcap")
+    outputs.check_recording(repaired, overwrite, read=[file])
+    messages, others, unchecked = recover_file(file, repaired, overwrite)
+    ignored = f"; ignored: {others:,} of other topics" if others else ""
+    out.say(f"repaired: {messages:,} messages are in {repaired}{ignored}")
     if unchecked:
         err.say(f"{file}: {without_checksum(unchecked)}.")
 
@@ -328,7 +331,7 @@ def report(
 
 
 def _page(source: Path, folder: Path, overwrite: bool) -> Path:
-    """Where the page goes; ends the command if it cannot."""
+    """Return the file of a page; end the command if it cannot be written."""
     outputs.make_folder(folder)
     page = folder / f"{source.stem}.html"
     outputs.check_output(page, overwrite, "--out-dir", [source])
@@ -336,5 +339,6 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
 
 
 def _write(page: Path, text: str) -> None:
+    """Write a page, and print its name and size."""
     write_whole(page, text)
     out.say(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)")

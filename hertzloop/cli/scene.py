@@ -46,7 +46,7 @@ def new(
     outputs.write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, then)
 
 
-_HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
+_HEADER = """# A scene for hertzloop: run it with   hertzloop run {name}
 #
 # Every key is in its table; a wrong one is refused with a sentence. What is left out has its
 # default. `hertzloop run {name} --set sensors.bits=12` changes a key for one run.
@@ -55,8 +55,9 @@ _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
 
 
 def _start_of(file: Path) -> str:
+    """Return the text of a new scene: the default scene, with comments."""
     text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{scene_name(file)}"')
-    return _HEAD.format(name=shlex.quote(file.name)) + text
+    return _HEADER.format(name=shlex.quote(file.name)) + text
 
 
 def scene_name(file: Path) -> str:

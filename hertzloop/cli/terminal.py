@@ -1,4 +1,4 @@
-"""What every command prints with: two consoles, errors, progress, interruptions."""
+"""Terminal output of all commands: two consoles, errors, progress, interruptions."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,14 +19,16 @@ _LINE_S = 10.0  # between two lines on progress
 
 
 class Advance(Protocol):
-    """How far something is, of its total, and in what words to say so."""
+    """Function that takes how much of a total is completed, and the text of the progress bar."""
 
     def __call__(self, completed: int, about: str = ..., /) -> None: ...
 
 
 class Terminal(Console):
-    """A console for text that may come from scenes, files and other processes: a name such as
-    [red] or 0:100:1 has no meaning here, and no character in it controls the terminal."""
+    """A console for text from scenes, files and other processes.
+
+    Markup such as [red] has no meaning in it, and no character of it controls the terminal.
+    """
 
     def __init__(self, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, highlight=False, emoji=False, markup=False)
@@ -49,19 +51,28 @@ err = Terminal(stderr=True)
 
 
 def be_quiet() -> None:
-    """Print nothing but errors, and what --json - writes to standard output."""
+    """Print only errors, and the JSON of `--json -` on standard output."""
     out.quiet = True
 
 
 def fail(sentence: str, code: int = 2) -> NoReturn:
-    """Print an error and end the command; exit code 2 says that the mistake is the user's."""
+    """Print an error and end the command.
+
+    Args:
+        sentence: What is wrong, and what to do.
+        code: Exit code: 2 for a mistake of the user, 1 for a failed run.
+    """
     err.say(Text.assemble(("error:", "red"), f" {sentence}"))
     raise typer.Exit(code)
 
 
 @contextmanager
 def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
-    """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
+    """End the command with exit code 130 if a signal interrupts the context.
+
+    Args:
+        explain: Returns a sentence on what is kept, to print.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -71,9 +82,11 @@ def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
 
 @contextmanager
 def explained() -> Iterator[None]:
-    """End the command in one sentence for an interruption that nothing inside explains, for a
-    missing package that an extra brings, and for an error with an `exit_status`: 2 of the user's
-    mistake, 1 of a failed run."""
+    """End the command with one sentence for an interruption or an error.
+
+    It catches interruptions that nothing inside has explained, missing packages of an extra, and
+    errors with an `exit_status`: 2 for a mistake of the user, 1 for a failed run.
+    """
     out.stderr = False  # --json - changes it
     try:
         with if_interrupted():
@@ -93,10 +106,17 @@ def explained() -> Iterator[None]:
 def progress(
     what: str, total: int, auto_refresh: bool = True, lines: bool = False
 ) -> Iterator[Advance]:
-    """Show a progress bar with the time left, gone when done; with `lines`, where standard error
-    is no terminal, a line every 10 s instead. Yields a function that takes how much of `total` is
-    completed, and other words than `what`. Without `auto_refresh` no thread redraws the bar: it
-    would disturb a measurement."""
+    """Show a progress bar with the time left, which disappears at the end.
+
+    Args:
+        what: Name of the work.
+        total: Amount of the work.
+        auto_refresh: Whether a thread redraws the bar; it would disturb a measurement.
+        lines: Whether a line every 10 s replaces the bar if standard error is not a terminal.
+
+    Yields:
+        A function that takes the completed amount, and another text than `what`.
+    """
     percent = TextColumn("{task.percentage:3.0f} %", markup=False)
     about = TextColumn("{task.description}", markup=False)
     columns = (about, BarColumn(), percent, TimeRemainingColumn())
@@ -106,22 +126,19 @@ def progress(
     ) as bar:
         task = bar.add_task(what, total=total)
         bar.refresh()
-        before, said = 0, time.monotonic()
+        last_completed, last_line_s = 0, time.monotonic()
 
         def advance(completed: int, about: str = what) -> None:
-            nonlocal before, said
+            nonlocal last_completed, last_line_s
             bar.update(task, completed=completed, description=about, refresh=not auto_refresh)
-            now = time.monotonic()
-            if (
-                not lines
-                or err.is_terminal
-                or out.quiet
-                or now < said + _LINE_S
-                or completed <= before
-            ):
+            now_s = time.monotonic()
+            with_lines = lines and not err.is_terminal and not out.quiet
+            is_due = now_s >= last_line_s + _LINE_S and completed > last_completed
+            if not with_lines or not is_due:
                 return
-            left_s = (total - completed) * (now - said) / (completed - before)
-            before, said = completed, now
+            per_unit_s = (now_s - last_line_s) / (completed - last_completed)
+            left_s = (total - completed) * per_unit_s
+            last_completed, last_line_s = completed, now_s
             err.say(f"{about}, about {left_s:.0f} s left")
 
         yield advance

@@ -23,16 +23,19 @@ def run_table(report: RunReport) -> Table:
     assessed, full = report.assessed, parts.model and parts.model.full
     structure = report.structure
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
-    told = parts.theory if asked is None or asked.solid else None  # None: "auto"
+    theory = parts.theory if asked is None or asked.solid else None  # asked is None: "auto"
     factor = setup.duration_s / wall_s if wall_s else math.inf
+    rate = setup.steps / max(wall_s, 1e-9)
     note = SCHEMES[setup.scheme].note
     limit = parts.limiting_pressure
+    residuals = (
+        f"energy {balance.energy_residual:.1e}, momentum {balance.momentum_residual:.1e} (relative)"
+    )
     rows = (
         ("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}"),
         ("law that ran", law_line(assessed.law)),
         ("steps", f"{setup.steps:,}"),
-        ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, "
-                      f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s"),
+        ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, {rate:,.0f} steps/s"),
         ("scheme", note and f"{setup.scheme}: {note}"),
         ("actuator demand", demand and demand_words(demand)),
         ("limiting pressure", limit and pressure_words(limit)),
@@ -42,15 +45,14 @@ def run_table(report: RunReport) -> Table:
         ("exchanges", _exchanges(report)),
         ("real-time profile", report.realtime),
         ("structure", "" if structure["closed_form"] else _structure_words(structure)),
-        ("plate theory", told and theory_words(told)),
+        ("plate theory", theory and theory_words(theory)),
         ("plate model", _model_order(report)),
         ("truncated modes", parts.tail and tail_words(parts.tail)),
         ("full model", full and "modes_in_file" not in structure and _full_model(full)),
         ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
         ("contact solve", f"at most {balance.newton_iterations_max} evaluations a step"),
-        ("residuals", f"energy {balance.energy_residual:.1e}, "
-                      f"momentum {balance.momentum_residual:.1e} (relative)"),
-    )  # fmt: skip
+        ("residuals", residuals),
+    )
     table = Table("", "", show_header=False)
     for heading, words in rows:
         if words:
@@ -158,9 +160,12 @@ def _model_order(report: RunReport) -> str:
         return chosen
     theory, law = report.parts.theory, report.assessed.law.scene_law
     why = what_limits(
-        theory is not None and STRUCTURES[theory.chosen].solid, law != NO_CONTROL,
-        "modes_in_file" in report.structure, limit_hz, model.full.frequency_limit_hz,
-    )  # fmt: skip
+        solid=theory is not None and STRUCTURES[theory.chosen].solid,
+        controlled=law != NO_CONTROL,
+        of_file="modes_in_file" in report.structure,
+        limit_hz=limit_hz,
+        full_hz=model.full.frequency_limit_hz,
+    )
     return f"{chosen} (requested: {asked:g}; {why})"
 
 

@@ -40,7 +40,13 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
 
 
 def about(value: float, digits: int = 2, sign: str = "") -> str:
-    """A rounded number in words, e.g. "about 300"; 0 digits before the point are no news."""
+    """Return a rounded number in words, for example "about 300".
+
+    Args:
+        value: The number.
+        digits: Number of significant digits.
+        sign: "+" to write the sign of a positive number.
+    """
     rounded = float(f"{value:.{digits}g}")
     plain = abs(rounded) < 10.0**_PLAIN
     return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
@@ -55,7 +61,15 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
 def cells(
     row: FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
 ) -> list[str]:
-    """A figure of several runs with its unit and predictable digits; `without`: what nan says."""
+    """Return a figure of several runs with its unit and its predictable digits.
+
+    Args:
+        row: Factor and unit of the figure.
+        values: Its value in each run.
+        errors: Largest absolute error in each run.
+        form: Format specification of a number without error.
+        without: Text in the place of nan.
+    """
     factor, unit = row.factor, row.unit
     if unit == "uJ":
         factor, unit = energy_unit(value for value in values if not math.isnan(value))
@@ -68,10 +82,11 @@ def cells(
 
 
 def with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit; a number that is unknown has none."""
     return number if number == UNKNOWN else f"{number} {unit}"
 
 
 def in_db(found: tuple[float, float], form: str) -> str:
-    """A change in dB and its error in words; empty where there is none."""
+    """Return a change in dB with the digits that its error leaves; empty for nan."""
     change, wrong = found
     return "" if math.isnan(change) else with_unit(known_digits(change, form, wrong), "dB")

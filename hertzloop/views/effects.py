@@ -37,9 +37,14 @@ def sentences_of(found: Iterable[ValidityCheck]) -> list[tuple[str, str]]:
 
 
 def _styled_sentences(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
-    known = list(found)
-    return [(*_HEADS[state], f"{f.sentence}.") for state in _HEADS for f in known
-            if f.state == state]  # fmt: skip
+    """Return head, style and sentence of each effect, effects out of range first."""
+    checks = list(found)
+    return [
+        (*_HEADS[state], f"{check.sentence}.")
+        for state in _HEADS
+        for check in checks
+        if check.state == state
+    ]
 
 
 def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
@@ -67,7 +72,10 @@ def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]
 
 def neglected_lines(found: Iterable[ValidityCheck]) -> list[Text]:
     """Return a sentence on each effect that is neglected or out of range."""
-    return [unwrapped((head, style), f" {said}") for head, style, said in _styled_sentences(found)]
+    return [
+        unwrapped((head, style), f" {sentence}")
+        for head, style, sentence in _styled_sentences(found)
+    ]
 
 
 def table_of(found: Iterable[ValidityCheck]) -> Table:
@@ -78,10 +86,12 @@ def table_of(found: Iterable[ValidityCheck]) -> Table:
     for one in found:
         _, style = _HEADS.get(one.state, ("", ""))
         table.add_row(
-            one.name, one.formula, "" if math.isnan(one.value) else f"{one.value:.2g}",
+            one.name,
+            one.formula,
+            "" if math.isnan(one.value) else f"{one.value:.2g}",
             f"{'>' if one.beyond < one.threshold else '<'} {one.threshold:.2g}",
             Text(_STATE_WORDS.get(one.state, one.state), style),
-        )  # fmt: skip
+        )
     return table
 
 

@@ -55,7 +55,7 @@ def figures_table(result: RunResult, known: Predictability, free: Figures | None
 
 
 def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
-    """The largest absolute error of a figure; 0 if all its digits are predictable."""
+    """Return the largest absolute error of a figure; 0 if all its digits are predictable."""
     if span == "first_impact":
         errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
         return errors.get(key, 0.0)
@@ -67,7 +67,7 @@ def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> flo
 def _change_of_figure(
     key: str, value: float, reference: float, error: float, reference_error: float
 ) -> str:
-    """The change that control makes; empty if it has no meaning."""
+    """Return the change that control makes; empty if it has no meaning."""
     if math.isnan(value) or math.isnan(reference) or reference == 0.0:
         return ""
     if key in _IN_DB:

@@ -11,17 +11,27 @@ from rich.text import Text
 
 
 class Table(RichTable):
-    """A table of which no cell is cut: it keeps all words whole where they fit side by side, and
-    breaks long ones where they do not."""
+    """A table that cuts no cell: it breaks lines between words, and long words only if they do not
+    fit side by side.
+
+    Args:
+        headings: Headings of columns with text.
+        right: Headings of the columns after them, which hold numbers.
+        title: Title above the table.
+        show_header: Whether the headings are printed.
+    """
 
     def __init__(
-        self, *headings: str, right: Iterable[str] = (), title: str | None = None,
+        self,
+        *headings: str,
+        right: Iterable[str] = (),
+        title: str | None = None,
         show_header: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(title=title, title_justify="left", show_header=show_header)
         for heading in headings:
             self.add_column(heading)
-        for heading in right:  # columns of numbers
+        for heading in right:
             self.add_column(heading, justify="right")
 
     def add_column(self, *args: Any, **options: Any) -> None:
@@ -29,28 +39,38 @@ class Table(RichTable):
         super().add_column(*args, **options | {"overflow": options.get("overflow", "fold")})
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Give every column its longest word and let the narrowest grow first; where even these
-        words do not fit, break those of the widest columns first, so that numbers stay whole."""
+        """Choose the widths of the columns, and print.
+
+        Each column gets the width of its longest word, and the narrowest columns grow first. If
+        these words do not fit, those of the widest columns break first, so that numbers stay on
+        one line.
+        """
         sizes = [
             [Measurement.get(console, options, cell) for cell in (column.header, *column.cells)]
             for column in self.columns
         ]
-        least = [max(size.minimum for size in column) for column in sizes]
-        most = [max(size.maximum for size in column) for column in sizes]
-        room = options.max_width - 3 * len(sizes) - 1  # padding and rules
-        levels = range(max(most, default=1), 0, -1)
-        grown = ([min(b, max(a, level)) for a, b in zip(least, most, strict=True)]
-                 for level in levels)  # fmt: skip
-        broken = ([min(a, level) for a in least] for level in levels)
-        widths = next((w for w in chain(grown, broken) if sum(w) <= room), [1] * len(sizes))
+        longest_words = [max(size.minimum for size in column) for column in sizes]
+        full = [max(size.maximum for size in column) for column in sizes]
+        available = options.max_width - 3 * len(sizes) - 1  # without padding and rules
+        levels = range(max(full, default=1), 0, -1)
+        with_whole_words = (
+            [min(whole, max(word, level)) for word, whole in zip(longest_words, full, strict=True)]
+            for level in levels
+        )
+        with_broken_words = ([min(word, level) for word in longest_words] for level in levels)
+        choices = chain(with_whole_words, with_broken_words)
+        widths = next((w for w in choices if sum(w) <= available), [1] * len(sizes))
         for column, width in zip(self.columns, widths, strict=True):
             column.width = width
         yield from super().__rich_console__(console, options)
 
 
 def unwrapped(*pieces: str | tuple[str, str]) -> Text:
-    """A line of pieces, each a string or (string, style), that the terminal alone breaks: paths and
-    commands in it can be copied whole."""
+    """Return a line that only the terminal breaks, so that paths and commands can be copied.
+
+    Args:
+        pieces: Strings, or pairs of string and style.
+    """
     return Text.assemble(*pieces, no_wrap=True, overflow="ignore")
 
 

@@ -33,7 +33,7 @@ def impacts_table(
     known: Sequence[ImpactErrors] | None = None,
     why_not: str = "",
 ) -> Table:
-    """Impacts, one a row; see `impact_rows`."""
+    """Return the table of impacts; see `impact_rows`."""
     table = Table(right=impact_headings(impacts), title=title)
     rows, notes = impact_rows(impacts, known, why_not)
     for row in rows:
@@ -45,13 +45,14 @@ def impacts_table(
 def impact_rows(
     impacts: Sequence[Impact], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
 ) -> tuple[list[list[str]], list[str]]:
-    """Rows of the table below `impact_headings`, and notes on them.
+    """Return the rows of the table, without headings, and notes on them.
+
+    Impacts without a predictable digit have no rows.
 
     Args:
         impacts: The impacts.
-        digits: One for each impact: one that depends chaotically on those before it has its
-            predictable digits, and none are listed once there are none.
-        why_not: Why nothing is known of the digits, where that is so.
+        digits: Errors of each impact, which decide the digits that are printed.
+        why_not: Why the errors are unknown, if they are; it follows "since".
     """
     rows: list[list[str]] = []
     notes: list[str] = []

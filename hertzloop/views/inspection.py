@@ -1,4 +1,4 @@
-"""What a recording holds, and how two differ: for `hertzloop inspect` and `compare`."""
+"""The contents of a recording, and the differences of two: for `inspect` and `compare`."""
 
 import math
 from collections.abc import Sequence
@@ -44,8 +44,18 @@ from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 @dataclass(frozen=True)
 class Inspected:
-    """A recording, its problems, and what follows from it: a run to judge, and what it comes to;
-    None where no figures follow."""
+    """A recording, its problems, and its figures.
+
+    Attributes:
+        recording: The recording.
+        problems: A sentence on each missing or damaged part.
+        law: Law that the forces come from.
+        pacing: Missed deadlines of a paced or repeated run.
+        yielded: Permanent indentation, if the contact yielded.
+        result: The figures; None if the recording has none.
+        known: How many digits of the figures are predictable; None without figures.
+        verdict: Sentences on what control changed; empty without figures.
+    """
 
     recording: Recording
     problems: Sequence[str]
@@ -58,20 +68,25 @@ class Inspected:
 
 
 def inspected(recording: Recording) -> Inspected:
-    """What a recording holds. What a file says of itself may be anything: numbers that no figures
-    follow from are one more thing wrong with it, not with us."""
+    """Return the contents of a recording, with its figures.
+
+    A file may hold any numbers. If no figures follow from them, that is one more problem of the
+    recording, not an error of the program.
+    """
     balance, law, pacing = recording.balance, law_of(recording), pacing_of(recording)
     bare = Inspected(recording, recording.problems, law, pacing, yield_of(balance), None, None)
     try:
         setup = parse(recording.scene_toml, recorded=True)
-        problem = _unlike(recording.truth, setup)
+        problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
                 result = RunResult(
-                    figures_of(setup, blocks_of(recording)), law.scene_law,
-                    balance.expected_error if balance else None, late=pacing is not None,
+                    figures_of(setup, blocks_of(recording)),
+                    law.scene_law,
+                    balance.expected_error if balance else None,
+                    late=pacing is not None,
                     saturation=saturation_of(recording.events),
-                )  # fmt: skip
+                )
                 known = predictability(setup, result, None, why_not_repeatable(recording))
                 verdict = verdict_sentences(verdict_of(result, known=known))
                 return replace(bare, result=result, known=known, verdict=verdict)
@@ -82,8 +97,8 @@ def inspected(recording: Recording) -> Inspected:
     return replace(bare, problems=[*recording.problems, problem])
 
 
-def _unlike(truth: JoinedStream, setup: Setup) -> str:
-    """What of the time series is not as the scene has it; "" if nothing."""
+def _contradiction(truth: JoinedStream, setup: Setup) -> str:
+    """Say what of the time series contradicts the scene; empty if nothing does."""
     if truth.samples and setup.step_ns != truth.step_ns:
         steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
         return f"stream 'truth' has steps of {steps}"
@@ -94,14 +109,22 @@ def _unlike(truth: JoinedStream, setup: Setup) -> str:
 
 
 _NO_FIGURES: dict[str, Any] = {
-    "impacts": [], "noise": [], "first_impact": None, "whole_run": None, "stability": None,
-    "demand": None, "validity": [], "warnings": [], "push": None, "last_contact_ended": True,
+    "impacts": [],
+    "noise": [],
+    "first_impact": None,
+    "whole_run": None,
+    "stability": None,
+    "demand": None,
+    "validity": [],
+    "warnings": [],
+    "push": None,
+    "last_contact_ended": True,
     "predictability": None,
-}  # fmt: skip
+}
 
 
 def summary(found: Inspected) -> dict[str, Any]:
-    """Streams, counts, problems, scene, balance and impacts as plain data."""
+    """Return streams, counts, problems, scene, balance and figures as plain data."""
     recording, known = found.recording, found.known
     data: dict[str, Any] = {
         "file": str(recording.path),
@@ -147,7 +170,7 @@ def _streams(recording: Recording) -> list[tuple[str, JoinedStream]]:
 
 
 def without_checksum(parts: int) -> str:
-    """What it means that another program left checksums out."""
+    """Say how many parts have no checksum, and what that means."""
     return (
         f"{parts:,} parts of the file have no checksum, since another program wrote it. Damage in "
         "them may go unnoticed"
@@ -155,7 +178,7 @@ def without_checksum(parts: int) -> str:
 
 
 def _number(recording: Recording, key: str) -> int:
-    """A number of the run's description, 0 where there is none."""
+    """Return a number from the description of the run; 0 if there is none."""
     try:
         return int(recording.metadata.get(key, "0"))
     except ValueError:
@@ -171,37 +194,38 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
         details: Whether to print all tables as well.
     """
     recording, result, known = found.recording, found.result, found.known
-    said: list[Text | Table] = [
+    pieces: list[Text | Table] = [
         unwrapped(("Missing or damaged:", "red"), f" {problem}") for problem in found.problems
     ]
     if not found.problems:
-        said.append(Text("Complete: no announced message is missing.", "bold"))
+        pieces.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
-        said.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
+        pieces.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
     if result and known:
-        said += verdict_lines(found.verdict, result.figures.stability.unstable)
+        pieces += verdict_lines(found.verdict, result.figures.stability.unstable)
         if result.figures.impacts:
-            said.append(figures_table(result, known))
+            pieces.append(figures_table(result, known))
         why_not = why_not_words(known.not_repeatable)
         if why_not and len(result.figures.impacts) > 1 and not details:
-            said.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
-        said += warning_lines(result.figures.neglected.checks)
+            pieces.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
+        pieces += warning_lines(result.figures.neglected.checks)
     if details:
-        said += _details(found)
-    said += pacing_lines(found.pacing)
+        pieces += _details(found)
+    pieces += pacing_lines(found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
-    said.append(Text(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
+    pieces.append(Text(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
     if recording.balance is not None:
-        said.append(
+        pieces.append(
             Text(
                 f"Energy residual {recording.balance.energy_residual:.1e}, "
                 f"momentum {recording.balance.momentum_residual:.1e} (relative)."
             )
         )
-    print_all(console, [*said, *next_lines(str(recording.path))])
+    print_all(console, [*pieces, *next_lines(str(recording.path))])
 
 
 def _details(found: Inspected) -> list[Text | Table]:
+    """Return streams, impacts, noise figures, actuator demand, yield and neglected effects."""
     recording, known = found.recording, found.known
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     table = Table(title=f"{recording.path}: scene {scene}, seed {seed}")
@@ -211,43 +235,43 @@ def _details(found: Inspected) -> list[Text | Table]:
         counts = (f"{stream.messages:,}", f"{stream.samples:,}")
         table.add_row(f"/{name}", *counts, ", ".join(sorted(stream.arrays)))
     table.add_row("/events", f"{len(recording.events):,}", "", "")
-    said: list[Text | Table] = [table]
+    pieces: list[Text | Table] = [table]
     if recording.others:
-        said.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
+        pieces.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
     figures = found.result.figures if found.result else None
     own, why_not = (known.controlled, why_not_words(known.not_repeatable)) if known else (None, "")
-    said.append(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
+    pieces.append(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
     if figures and figures.noise:
         errors = [errors_of(own, 0, "noise_errors")]
-        said.append(noise_table([("", figures.noise[0])], errors=errors))
+        pieces.append(noise_table([("", figures.noise[0])], errors=errors))
     if figures and figures.demand:
-        said.append(Text(f"Actuator demand: {demand_words(figures.demand)}."))
+        pieces.append(Text(f"Actuator demand: {demand_words(figures.demand)}."))
     if found.yielded:
-        said.append(Text(f"Yield: {yield_words(found.yielded)}."))
-    return [*said, *(neglected_lines(figures.neglected.checks) if figures else ())]
+        pieces.append(Text(f"Yield: {yield_words(found.yielded)}."))
+    return [*pieces, *(neglected_lines(figures.neglected.checks) if figures else ())]
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
 
 
 def comparison_table(found: Comparison) -> Table:
-    """The figures of both runs with their units, and the change from A to B."""
+    """Return the figures of both runs with their units, and the change from A to B."""
     title = "Figures of A and B, and the change from A to B"
-    shown = Table("figure", right=("A", "B", "change"), title=title)
+    table = Table("figure", right=("A", "B", "change"), title=title)
     span = ""
     for row in found.rows:
         if row.span != span:
             span = row.span
-            shown.add_section()
-            shown.add_row(Text(_SPANS[span], style="bold"), "", "", "")
+            table.add_section()
+            table.add_row(Text(_SPANS[span], style="bold"), "", "", "")
         of = SPAN_ROWS[row.figure]
         values = [
             "not defined" if math.isnan(value) else f"{value * of.factor:.4g} {of.unit}".strip()
             for value in (row.a, row.b)
         ]
         change = f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
-        shown.add_row(of.words, *values, "" if math.isnan(row.b_to_a) else change)
-    return shown
+        table.add_row(of.words, *values, "" if math.isnan(row.b_to_a) else change)
+    return table
 
 
 class PrintedComparison(Comparison):

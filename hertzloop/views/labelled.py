@@ -12,7 +12,14 @@ from hertzloop.views.labels import HELD
 
 
 def labelled(values: np.ndarray, label: tuple[str, str], dim: str, time_s: np.ndarray) -> Any:
-    """One stream as a DataArray over `dim`, with its time (s) as coordinate, without a copy."""
+    """Return a stream as a DataArray, without a copy.
+
+    Args:
+        values: The samples.
+        label: Unit and meaning.
+        dim: Name of the dimension.
+        time_s: Time of each sample, s; it becomes a coordinate.
+    """
     units, meaning = label
     coords = {"time_s": (dim, time_s, {"units": "s", "long_name": "simulated time"})}
     attrs = {"units": units, "long_name": meaning}
@@ -20,7 +27,7 @@ def labelled(values: np.ndarray, label: tuple[str, str], dim: str, time_s: np.nd
 
 
 def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
-    """Rows of truth as a Dataset over `step`; `columns` by names as in TRUTH and HELD."""
+    """Return the ground truth as a Dataset over `step`; names of columns as in TRUTH and HELD."""
     labels = TRUTH | HELD
     steps = max((len(values) for values in columns.values()), default=0)
     time_s = np.arange(steps) * step_s
@@ -30,10 +37,10 @@ def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
 
 
 def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, Any]) -> xr.Dataset:
-    """Rows of a sweep as a Dataset over `case`; the varied scene keys are coordinates.
+    """Return the results of a sweep as a Dataset over `case`; varied scene keys are coordinates.
 
-    Figures that a case does not have are nan; `status` says why, `state` in a word. Units are in
-    the names, as in the file of the sweep.
+    A figure that a case does not have is nan; `state` names the reason and `status` explains it.
+    Units are in the names, as in the file of the sweep.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
     data = {
@@ -45,7 +52,7 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
 
 
 def modes_of(table: ModeTable) -> xr.Dataset:
-    """Modes as a Dataset over `mode`, with the columns of a file of modes."""
+    """Return modes as a Dataset over `mode`, with the columns of a file of modes."""
     columns = {
         "frequency_hz": (table.omega_rad_s / (2.0 * np.pi), "Hz", "frequency"),
         "loss_factor": (table.loss_factor, "1", "loss factor"),

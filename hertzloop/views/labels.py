@@ -8,13 +8,13 @@ HELD = {"held_steps": ("", "by how many steps the command was too old, in a pace
 
 
 def sensed_label(quantity: str) -> tuple[str, str]:
-    """Unit and meaning of the samples."""
+    """Return unit and meaning of the samples of a quantity."""
     found = SENSED.get(quantity)
     return (found.unit, found.meaning) if found else ("", "sampled quantity")
 
 
 def export_labels(quantity: str) -> dict[str, tuple[str, str]]:
-    """Unit and meaning of the columns of an export, where the converter senses `quantity`."""
+    """Return unit and meaning of each column of an export, for the sensed quantity."""
     return TRUTH | {
         **HELD,
         "command_n": FORCE_LABEL,

@@ -26,9 +26,9 @@ def law_line(data: RecordedLaw) -> str:
     used, announced = law_words(data.law, data.law_digest), data.scene_law
     if data.as_announced or (used and data.law == announced and data.law_digest is None):
         return used
-    said = used or "not reported by the controller"
+    law = used or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)
-    return f"{said} (the scene says {scene})" if announced else said
+    return f"{law} (the scene says {scene})" if announced else law
 
 
 def law_words(name: str | None, digest: str | None) -> str:

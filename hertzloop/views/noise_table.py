@@ -9,7 +9,7 @@ from hertzloop.results.span_figures import SPAN_ROWS, change_db
 from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
-# Noise figures in the order of their table; words and units of those that no span has.
+# Words and units of the noise figures that no span has.
 _OF_NOISE = {
     "contact_time_s": FigureRow("", "contact time", "us", 1e6),
     "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
@@ -19,14 +19,22 @@ _OF_NOISE = {
     "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
 }
 
-_NOISE_ROWS = {
-    name: _OF_NOISE.get(name) or SPAN_ROWS[name]
-    for name in (
-        "contact_time_s", "next_impact_speed_m_s", "rebound_height_m", "longhorn_j", "holmes_j",
-        "peak_pressure_pa", "transmitted_j", "transmitted_spectrum_j", "plate_speed_max_m_s",
-        "radiated_j", "radiated_maidanik_j", "sound_j", "sound_maidanik_j",
-    )
-}  # fmt: skip
+_ORDER = (
+    "contact_time_s",
+    "next_impact_speed_m_s",
+    "rebound_height_m",
+    "longhorn_j",
+    "holmes_j",
+    "peak_pressure_pa",
+    "transmitted_j",
+    "transmitted_spectrum_j",
+    "plate_speed_max_m_s",
+    "radiated_j",
+    "radiated_maidanik_j",
+    "sound_j",
+    "sound_maidanik_j",
+)
+_NOISE_ROWS = {name: _OF_NOISE.get(name) or SPAN_ROWS[name] for name in _ORDER}
 
 
 def noise_table(
@@ -34,9 +42,14 @@ def noise_table(
     compare: bool = True,
     errors: Sequence[dict[str, float]] = (),
 ) -> Table:
-    """Noise figures of the first impact, one column a case; the change from the second to the
-    first in dB where there are two and they `compare`, in per cent for speed, height and time.
-    `errors`: of each column's figures, none where all digits count."""
+    """Return the table of noise figures.
+
+    Args:
+        columns: Heading and figures of one or two cases.
+        compare: Whether two cases get a column with the change from the second to the first, in dB
+            for energies and amplitudes, in per cent for speed, height and time.
+        errors: Largest absolute errors of each case by figure; empty if all digits count.
+    """
     compare = compare and len(columns) == 2
     right = [*(heading for heading, _ in columns), *["change"] * compare]
     table = Table("figure", right=right, title="Noise and vibration of the first impact")
@@ -55,7 +68,7 @@ def noise_table(
 def noise_rows(
     columns: Sequence[ImpactNoise], compare: bool, errors: Sequence[dict[str, float]] = ()
 ) -> list[list[str]]:
-    """The rows of that table: label, a cell for every column, and the change if they `compare`."""
+    """Return the rows of that table: label, a cell for each case, and the change if compared."""
     rows = []
     for key, row in _NOISE_ROWS.items():
         values = [getattr(one, key) for one in columns]
@@ -74,8 +87,10 @@ def _change(
     error: float = 0.0,
     reference_error: float = 0.0,
 ) -> str:
-    """The change in dB for energies and amplitudes, in per cent otherwise; empty where the sign
-    of a value makes it meaningless."""
+    """Return the change in dB for energies and amplitudes, in per cent for other figures.
+
+    It is empty if the sign of a value makes the change meaningless.
+    """
     if reference == 0.0 or math.isnan(value):
         return ""
     if not row.db:

@@ -25,7 +25,7 @@ def pacing_sentences(found: Pacing) -> list[str]:
             f"{missed} in what was recorded; the response times, which the plant tells at the end "
             "of a run, are not in it."
         ]
-    said = [
+    sentences = [
         f"Pace {clock.pace:g}: {missed}"
         + (f", the worst {time_words(clock.late_max_us)} late" * bool(found.late_forces))
         + f"; the plant itself was at most {time_words(clock.behind_max_us)} behind the "
@@ -34,7 +34,7 @@ def pacing_sentences(found: Pacing) -> list[str]:
         + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
         + f" (of {time_words(clock.slack_us)} that this pace leaves).",
     ]
-    return [*said, _pacing_advice(clock)]
+    return [*sentences, _pacing_advice(clock)]
 
 
 def _pacing_advice(found: PacedClock) -> str:
@@ -56,11 +56,18 @@ def _pacing_advice(found: PacedClock) -> str:
 def pacing_lines(
     found: Pacing | None, repeats: Path | None = None, differs: str | None = None
 ) -> list[Text]:
-    """Return sentences on pacing and repetition; none for a run that does neither."""
+    """Return sentences on pacing and repetition; none for a run that does neither.
+
+    Args:
+        found: Missed deadlines of a paced or repeated run.
+        repeats: Recording that the run repeats.
+        differs: First difference from that recording, if there is one.
+    """
     lines = [unwrapped(sentence) for sentence in (pacing_sentences(found) if found else ())]
     if repeats:
-        said = f"not the run in {repeats}: {differs}" if differs else (
-            f"the same bytes as in {repeats}"
-        )  # fmt: skip
-        lines.append(unwrapped((f"Repeated: {said}.", "red" if differs else "bold")))
+        if differs:
+            line = (f"Repeated: not the run in {repeats}: {differs}.", "red")
+        else:
+            line = (f"Repeated: the same bytes as in {repeats}.", "bold")
+        lines.append(unwrapped(line))
     return lines

@@ -1,4 +1,4 @@
-"""What really ran, in words: for labels of pictures, replays and reports."""
+"""Scene, law and signal path of a run in words: labels of pictures, replays and reports."""
 
 from typing import Any
 
@@ -11,12 +11,12 @@ from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.law_line import law_line, law_words
 
-_NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
+_NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has a digest of its own
 _LONGEST = 40  # characters of a value
 
 
 def keys_of(setup: Setup) -> dict[str, Any]:
-    """All keys of a scene that say what is simulated, "table.key": value."""
+    """Return all keys that decide what is simulated, as "table.key": value."""
     found: dict[str, Any] = {}
 
     def walk(prefix: str, value: Any) -> None:
@@ -31,7 +31,7 @@ def keys_of(setup: Setup) -> dict[str, Any]:
 
 
 def differences(a: Setup, b: Setup) -> list[tuple[str, Any, Any]]:
-    """Keys with other values: key, that of `a`, that of `b`; None where a scene has no such key."""
+    """Return keys with different values, as key, value in `a`, value in `b`; None: no such key."""
     left, right = keys_of(a), keys_of(b)
     return [
         (key, left.get(key), right.get(key))
@@ -41,13 +41,13 @@ def differences(a: Setup, b: Setup) -> list[tuple[str, Any, Any]]:
 
 
 def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
-    """The shipped scene that a scene differs least from, and in what."""
+    """Return the shipped scene that differs least from a scene, and the differences."""
     known = [(name, differences(setup, load(name))) for name in shipped()]
     return min(known, key=lambda found: (found[0] != setup.name, len(found[1])))
 
 
 def bodies(setup: Setup) -> str:
-    """Such as "3 mm steel on 3 mm aluminium"."""
+    """Return striker and structure in words, for example "R = 3 mm, steel, on 3 mm aluminium"."""
     ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
     hammer = setup.scene.hammer
     if hammer is not None:
@@ -70,18 +70,22 @@ def _material(setup: Setup, body: Any) -> str:
 
 
 def control(setup: Setup, law: str | None = None) -> str:
-    """Law with its parameters, latency, converters: "slope_threshold, kappa 0.8, ..."; `law`: what
-    really ran, where that is known."""
+    """Return law, parameters, latency and converters in words: "slope_threshold, kappa 0.8, ...".
+
+    Args:
+        setup: The scene.
+        law: The law that the controller reported; None: the law of the scene.
+    """
     table = setup.scene.controller
     name = law or table.law
     if name == NO_CONTROL:
         return "no control"
     pieces = [name]
     for key, value in table.model_dump(exclude_none=True).items():
-        plain = isinstance(value, int | float) and not isinstance(value, bool)
-        if plain and key not in _LINE_KEYS:
-            plain_name, unit = unit_of(key)
-            pieces.append(f"{plain_name} {value:g} {unit}".strip())
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and key not in _LINE_KEYS:
+            name_without_unit, unit = unit_of(key)
+            pieces.append(f"{name_without_unit} {value:g} {unit}".strip())
     pieces.append(f"latency {table.latency_us:g} us")
     if table.jitter_us:
         pieces.append(f"jitter {table.jitter_us:g} us")
@@ -104,16 +108,16 @@ def _bits(where: str, bits: int | str) -> str:
 
 
 def description(setup: Setup, recording: Recording) -> list[str]:
-    """What ran, in lines of markdown."""
+    """Describe a run in lines of Markdown."""
     name, changed = closest_shipped(setup)
     given = setup.sphere.given_speed_m_s
     hit = f"drop {1e3 * setup.sphere.drop_height_m:g} mm" if given is None else f"{given:g} m/s"
     lines = [f"{bodies(setup)}, {hit}", control(setup)]
     if setup.plant.masses[1] > 0.0:
         lines.append("The deflection is drawn without the inertia of sensors.mass_kg.")
-    ran = law_of(recording)
-    if ran.law and ran.law != setup.law_reference:
-        lines.append(f"Law that ran: {law_line(ran)}")
+    law = law_of(recording)
+    if law.law and law.law != setup.law_reference:
+        lines.append(f"Law that ran: {law_line(law)}")
     if changed:
         listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]
         more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""
@@ -124,7 +128,7 @@ def description(setup: Setup, recording: Recording) -> list[str]:
 
 
 def compared(a: Setup, b: Setup) -> list[str]:
-    """How two runs differ, in lines of markdown."""
+    """Describe how two scenes differ, in lines of Markdown."""
     found = differences(a, b)
     if not found:
         return ["A and B are the same scene."]
@@ -141,16 +145,20 @@ def _value(value: Any) -> str:
 
 
 def text_of_law(recording: Recording) -> str:
-    """Text of the law that ran. Raises RecordingError where the recording does not hold it."""
-    ran = law_of(recording)
+    """Return the text of the law that ran.
+
+    Raises:
+        RecordingError: The recording does not hold it.
+    """
+    law = law_of(recording)
     if not recording.law_source:
         raise RecordingError(
-            f"the recording holds no text of its law, {law_line(ran)}: a compiled law has none"
+            f"the recording holds no text of its law, {law_line(law)}: a compiled law has none"
         )
-    if ran.law and not ran.as_announced:
+    if law.law and not law.as_announced:
         raise RecordingError(
-            f"the recording holds no text of the law that ran, {law_words(ran.law, None)}: its "
+            f"the recording holds no text of the law that ran, {law_words(law.law, None)}: its "
             "controller is another program. The law of the scene did not run: "
-            f"{law_words(ran.scene_law, None)}"
+            f"{law_words(law.scene_law, None)}"
         )
     return recording.law_source

@@ -31,8 +31,11 @@ from hertzloop.views.pacing import pacing_sentences
 has_display = viewer.has_display
 _OF_REFERENCE = ("xi", "F_c", "F_a", "v_p", "plate")
 _ENERGIES = {
-    "sphere": "sphere", "plate": "plate", "contact": "contact", "fed": "fed in by actuator",
-}  # fmt: skip
+    "sphere": "sphere",
+    "plate": "plate",
+    "contact": "contact",
+    "fed": "fed in by actuator",
+}
 _PREFIXES = ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))
 
 
@@ -43,24 +46,31 @@ def replay(
     other: Recording | None = None,
     alone: bool = False,
 ) -> None:
-    """Write `save` (.rrd) and `picture` (.png); with neither, open a window and wait for it.
+    """Write a replay to files; without a file, open a window and wait until it is closed.
 
-    The run is laid over `other`, or over itself without control unless it is to be `alone`.
-    Raises RecordingError if there is nothing to replay, the scene inside cannot be read, a
-    file cannot be written or the viewer fails.
+    Args:
+        recording: The recording.
+        save: File for the Rerun viewer (.rrd).
+        picture: Picture of the first contact (.png).
+        other: Recording to compare with; None: the run without control.
+        alone: Whether the recording is shown without a comparison.
+
+    Raises:
+        RecordingError: There is nothing to replay, the scene inside cannot be read, a file cannot
+            be written, or the viewer fails.
     """
-    shown = prepare(recording, other, alone)
+    data = prepare(recording, other, alone)
     if save is not None:
-        as_rerun.save(shown, save)
+        as_rerun.save(data, save)
     if save is not None and picture is None:
         return
     with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
         rrd = Path(folder) / f"{recording.path.stem}.rrd"
-        as_rerun.save(shown, rrd, still=picture is not None)
+        as_rerun.save(data, rrd, still=picture is not None)
         if picture is None:
-            viewer.show(rrd, shown.when.selection_ns[0])
+            viewer.show(rrd, data.when.selection_ns[0])
         else:
-            screenshot(rrd, picture, shown.when.still_ns)
+            screenshot(rrd, picture, data.when.still_ns)
 
 
 def prepare(
@@ -69,21 +79,30 @@ def prepare(
     alone: bool = False,
     drawn: str = "Faint",
 ) -> ReplayData:
-    """All that a replay shows; `drawn`: how curves of the other run look. Raises RecordingError."""
+    """Return the data of a replay.
+
+    Args:
+        recording: The recording.
+        other: Recording to compare with; None: the run without control.
+        alone: Whether the recording is shown without a comparison.
+        drawn: How the curves of the run without control look, in a word.
+
+    Raises:
+        RecordingError: There is nothing to replay, or the scene inside cannot be read.
+    """
     # Deflections follow from all forces before them: where some are missing, the replay ends.
-    recording = _whole(recording)
+    recording = _without_gap(recording)
     check_replayable(recording)
     setup = scene_of(recording)
     contacts = contacts_of(recording.truth.pieces())
     plate = deflection(setup, recording, contacts=contacts)
-    reference: tuple[ReferenceRun, Overlay, float] | None = None
+    reference: _Reference | None = None
     lines: list[str] = []
     if other is not None:
-        theirs, found, lines = _beside(recording, setup, contacts, other)
-        reference = theirs, found, other.truth.step_ns * 1e-9
+        reference, lines = _other_recording(recording, setup, contacts, other)
     elif not alone and setup.has_law:
         try:
-            reference = *without_control(recording, setup, contacts), setup.step_s
+            reference = _without_control(recording, setup, contacts)
             lines = [f"{drawn}: the same without control."]
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
@@ -91,14 +110,14 @@ def prepare(
     return prepare_replay(recording, plate, labels, contacts)
 
 
-def _whole(recording: Recording) -> Recording:
-    """The part before a hole, in memory if it is short."""
+def _without_gap(recording: Recording) -> Recording:
+    """Return the part before a gap, in memory if it is short."""
     truth = recording.truth.before_gap().in_memory()
     return dataclasses.replace(recording, truth=truth, daq=recording.daq.in_memory())
 
 
 def scene_of(recording: Recording) -> Setup:
-    """The recorded scene. Raises RecordingError."""
+    """Return the recorded scene. Raises RecordingError."""
     try:
         return parse(recording.scene_toml, recorded=True)
     except SceneError as error:
@@ -106,69 +125,93 @@ def scene_of(recording: Recording) -> Setup:
         raise RecordingError(words) from error
 
 
-def without_control(
-    recording: Recording, setup: Setup, contacts: list[ContactSpan]
-) -> tuple[ReferenceRun, Overlay]:
-    """The run without control, simulated here and now. Raises SceneError."""
+@dataclasses.dataclass(frozen=True)
+class _Reference:
+    """The run that a replay compares with.
+
+    Attributes:
+        run: Its curves, at the times of the recording.
+        overlay: Its time series.
+        step_s: Length of its steps, s.
+    """
+
+    run: ReferenceRun
+    overlay: Overlay
+    step_s: float
+
+
+def _without_control(recording: Recording, setup: Setup, contacts: list[ContactSpan]) -> _Reference:
+    """Simulate the run without control. Raises SceneError."""
     free = setup.without_control()
     found = overlay(free, free_series(free), _OF_REFERENCE, free.steps)
-    reference, _ = _reference(recording, contacts, free, found, "", "no control")
-    return reference, found
+    curves, _ = _curves(found, free.step_ns, _touch_ns(recording, contacts), "no control")
+    return _Reference(ReferenceRun(curves, "", "no control"), found, setup.step_s)
 
 
-def _beside(
+def _other_recording(
     recording: Recording, setup: Setup, contacts: list[ContactSpan], other: Recording
-) -> tuple[ReferenceRun, Overlay, list[str]]:
-    other = _whole(other)
+) -> tuple[_Reference, list[str]]:
+    """Return another recording to compare with, and lines that name both."""
+    other = _without_gap(other)
     check_replayable(other)
     theirs = scene_of(other)
     found = overlay(theirs, pieces_of(other), _OF_REFERENCE, other.truth.samples)
-    reference, shift_ns = _reference(recording, contacts, theirs, found, "A", "B")
+    curves, shift_ns = _curves(found, theirs.step_ns, _touch_ns(recording, contacts), "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
         *provenance.compared(setup, theirs),
     ]
     if shift_ns:
         lines.append(f"B is moved by {shift_ns * 1e-6:+z.3f} ms: first contacts begin together.")
-    return reference, found, lines
+    step_s = other.truth.step_ns * 1e-9
+    return _Reference(ReferenceRun(curves, "A", "B"), found, step_s), lines
 
 
-def _reference(
-    recording: Recording,
-    contacts: list[ContactSpan],
-    setup: Setup,
-    found: Overlay,
-    own: str,
-    name: str,
-) -> tuple[ReferenceRun, int]:
-    """Curves of another run, and by how much they are moved for first contacts to begin together,
-    ns; 0 where one of the runs has none."""
-    truth, shift_ns = recording.truth, 0
-    if contacts and found.touched is not None:
-        begins_ns = int(truth.step_at(contacts[0].first)) * truth.step_ns
-        shift_ns = begins_ns - found.touched * setup.step_ns
+def _touch_ns(recording: Recording, contacts: list[ContactSpan]) -> int | None:
+    """Return when the first contact of a recording begins, ns; None without a contact."""
+    if not contacts:
+        return None
+    return int(recording.truth.step_at(contacts[0].first)) * recording.truth.step_ns
+
+
+def _curves(
+    found: Overlay, step_ns: int, touch_ns: int | None, name: str
+) -> tuple[dict[str, list[PlotCurve]], int]:
+    """Return the curves of a reference run, and by how much they are shifted, ns.
+
+    The shift lets the first contacts of both runs begin together; it is 0 if one has no contact.
+
+    Args:
+        found: Its time series.
+        step_ns: Length of its steps, ns.
+        touch_ns: Time at which its first contact is to begin, ns.
+        name: Name of the run, for labels.
+    """
+    shift_ns = 0
+    if touch_ns is not None and found.touched is not None:
+        shift_ns = touch_ns - found.touched * step_ns
     curves: dict[str, list[PlotCurve]] = {}
     for plot, signal, _, factor, held in SIGNALS:
         line = found.lines[signal]
         if signal == "F_a" and not line.values.any():
             continue
-        times = line.at * setup.step_ns + shift_ns
+        times = line.at * step_ns + shift_ns
         curve = curve_of(f"{signal}_reference", line, times, factor, held, f"{signal} {name}", True)
         curves.setdefault(plot, []).append(curve)
     line = found.lines["plate"]
-    times = line.at * setup.step_ns + shift_ns
+    times = line.at * step_ns + shift_ns
     curves["energy"] = [curve_of("plate_reference", line, times, label=f"plate {name}", faint=True)]
-    return ReferenceRun(curves, own, name), shift_ns
+    return curves, shift_ns
 
 
 def _labels(
     recording: Recording,
     setup: Setup,
     contacts: list[ContactSpan],
-    reference: tuple[ReferenceRun, Overlay, float] | None,
+    reference: _Reference | None,
     lines: list[str],
 ) -> ReplayLabels:
-    """`reference` with its curves and the length of its steps, s."""
+    """Return heading, description, energies and spectra of a replay."""
     accumulator, truth = StabilityAccumulator(setup), recording.truth
     blocks = accumulator.through(pieces_of(recording))
     near = full_rate_spans([(contact.first, contact.end) for contact in contacts], truth.samples)
@@ -183,16 +226,17 @@ def _labels(
     if since_s is not None:
         until_ns = round(since_s * 1e9)
         described_lines.insert(0, f"**Unstable** from {1e3 * since_s:z.3f} ms on")
-    name = reference[0].own if reference and reference[0].own else "run"
-    spectra = [spectrum(name, own.speed_m_s, setup.step_s)]
-    if reference is not None:
-        spectra.append(spectrum(reference[0].name, reference[1].speed_m_s, reference[2]))
+    run = reference.run if reference else None
+    spectra = [spectrum((run and run.own) or "run", own.speed_m_s, setup.step_s)]
+    if reference:
+        speed_m_s, step_s = reference.overlay.speed_m_s, reference.step_s
+        spectra.append(spectrum(reference.run.name, speed_m_s, step_s))
     return ReplayLabels(
         heading=recording.metadata.get("scene", recording.path.stem),
         lines=described_lines,
-        more_plots=[_energies(setup, own, reference[0] if reference else None, until_ns < LAST_NS)],
+        more_plots=[_energies(setup, own, run, until_ns < LAST_NS)],
         spectra=[one for one in spectra if one is not None],
-        reference=reference[0] if reference else None,
+        reference=run,
         actuator_m=None if not setup.has_law else setup.mechanics.actuator_point_m,
         controlled=setup.has_law,
         until_ns=until_ns,
@@ -200,10 +244,10 @@ def _labels(
 
 
 def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explodes: bool) -> Plot:
-    """The energy balance as a plot in a unit with readable numbers."""
-    # Where the published scheme ends a contact, its sphere jumps.
-    whole = SCHEMES[setup.scheme].conserves
-    size_j = own.start_j if whole else float(np.max(own.lines["plate"].values, initial=0.0))
+    """Return the energy balance as a plot, in a unit with readable numbers."""
+    # The sphere of the published scheme jumps at the end of a contact.
+    conserves = SCHEMES[setup.scheme].conserves
+    size_j = own.start_j if conserves else float(np.max(own.lines["plate"].values, initial=0.0))
     factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
     curves = [
         dataclasses.replace(curve, values=curve.values / factor)
@@ -211,7 +255,7 @@ def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explod
     ]
     for name, label in (_ENERGIES | {"sphere": setup.sphere.noun}).items():
         line = own.lines[name]
-        known = whole or name in ("plate", "fed")
+        known = conserves or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
             times = line.at * setup.step_ns
             curves.append(curve_of(name, line, times, 1.0 / factor, label=label))

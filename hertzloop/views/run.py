@@ -33,21 +33,21 @@ def print_run(
     assessed, ends = report.assessed, report.assessed.assessment
     result, verdict = assessed.result, verdict_sentences(ends.verdict)
     controlled = result.scene_law != NO_CONTROL
-    said: list[Text | Table] = []
+    pieces: list[Text | Table] = []
     if not verdict:
-        said.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
-    said += verdict_lines(verdict, result.figures.stability.unstable)
+        pieces.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
+    pieces += verdict_lines(verdict, result.figures.stability.unstable)
     free = (assessed.free or result.figures) if controlled else None
-    said.append(figures_table(result, ends.predictability, free))
-    said += warning_lines(result.figures.neglected.checks)
+    pieces.append(figures_table(result, ends.predictability, free))
+    pieces += warning_lines(result.figures.neglected.checks)
     if warning is not None:
-        said.append(warning)
+        pieces.append(warning)
     if details:
-        said += _details(report)
+        pieces += _details(report)
     if report.verifies:
-        said.append(_verification_line(report))
-    said += pacing_lines(assessed.pacing, report.repeats, report.differs)
-    print_all(console, [*said, *_run_lines(report)])
+        pieces.append(_verification_line(report))
+    pieces += pacing_lines(assessed.pacing, report.repeats, report.differs)
+    print_all(console, [*pieces, *_run_lines(report)])
 
 
 def next_lines(path: str) -> list[Text]:

@@ -19,29 +19,39 @@ from hertzloop.views.verdict import verdict_sentences
 
 
 def effects_as_json(neglected: Neglected) -> dict[str, Any]:
-    """`validity`: all effects, fields as in `ValidityCheck`; `warnings`: sentences on those out of
-    range."""
-    shown = [asdict(found) for found in neglected.checks]
-    beyond = [one for one in shown if one["state"] == EffectState.OUT_OF_RANGE]
-    return {"validity": shown, "warnings": [f"{one['name']}: {one['sentence']}" for one in beyond]}
+    """Return the neglected effects as plain data.
+
+    `validity` has all effects with the fields of `ValidityCheck`; `warnings` has a sentence on each
+    effect that is out of range.
+    """
+    checks = [asdict(check) for check in neglected.checks]
+    warnings = [
+        f"{check['name']}: {check['sentence']}"
+        for check in checks
+        if check["state"] == EffectState.OUT_OF_RANGE
+    ]
+    return {"validity": checks, "warnings": warnings}
 
 
 def _plain(found: Any) -> Any:
-    """Dataclasses, alone or in a list, as dictionaries; anything else as it is."""
+    """Return dataclasses, alone or in a list, as dictionaries; anything else unchanged."""
     if isinstance(found, list):
         return [asdict(one) for one in found]
     return asdict(found) if is_dataclass(found) else found  # type: ignore[arg-type]
 
 
 def figures_as_json(found: Figures) -> dict[str, Any]:
-    """`impacts` and `noise`, a dictionary each; `first_impact`, `whole_run`, `stability`, `demand`
-    and `push`; `validity` and `warnings` as in `effects_as_json`."""
+    """Return the figures of a run as plain data.
+
+    Keys are the fields of `Figures`, with `validity` and `warnings` of `effects_as_json` in place
+    of the neglected effects.
+    """
     data = {name: _plain(value) for name, value in vars(found).items() if name != "neglected"}
     return data | effects_as_json(found.neglected)
 
 
 def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
-    """Missed deadlines of a paced or repeated run, and what the clock said of a paced one."""
+    """Return missed deadlines of a paced or repeated run, and response times of a paced one."""
     if found is None:
         return None
     data = asdict(found)
@@ -50,7 +60,7 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
 
 
 def predictability_as_json(found: Predictability) -> dict[str, Any]:
-    """Fields as in `Predictability`; `why_not` in words."""
+    """Return the fields of `Predictability`; `why_not` is in words."""
     return {
         "disturbance": found.disturbance,
         "model_error": found.model_error,
@@ -61,17 +71,17 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
 
 
 def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
-    """A dictionary for each figure, with fields as in `Difference`."""
+    """Return a dictionary for each figure, with the fields of `Difference`."""
     return [asdict(row) for row in found.rows]
 
 
 def verification_as_json(found: Verification) -> dict[str, Any]:
-    """Fields as in `Verification`, and `largest`."""
+    """Return the fields of `Verification`, and `largest`."""
     return asdict(found) | {"largest": found.largest}
 
 
 def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
-    """Fields as in `LawAccuracy`, `kept`, and `largest` of the changes."""
+    """Return the fields of `LawAccuracy`, `kept`, and the largest of the changes."""
     return asdict(found) | {
         "by_modes": verification_as_json(found.by_modes),
         "kept": found.kept,
@@ -80,7 +90,7 @@ def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
 
 
 def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
-    """All figures of a recorded run, and what they come to."""
+    """Return all figures of a recorded run, their predictability and the verdict."""
     result, ends = found.result, found.assessment
     data = {
         **asdict(found.law),
@@ -109,7 +119,7 @@ def _parts(found: model.PlantParts) -> dict[str, Any]:
 
 
 def run_as_json(report: RunReport) -> dict[str, Any]:
-    """Everything that `run --json` writes."""
+    """Return everything that `run --json` writes."""
     setup, balance, wall_s, assessed = report.setup, report.balance, report.wall_s, report.assessed
     data = {
         "scene": setup.name,

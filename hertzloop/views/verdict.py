@@ -41,25 +41,25 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.
     """
-    said, figures = [], found.result.figures
+    sentences, figures = [], found.result.figures
     stability = figures.stability
     if stability.unstable:
-        said += _unstable(stability)
+        sentences += _unstable(stability)
     if not stability.unstable and not figures.impacts:
-        said.append("No impact occurs within the run.")
+        sentences.append("No impact occurs within the run.")
     if found.control:
-        said += _control(found.control)
+        sentences += _control(found.control)
     if stability.pumps and not stability.unstable:
-        said.append(_pumping(stability))
+        sentences.append(_pumping(stability))
     if figures.impacts and not figures.last_contact_ended:
-        said.append("The run ends during the last contact. Increase run.duration_s.")
+        sentences.append("The run ends during the last contact. Increase run.duration_s.")
     if saturation := found.result.saturation:
         times = "once" if saturation.times == 1 else f"{saturation.times} times"
         first = f"first at {saturation.since_s * 1e3:.4g} ms (sensors.full_scale)"
-        said.append(f"The sensor saturated {times}, {first}.")
+        sentences.append(f"The sensor saturated {times}, {first}.")
     if found.law_accuracy:
-        said += law_accuracy_sentences(found.law_accuracy)
-    return said
+        sentences += law_accuracy_sentences(found.law_accuracy)
+    return sentences
 
 
 def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -> list[str]:
@@ -84,15 +84,15 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
 
 def _unstable(stability: Stability) -> list[str]:
     """State that the loop is unstable, from when, and how far it diverged."""
-    said = [
+    sentences = [
         f"{UNSTABLE} the actuator supplies {stability.most_injected:.3g} times the impact energy."
     ]
     if stability.since_s is not None:
-        said.append(
+        sentences.append(
             f"From {stability.since_s * 1e3:.4g} ms on, it supplies more than the impact energy."
         )
     return [
-        *said,
+        *sentences,
         f"Largest actuator force: {stability.largest_force_n:.3g} N, "
         f"{stability.of_contact:.3g} times the limit of the impact.",
         "An unstable run is not compared with the run without control.",
@@ -116,7 +116,7 @@ def _control(found: verdicts.Control) -> list[str]:
     # One digit: the second depends on where in a sample the contact begins.
     change = known_digits(abs(found.energy_db), ".1f", found.error_db)
     over = _LATER_CONTACTS[found.later]
-    said = [
+    sentences = [
         {
             verdicts.ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
             verdicts.ControlEffect.HARMS: f"Control increases plate energy by {change} dB{over}.",
@@ -125,7 +125,7 @@ def _control(found: verdicts.Control) -> list[str]:
     ]
     if found.whole_db is not None and abs(found.whole_db - found.energy_db) > MUCH_DB:
         with_, without = found.contacts
-        said.append(
+        sentences.append(
             f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"
             f"{'s' if with_ > 1 else ''} instead of {without}."
         )
@@ -133,11 +133,12 @@ def _control(found: verdicts.Control) -> list[str]:
         listed = [_change_sentence(one) for one in found.changes if one.better is better]
         of = "" if found.later is verdicts.LaterContacts.NONE else " (first impact)"
         if listed:
-            said.append(f"{head}{of}: {', '.join(listed)}.")
-    return [*said, *(_reasons(found.reasons) if found.reasons else [])]
+            sentences.append(f"{head}{of}: {', '.join(listed)}.")
+    return [*sentences, *(_reasons(found.reasons) if found.reasons else [])]
 
 
 def _change_sentence(found: verdicts.Change) -> str:
+    """Return the name of a figure and its change."""
     if found.figure in _OTHER_FIGURES:
         return f"{_OTHER_FIGURES[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
@@ -148,22 +149,22 @@ def _change_sentence(found: verdicts.Change) -> str:
 
 
 def _reasons(found: verdicts.Reasons) -> list[str]:
-    """Render each reason why control does not help, one sentence each."""
-    said = []
+    """Return a sentence on each reason why control does not help."""
+    reasons = []
     if found.after_touch_s is not None and found.late_share is not None:
-        said.append(
+        reasons.append(
             f"the first force comes {1e6 * found.after_touch_s:.3g} us after contact begins "
             f"({100.0 * found.late_share:z.0f} % of it)"
         )
     if found.apart is not None:
-        said.append(f"{100.0 * found.apart:z.0f} % of the control impulse acts without contact")
+        reasons.append(f"{100.0 * found.apart:z.0f} % of the control impulse acts without contact")
     if found.injected_j is not None:
-        said.append(f"the actuator adds {1e6 * found.injected_j:.3g} uJ to the plate")
+        reasons.append(f"the actuator adds {1e6 * found.injected_j:.3g} uJ to the plate")
     if found.dent_m is not None:
-        said.append(
+        reasons.append(
             f"the law takes the permanent dent of {1e6 * found.dent_m:.2g} um for penetration"
         )
-    return [f"Reason: {one}." for one in said]
+    return [f"Reason: {reason}." for reason in reasons]
 
 
 def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
@@ -176,20 +177,20 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
         One or two sentences.
     """
     figure, by_modes = found.most_moved, found.by_modes
-    said = [
+    sentences = [
         f"Accuracy missed: twice the modes change {_SENSITIVE_FIGURES[figure]} "
         f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
     ]
     if found.latches_otherwise:
-        said.append(
+        sentences.append(
             f"With twice the modes the law latches {found.finer_delay_us:g} us instead of "
             f"{found.delay_us:g} us."
         )
-    return said
+    return sentences
 
 
 def verdict_lines(verdict: Sequence[str], unstable: bool) -> list[Text]:
-    """The verdict on a run, the first sentence in bold."""
+    """Return the verdict on a run as lines, the first sentence in bold."""
     lines = [Text(sentence, "" if i else "bold") for i, sentence in enumerate(verdict)]
     if lines and unstable:
         lines[0] = Text.assemble((UNSTABLE, "bold red"), verdict[0][len(UNSTABLE) :])
