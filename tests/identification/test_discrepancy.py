@@ -8,10 +8,9 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.discrepancy import (
-    Discrepancy,
+from hertzloop.identification.fit.discrepancy import Discrepancy, build_discrepancy
+from hertzloop.identification.fit.discrepancy_estimate import (
     RecordLikelihood,
-    build_discrepancy,
     estimate_discrepancies,
 )
 from hertzloop.identification.fit.fit import fit
@@ -48,7 +47,7 @@ def dense(error: Discrepancy) -> np.ndarray:
 def test_rows_of_noise_and_error_have_the_products_of_their_covariance() -> None:
     error = error_of((0.3, 0.1), 4.0)
     white = np.random.default_rng(1).standard_normal((160, 3))
-    rest, own = error.applied(white)
+    rest, own = error.split_rows(white)
     covariance = dense(error)
     exact = white.T @ np.linalg.solve(covariance, white)
     np.testing.assert_allclose(rest.T @ rest + own.T @ own, exact, rtol=1e-9)

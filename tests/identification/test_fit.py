@@ -852,7 +852,7 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
     fine = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-8)
     tau = np.arange(0.0, 1.3 * model.contact_s, 1e-7)
     error = problem.simulate_channel(0, {}, 1.2e-4).value(tau) - fine.value(tau)
-    assert channel.coarse == 0.0
+    assert channel.simulation_error == 0.0
     assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise
     assert fitted(start, one, THICKNESS).model is ModelVerdict.FITS
 

@@ -9,9 +9,10 @@ import pytest
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.hits import describe_file, describe_hits, find_hits, split_hits
+from hertzloop.identification.fit.hits import describe_hits, find_hits, split_hits
 from hertzloop.identification.fit.report import fit_table, sentences
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.errors import RecordError

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.text_tables import draw, judged
 from hertzloop.common.optional_dependencies import EXTRAS
-from hertzloop.identification.fit.hits import describe_file
+from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.reading import read_record

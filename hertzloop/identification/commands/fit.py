@@ -1,6 +1,7 @@
 """The command `fit`: from measured records to a calibrated scene."""
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -12,15 +13,17 @@ from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.text_files import text_of
 from hertzloop.identification.fit import report as fit_report
 from hertzloop.identification.fit.check import check as check_records
+from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.expected_record import expected_record
+from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit as fit_records
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.hits import describe_file
-from hertzloop.identification.fit.loop_model import is_control_key
+from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
+from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
 from hertzloop.identification.records.record import Record
+from hertzloop.scene.setup import Setup
 
 
 def fit(
@@ -117,25 +120,14 @@ def fit(
             out.say(f"{one.name}: {one.source}.")
     prepare.compile_first(setup)
     if check:
-        under = True if any(is_control_key(key.key) for key in keys) else None
-        measured += [
-            expected_record(setup, text, f"expected record {i}", under)
-            for i, text in enumerate(expect or [], 1)
-        ]
+        measured += _expected_records(setup, expect or [], keys)
     if not measured:
         remedy = "RECORD, or --expect" if check else "RECORD"
         raise FitError(f"RECORD: none is given. Name at least one {remedy}.")
     if check:
         result = check_records(setup, measured, keys)
     else:
-        with progress("fit", 1000, lines=True) as advance:
-
-            def tell(done: int, expected: int) -> None:
-                about = f"fit: {done} of about {expected} simulations"
-                advance(round(1000 * done / expected), about)
-
-            others = compared if hold_out else None
-            result = fit_records(setup, measured, keys, others, tell, exact)
+        result = _fit_with_progress(setup, measured, keys, compared if hold_out else None, exact)
     out.print(fit_report.parameter_table(result))
     for sentence in fit_report.sentences(result):
         out.say(sentence)
@@ -148,17 +140,9 @@ def fit(
         from hertzloop.identification.fit.page import page  # of an extra
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
-        given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
-        words = [
-            "fit",
-            scene,
-            *files,
-            *given,
-            *(["--check"] if check else []),
-            *(["--exact"] if exact else []),
-        ]
-        command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
-        write_whole(report_file, page(result, command))
+        flags = {"--check": check, "--exact": exact, "--report": True}
+        words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
+        write_whole(report_file, page(result, shlex.join(map(str, words))))
         out.say(f"written: {report_file}")
     if replay_file is not None:
         from hertzloop.identification.fit.page import write_replay  # of an extra
@@ -172,8 +156,40 @@ def fit(
         raise typer.Exit(1)
 
 
+def _expected_records(setup: Setup, texts: list[str], keys: list[FreeKey]) -> list[Record]:
+    """Return made-up records; if a key of the law is free, all are under the law."""
+    control = True if any(is_control_key(f.key) for f in keys) else None
+    return [
+        expected_record(setup, text, f"expected record {i}", control)
+        for i, text in enumerate(texts, 1)
+    ]
+
+
+def _fit_with_progress(
+    setup: Setup,
+    records: list[Record],
+    keys: list[FreeKey],
+    hold_out: list[Record | int] | None,
+    exact: bool,
+) -> FitResult:
+    """Fit keys to records, and show the number of simulations."""
+    with progress("fit", 1000, lines=True) as advance:
+
+        def show(done: int, expected: int) -> None:
+            about = f"fit: {done} of about {expected} simulations"
+            advance(round(1000 * done / expected), about)
+
+        return fit_records(setup, records, keys, hold_out, show, exact)
+
+
+def _option_words(named: Mapping[str, list[str] | None], flags: Mapping[str, bool]) -> list[str]:
+    """Return the words of options with values and of those without."""
+    words = [word for name, values in named.items() for one in values or [] for word in (name, one)]
+    return words + [name for name, on in flags.items() if on]
+
+
 def _written_by_fit(path: Path) -> bool:
-    """Whether a file is a fitted scene of before, which may be replaced without asking."""
+    """Whether a file is a fitted scene, which may be replaced without asking."""
     try:
         return "\n[fit]\n" in text_of(path.read_bytes())
     except (OSError, ValueError):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.channel import ENOUGH_QUIET, Channel, ljung_box
+from hertzloop.identification.fit.channel import ENOUGH_QUIET, Channel
+from hertzloop.identification.fit.noise import ljung_box
 from hertzloop.identification.fit.problem import FitProblem, Iterate
 from hertzloop.identification.fit.verdicts import ModelVerdict
 
@@ -103,11 +104,12 @@ def assess_model(
 
 
 def _coarse_simulation(problem: FitProblem) -> str:
-    worst = max(problem.channels, key=lambda c: c.coarse)
+    """Return sentences on the error of the simulation, and what to do."""
+    worst = max(problem.channels, key=lambda c: c.simulation_error)
     return (
         "The error of the simulation can explain that: during contact it is about "
-        f"{worst.coarse:.2g} times the noise of {worst.record.name}. A finer simulation of "
-        f"{1e3 * worst.duration_s:.3g} ms would take too long. Cut the record sooner after the "
+        f"{worst.simulation_error:.2g} times the noise of {worst.record.name}. A finer simulation "
+        f"of {1e3 * worst.duration_s:.3g} ms would take too long. Cut the record sooner after the "
         "impact."
     )
 
@@ -162,7 +164,7 @@ class _ResidualTests:
         """
         share = len(self.iterate.x) / max(len(self.problem.channels), 1)
         known = c.quiet // 2 if len(c.ar) else c.quiet  # colour and size from the same samples
-        known = min(known, c.alike or known)
+        known = min(known, c.equivalent_samples or known)
         after = tau > -0.1 * self.contact_s
         in_contact = np.sum(size[(tau > 0.0) & (tau < 1.3 * self.contact_s)])
         for end in (1.3 * self.contact_s, 12.0 * self.contact_s, math.inf):
@@ -179,7 +181,7 @@ class _ResidualTests:
                 self.smallest = p
                 within = "" if end == math.inf else f" in the first {1e6 * end:.3g} us"
                 self.shown = f"The residual{within} is {math.sqrt(ratio):.3g} times the noise"
-            ratio /= 1.0 + (_UNSURE * c.coarse) ** 2 * in_contact / free
+            ratio /= 1.0 + (_UNSURE * c.simulation_error) ** 2 * in_contact / free
             self.beyond = min(self.beyond, float(scipy.stats.f.sf(ratio, free, known - 1)))
 
     @property
@@ -201,7 +203,7 @@ class _ResidualTests:
 def _whiteness(c: Channel, rows: np.ndarray) -> float:
     """Probability that white noise has the correlations of a residual; 1 where the errors of a
     converter or of the simulation, which are not white, are larger than the noise."""
-    if c.floored or c.coarse or (c.step > 0.0 and c.noise < 0.7 * c.step):
+    if c.limited_by_simulation or c.simulation_error or (c.step > 0.0 and c.noise < 0.7 * c.step):
         return 1.0
     if len(rows) <= 30:
         return 1.0

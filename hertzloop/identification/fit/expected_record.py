@@ -6,13 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 
+from hertzloop.identification.fit.controlled_records import refuse_incomparable, refuse_unknown_loop
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.hits import LONGEST_S
-from hertzloop.identification.fit.loop_model import (
-    LoopModel,
-    refuse_incomparable,
-    refuse_unknown_loop,
-)
+from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, observe
 from hertzloop.identification.records.measurement import Measurement

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.identification.fit.assessment import ModelAssessment, assess_model
-from hertzloop.identification.fit.channel import exclude_contact
+from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
 from hertzloop.identification.fit.frozen_models import refreeze
@@ -17,12 +17,12 @@ from hertzloop.identification.fit.hit_speeds import add_hit_speeds
 from hertzloop.identification.fit.hits import split_hits
 from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
 from hertzloop.identification.fit.intervals import add_whole_step_estimate, estimate_keys
-from hertzloop.identification.fit.loop_model import is_control_key
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.problem import FitProblem, Iterate, values_for_record
 from hertzloop.identification.fit.residuals import impact_speeds, note_other_impact, residual_curves
 from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.sample_selection import exclude_contact
 from hertzloop.identification.fit.search import (
     best_start,
     search_lower_minimum,

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hertzloop.identification.fit.control_keys import is_control_key, resolution_us, why_not_free
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.loop_model import is_control_key, resolution_us, why_not_free
 from hertzloop.identification.records.chain_keys import FILTERS, WITHOUT_CONTROL
 from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup

@@ -1,26 +1,23 @@
 """Hits of a striker: found in the contact force of a record, split, judged, and numbered."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hertzloop.identification.records.converter import clipped_samples
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.quantities import QUANTITIES
-from hertzloop.identification.records.reading import read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 FEWEST_BEFORE = 16  # samples between two hits, for the noise
-LONGEST_S = 0.06  # after a hit, that a fit uses: a contact within it belongs to the hit
 _PULSE, _SURE = 0.05, 8.0  # of the largest force, and noise levels: where a pulse begins
 _SMALLER = 0.95  # of the force before: a bounce of a sphere is smaller than the impact before it
 _MOVES = 0.05  # of the peak, by which a structure still moves before a hit
 _SHOWN = 64  # samples that show it
+LONGEST_S = 0.06  # after a hit, that a fit uses: a contact within it belongs to the hit
 
 
 @dataclass(frozen=True)
@@ -92,39 +89,6 @@ def describe_hits(hits: Sequence[RecordedHit], force: Record) -> list[str]:
         f"{hit.first - hit.samples.start} samples before it; "
         f"{f'not used ({hit.defect})' if hit.defect else 'used'}."
         for number, hit in enumerate(hits, 1)
-    ]
-
-
-def describe_file(
-    path: Path, given: Mapping[str, Any] | None = None, samples: int = 5
-) -> list[str]:
-    """Return sentences on a file: what was understood, its first samples, and what is not used.
-
-    Raises:
-        RecordError: the file cannot be read, or holds several records; the series are named.
-    """
-    records = read_records(path, given)
-    found = [line for one in records for line in _describe_record(one, samples)]
-    for force in (one for one in records if one.quantity == "contact_force"):
-        others = [one for one in records if one is not force and one.time_s is force.time_s]
-        hits = find_hits(force, True, others)
-        found += describe_hits(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
-    return found
-
-
-def _describe_record(one: Record, samples: int) -> list[str]:
-    unit = QUANTITIES[one.quantity].unit
-    rows = [
-        f"  {t:.9g} s  {v:.6g} {unit}"
-        for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)
-    ]
-    peak = int(np.nanargmax(np.abs(one.value)))
-    return [
-        f"{one.name}: {one.source}.",
-        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
-        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
-        *rows,
-        *one.notes,
     ]
 
 

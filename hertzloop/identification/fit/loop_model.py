@@ -6,15 +6,13 @@ touches the plate is not known of a record; it is the `phase`, in steps of the s
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.model import FrozenModel, SimulatedImpact
-from hertzloop.identification.records.errors import RecordError
-from hertzloop.identification.records.record import Record
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.statistics import control_force_n
@@ -25,82 +23,6 @@ _LEAD_SAMPLES = 8  # before the touch; more for the window and the horizon of th
 _HORIZONS = 3
 _ROOM_S = 0.01  # added to the run, so that a latency of the search is not longer than it
 _ACTS = 1e-12  # N
-# What changes the force of the actuator alone, beside all keys of the controller.
-_OF_ACTUATOR = ("bandwidth_hz", "damping", "force_limit_n", "dead_time_us")
-_NOT_OF_ONE_RUN = ("jitter_us", "drop_out_probability")
-
-
-def is_control_key(key: str) -> bool:
-    """Whether a key changes nothing but the force of the actuator."""
-    table, _, last = key.partition(".")
-    return table == "controller" or (table == "actuator" and last != "mass_kg")
-
-
-def why_not_free(key: str) -> str | None:
-    """Why a key of controller or actuator cannot be free under a law; None if it can."""
-    table, _, last = key.partition(".")
-    if table == "controller" and last in _NOT_OF_ONE_RUN:
-        return "a record of one run cannot tell it. Set it with --set"
-    if table == "actuator" and last not in (*_OF_ACTUATOR, "mass_kg"):
-        return f"of the actuator only {', '.join((*_OF_ACTUATOR, 'mass_kg'))} can be free"
-    return None
-
-
-def resolution_us(setup: Setup, key: str) -> float | None:
-    """How far apart the values of a key in whole steps are, us; None of another key."""
-    table, _, last = key.partition(".")
-    if key == "actuator.dead_time_us" or (
-        table == "controller" and last in setup.scene.controller.whole_step_keys
-    ):
-        return setup.step_ns / 1000
-    return None
-
-
-def refuse_unknown_loop(setup: Setup) -> None:
-    """Raise RecordError for a loop of which no two runs are alike, or without a law."""
-    control, sensors = setup.scene.controller, setup.scene.sensors
-    if not setup.has_law:
-        raise RecordError(
-            "controller.law = off: a record is under control. Name the law, --set "
-            "controller.law=NAME, or write control = false in the record table."
-        )
-    chance: dict[str, Any] = {
-        "controller.jitter_us": control.jitter_us,
-        "controller.drop_out_probability": control.drop_out_probability,
-        "controller.latency_trace": control.latency_trace,
-        "sensors.fault": sensors.fault,
-    }
-    for key, value in chance.items():
-        if value:
-            raise RecordError(
-                f"{key} = {value}: a fit simulates one run, and what chance or a fault did in it "
-                "is not known. Leave the key out."
-            )
-
-
-def refuse_incomparable(record: Record, setup: Setup) -> None:
-    """Raise RecordError for a record that the simulation under a law cannot be compared with."""
-    measurement, actuator = record.measurement, setup.actuator
-    if measurement.point_m is not None:
-        raise RecordError(
-            f"record.point_m = {list(measurement.point_m)}: under a law {record.name} must be of "
-            "the contact point or of the actuator's force."
-        )
-    held = actuator.bandwidth_hz is None
-    filtered = measurement.low_pass_hz is not None or measurement.resonance_hz is not None
-    if record.quantity == "actuator_force" and held and not filtered:
-        raise RecordError(
-            f"{record.name}: without a bandwidth the actuator's force jumps at every step, which "
-            "no sensor shows. Give actuator.bandwidth_hz, or record.low_pass_hz, the bandwidth of "
-            "the sensor."
-        )
-    moving = [q for q in (record.quantity, setup.quantity) if q in ("v_p", "acceleration")]
-    if moving and held:
-        raise RecordError(
-            f"{record.name}: without a bandwidth the actuator's force jumps at every step, and the "
-            f"{moving[0]} that is {'recorded' if moving[0] == record.quantity else 'fed back'} "
-            "jumps with it, by as much as the plate has modes. Give actuator.bandwidth_hz."
-        )
 
 
 class LoopModel(FrozenModel):
@@ -164,7 +86,7 @@ class LoopModel(FrozenModel):
         """
         phase %= self.period
         key = (tuple(sorted(values.items())), until_s, round(phase, 9))
-        return self.kept(key, lambda: self._looped(values, until_s, phase))
+        return self.cached(key, lambda: self._looped(values, until_s, phase))
 
     def _looped(self, values: Mapping[str, float], until_s: float, phase: float) -> SimulatedImpact:
         self.simulations += 1
@@ -179,23 +101,9 @@ class LoopModel(FrozenModel):
         steps = lead + math.ceil(phase + until_s / self.loop_step_s) + 4
         rows = finer_loop(loop, plant, steps, self.parts)
         time_s = (np.arange(rows.shape[1]) - before) * spec.step_s
-        return self.simulated(spec, plant, time_s, rows)
+        return self.as_impact(spec, plant, time_s, rows)
 
     def acts(self, values: Mapping[str, float], until_s: float) -> bool:
         """Whether the actuator acts on the plate before `until_s` after the touch."""
         rows = self.run(values, until_s).rows
         return float(np.max(np.abs(control_force_n(self.loop, rows)))) > _ACTS
-
-
-def control_notes(setup: Setup, names: list[str]) -> Iterator[str]:
-    """Sentences on what a simulation under a law supposes of some records."""
-    law = setup.law_reference
-    yield (
-        f"{', '.join(names)}: simulated under the law '{law}'. Write control = false in the record "
-        "table if the law was off."
-    )
-    if setup.scene.sensors.noise_rms:
-        yield (
-            f"sensors.noise_rms = {setup.scene.sensors.noise_rms:g}: taken as zero, since the "
-            "noise that the law read is not known. What it does to the force counts as misfit."
-        )

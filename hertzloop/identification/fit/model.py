@@ -1,4 +1,4 @@
-"""The simulation of a fit: a frozen plate model, and what an ideal sensor would see of it.
+"""The simulation of a fit, on a frozen model of the plate.
 
 A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
 the way: each mode that enters would make a jump. So theory, tail and number of modes are those of
@@ -8,18 +8,16 @@ the starting point; only the frequencies move.
 import math
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
 
+from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.plant import state_kernels
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import build_model
-from hertzloop.plant.contact.hertz import Contact, rigid_impact
-from hertzloop.plant.contact.yielding import above_dent_m, elastic_n
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.structures.structure import frequencies
@@ -44,161 +42,7 @@ _MOST_WORK = 8e7  # frequencies times steps of one simulation, about 50 ms
 _COARSER = 1.3
 _KEPT_PLANTS = 24
 _KEPT_RUNS = 64
-_RATE_S = 2e-9  # for the rate of the force
-_AT_NODE = 1e-6  # of a step: so near, a time is that of a jump
 _NEXT_MODE = 1.02  # how far above the limit the next mode is looked for
-
-
-@dataclass(frozen=True)
-class SimulatedImpact:
-    """One simulated drop.
-
-    `time_s`: times of the rows after the first touch, s, shape (steps,). `rows`: the columns of
-    `hertzloop.plant.time_series.TRUTH`, shape (10, steps). `contact`, `speed_m_s`,
-    `gravity_m_s2`: the contact, the impact speed, and what acts on the striker. `mobility_m_ns`: of
-    a damped tail, and `pushed_m_ns`: the same where the actuator acts at the contact point. `held`:
-    whether the actuator's force is constant over a step.
-    """
-
-    time_s: np.ndarray
-    rows: np.ndarray
-    contact: Contact
-    speed_m_s: float
-    gravity_m_s2: float
-    mobility_m_ns: float = 0.0
-    pushed_m_ns: float = 0.0
-    held: bool = True
-    _splines: dict[int, Any] = field(default_factory=dict, repr=False, compare=False)
-
-    @property
-    def step_s(self) -> float:
-        """Length of a step, s."""
-        return float(self.time_s[1] - self.time_s[0])
-
-    def _spline(self, row: int) -> Any:
-        if row not in self._splines:
-            self._splines[row] = scipy.interpolate.CubicSpline(self.time_s, self.rows[row])
-        return self._splines[row]
-
-    @cached_property
-    def _velocity(self) -> Any:
-        """Velocity of the plate at the contact point, but for what follows the force at once.
-
-        Behind a damped tail the velocity has a share Y F, as sharp as the force is where contact
-        begins. The rest is smooth. Without a damped tail the velocity is the derivative of the
-        displacement's spline, which is of fourth order at its knots.
-        """
-        if self.mobility_m_ns:
-            at_once = self.mobility_m_ns * (self.rows[ts.F_C] - self.rows[ts.F_C1])
-            if self.pushed_m_ns:  # the velocity of a row comes before a jump of the force
-                pushed = self.rows[ts.F_A] + self.rows[ts.F_A1]
-                at_once = at_once - self.pushed_m_ns * np.concatenate([[0.0], pushed[:-1]])
-            return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.V_P] + at_once)
-        moved = self._spline(ts.XI_P)
-        return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
-
-    def _velocity_m_s(self, time_s: np.ndarray) -> np.ndarray:
-        found = self._velocity(time_s)
-        if self.mobility_m_ns:
-            found = found - self.mobility_m_ns * self.force_n(time_s)
-        if self.pushed_m_ns:
-            found = found + self.pushed_m_ns * self.actuator_n(time_s)
-        return np.asarray(found)
-
-    def _acceleration_m_s2(self, time_s: np.ndarray) -> np.ndarray:
-        found = self._velocity(time_s, 1)
-        if self.mobility_m_ns:
-            rise = self.force_n(time_s + _RATE_S) - self.force_n(time_s - _RATE_S)
-            found = found - self.mobility_m_ns * rise / (2.0 * _RATE_S)
-        if self.pushed_m_ns:
-            rise = self.actuator_n(time_s + _RATE_S) - self.actuator_n(time_s - _RATE_S)
-            found = found + self.pushed_m_ns * rise / (2.0 * _RATE_S)
-        return np.asarray(found)
-
-    @cached_property
-    def _at_point(self) -> tuple[Any, Any]:
-        moved = self._spline(ts.XI_A)
-        return moved, scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
-
-    def force_n(self, time_s: np.ndarray) -> np.ndarray:
-        """Contact force at times after the touch (s, any shape): the contact law of the gap's
-        spline. The rows hold means of a step, which are 5e-3 of the peak away from it."""
-        time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
-        gap = self._spline(ts.XI)(time_s)
-        deepest = self._deepest(time_s, -gap)
-        above = above_dent_m(self.contact, gap, deepest)
-        found = elastic_n(self.contact, -gap, deepest)
-        if self.contact.has_damper:
-            rate = -self._spline(ts.XI)(time_s, 1)
-            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** self.contact.exponent
-            damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
-            found = found + damper * rate
-        return np.asarray(np.where(above < 0.0, found, 0.0))
-
-    @cached_property
-    def _actuator(self) -> Any:
-        """The smooth force of an actuator with a bandwidth: the derivative of its time integral,
-        which the means of the steps give exactly."""
-        impulse = np.concatenate([[0.0], np.cumsum(self.rows[ts.F_A])]) * self.step_s
-        grid_s = self.time_s[0] + np.arange(len(impulse)) * self.step_s
-        summed = scipy.interpolate.CubicSpline(grid_s, impulse)
-        return scipy.interpolate.CubicSpline(grid_s, summed(grid_s, 1))
-
-    def actuator_n(self, time_s: np.ndarray) -> np.ndarray:
-        """Actuator force, up on the plate, at times after the touch (s, any shape); where it jumps,
-        the middle of the jump."""
-        time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
-        if not self.held:
-            return np.asarray(self._actuator(time_s))
-        force, at = self.rows[ts.F_A], (time_s - self.time_s[0]) / self.step_s
-        after = np.floor(at + _AT_NODE).astype(int)
-        before = np.floor(at - _AT_NODE).astype(int)
-        last = len(force) - 1
-        return np.asarray(0.5 * (force[np.clip(before, 0, last)] + force[np.clip(after, 0, last)]))
-
-    def _deepest(self, time_s: np.ndarray, penetration_m: np.ndarray) -> np.ndarray:
-        if self.contact.limit is None:
-            return np.maximum(penetration_m, 0.0)
-        deepest = self.rows[ts.DEEPEST]
-        row = np.clip(((time_s - self.time_s[0]) / self.step_s).astype(int), 0, len(deepest) - 1)
-        after = deepest[np.minimum(row + 1, len(deepest) - 1)]
-        return np.asarray(np.clip(penetration_m, deepest[row], np.maximum(after, deepest[row])))
-
-    def value(self, quantity: str, time_s: np.ndarray, elsewhere: bool = False) -> np.ndarray:
-        """Return a quantity at times after the first touch.
-
-        Args:
-            quantity: a key of `hertzloop.identification.records.quantities.QUANTITIES`.
-            time_s: s, shape (samples,); before the touch the plate is at rest.
-            elsewhere: at the measuring point instead of the contact point.
-
-        Returns:
-            Values in SI units, shape (samples,).
-        """
-        if quantity == "contact_force":
-            return np.asarray(np.where(time_s > self.time_s[0], self.force_n(time_s), 0.0))
-        if quantity == "actuator_force":
-            return self.actuator_n(time_s)
-        inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
-        if quantity in ("xi", "xi_s"):
-            column = self._spline(ts.XI if quantity == "xi" else ts.XI_S)
-            return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
-        moved, velocity = self._at_point if elsewhere else (None, None)
-        if quantity == "v_p":
-            found = self._velocity_m_s(inside) if velocity is None else velocity(inside)
-        elif quantity == "acceleration":
-            found = self._acceleration_m_s2(inside) if velocity is None else velocity(inside, 1)
-        elif quantity == "xi_p":
-            found = (moved or self._spline(ts.XI_P))(inside)
-        else:
-            raise ValueError(f"quantity = '{quantity}': not known. Give one of the quantities.")
-        return np.asarray(np.where(time_s > self.time_s[0], found, 0.0))
-
-    def _flight(self, time_s: np.ndarray) -> np.ndarray:
-        """Height before the touch, at most that of the release, m."""
-        g = self.gravity_m_s2
-        before = np.minimum(-time_s, self.speed_m_s / g if g else math.inf)
-        return np.asarray(before * (self.speed_m_s - 0.5 * g * before))
 
 
 class FrozenModel:
@@ -247,8 +91,8 @@ class FrozenModel:
         if point_m is not None and free.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
         self.setup = free.vary(changed)
-        self.elsewhere = point_m is not None
-        self.spec = self._turned(self.setup.plant)
+        self.away_from_contact = point_m is not None
+        self.spec = self._with_actuator_at_sensor(self.setup.plant)
         check_modes_reach_impact(self.spec)
         if velocity_error is not None and not self.spec.plate.solid:
             self._refine(velocity_error, changed["run.duration_s"])
@@ -285,13 +129,15 @@ class FrozenModel:
                 if step_ns != coarsest_ns:
                     self.setup = self.setup.vary({"run.step_ns": step_ns})
                     self.step_ns = step_ns
-                self.spec = replace(self._turned(self.setup.plant), frequency_limit_hz=limit_hz)
+                self.spec = replace(
+                    self._with_actuator_at_sensor(self.setup.plant), frequency_limit_hz=limit_hz
+                )
                 return
             error *= _COARSER
 
-    def _turned(self, spec: PlantSpec) -> PlantSpec:
-        """The plant with its actuator at the measuring point, which is where rows are known."""
-        return replace(spec, plate=spec.plate.pushed_at_sensor) if self.elsewhere else spec
+    def _with_actuator_at_sensor(self, spec: PlantSpec) -> PlantSpec:
+        """Return the plant with its actuator at the measuring point, where the motion is known."""
+        return replace(spec, plate=spec.plate.pushed_at_sensor) if self.away_from_contact else spec
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
@@ -310,7 +156,7 @@ class FrozenModel:
             sensor_point_m=bodies.sensor_point_m,
             sensor_mass_kg=bodies.sensor_mass_kg,
         )
-        spec = self._turned(spec)
+        spec = self._with_actuator_at_sensor(spec)
         limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
         spec = replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
         check_modes_reach_impact(spec)
@@ -324,13 +170,13 @@ class FrozenModel:
         """
         steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
         key = (tuple(sorted(values.items())), steps)
-        return self.kept(key, lambda: self._simulated(self.spec_of(values), steps))
+        return self.cached(key, lambda: self._simulated(self.spec_of(values), steps))
 
     def run_spec(self, spec: PlantSpec, until_s: float) -> SimulatedImpact:
         """Simulate the drop of another plant until `until_s` after the touch."""
         return self._simulated(spec, 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns))
 
-    def kept(self, key: Any, simulate: Callable[[], SimulatedImpact]) -> SimulatedImpact:
+    def cached(self, key: Any, simulate: Callable[[], SimulatedImpact]) -> SimulatedImpact:
         """Return a simulation, which is made once for a key."""
         found = self._runs.get(key)
         if found is None:
@@ -346,9 +192,9 @@ class FrozenModel:
         rows = ts.series_under(plant, np.zeros(steps))
         lead_s, _ = _lead(spec, spec.sphere.impact_speed_m_s)
         time_s = np.arange(steps) * spec.step_s - lead_s
-        return self.simulated(spec, plant, time_s, rows)
+        return self.as_impact(spec, plant, time_s, rows)
 
-    def simulated(
+    def as_impact(
         self, spec: PlantSpec, plant: Any, time_s: np.ndarray, rows: np.ndarray
     ) -> SimulatedImpact:
         """Return the rows of a plant as a simulated drop."""

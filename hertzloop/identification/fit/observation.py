@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.model import SimulatedImpact
+from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -90,13 +90,13 @@ class ObservedSignal:
     simulated: SimulatedImpact
     quantity: str
     chain: MeasuringChain
-    elsewhere: bool
+    away_from_contact: bool
     spline: Any  # of the output over the fine grid
 
     def value(self, time_s: np.ndarray) -> np.ndarray:
         """Values at times after the touch, s; shape as `time_s`."""
         if self.chain.ideal:
-            return self.simulated.value(self.quantity, time_s, self.elsewhere)
+            return self.simulated.value(self.quantity, time_s, self.away_from_contact)
         return self._of_spline(time_s, 0)
 
     def slope(self, time_s: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class ObservedSignal:
 
 
 def observe(
-    simulated: SimulatedImpact, quantity: str, chain: MeasuringChain, elsewhere: bool
+    simulated: SimulatedImpact, quantity: str, chain: MeasuringChain, away_from_contact: bool
 ) -> ObservedSignal:
     """Return what a chain shows of a simulated drop."""
     grid_s = simulated.time_s
@@ -124,8 +124,8 @@ def observe(
         # A filter is exact for straight lines between samples; a finer grid bends these less.
         n = _FINER * (len(grid_s) - 1) + 1
         grid_s = grid_s[0] + np.arange(n) * (simulated.step_s / _FINER)
-    fine = simulated.value(quantity, grid_s, elsewhere)
+    fine = simulated.value(quantity, grid_s, away_from_contact)
     if not chain.ideal:
         fine = chain.filtered(fine, float(grid_s[1] - grid_s[0]))
     spline = scipy.interpolate.CubicSpline(grid_s, fine)
-    return ObservedSignal(simulated, quantity, chain, elsewhere, spline)
+    return ObservedSignal(simulated, quantity, chain, away_from_contact, spline)

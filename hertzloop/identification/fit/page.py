@@ -101,12 +101,14 @@ def _charts(result: FitResult) -> list[ResultChart]:
             f"contact of a rigid structure, {1e6 * contact_s:.3g} us. The lower band is "
             f"{_USUAL:g} times the noise wide on each side."
         )
-        drawn = svg(_sheet(record, n, curve, 1e6 * contact_s))
+        drawn = svg(_draw_record(record, n, curve, 1e6 * contact_s))
         found.append(ResultChart(record.name, drawn, words))
     return found
 
 
-def _sheet(record: Record, n: Nuisance, curve: dict[str, np.ndarray], contact_us: float) -> Any:
+def _draw_record(
+    record: Record, n: Nuisance, curve: dict[str, np.ndarray], contact_us: float
+) -> Any:
     """Measured over simulated values, and the residual below, around the contact and in whole."""
     sheet, axes = pictures.sheet(2, 2, width=10.0, height=2.6)
     time_us, used = 1e6 * curve["time_s"], curve["used"]
@@ -115,9 +117,9 @@ def _sheet(record: Record, n: Nuisance, curve: dict[str, np.ndarray], contact_us
     unit = QUANTITIES[record.quantity].unit
     for column, inside in enumerate((around, np.ones_like(around))):
         upper, lower = axes[:, column]
-        line = _some(inside, curve["simulated"])
-        dots = _some(inside & used, curve["measured"])
-        left = _some(inside & used, residual)
+        line = _decimated_places(inside, curve["simulated"])
+        dots = _decimated_places(inside & used, curve["measured"])
+        left = _decimated_places(inside & used, residual)
         upper.plot(time_us[dots], curve["measured"][dots], ".", label="measured", **_DOTS)
         upper.plot(time_us[line], curve["simulated"][line], label="simulated", **_LINE)
         upper.set(ylabel=f"{record.quantity} ({unit})")
@@ -138,7 +140,7 @@ def _sheet(record: Record, n: Nuisance, curve: dict[str, np.ndarray], contact_us
     return sheet
 
 
-def _some(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _decimated_places(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Places of kept values, of very many those that show the least and the largest."""
     places = np.flatnonzero(kept)
     return np.asarray(places[extremes(values[places], _MOST_POINTS)]) if len(places) else places

@@ -2,35 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
-
-from hertzloop.identification.fit.channel import (
-    Channel,
-    align,
-    prepare_channel,
+from hertzloop.identification.fit.alignment import align
+from hertzloop.identification.fit.channel import Channel
+from hertzloop.identification.fit.channel_preparation import prepare_channel
+from hertzloop.identification.fit.controlled_records import (
+    check_actuator_acts,
+    control_notes,
+    find_controlled,
+    refuse_mixed_clocks,
+)
+from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.frozen_models import freeze_models, visible_error
+from hertzloop.identification.fit.hit_speeds import set_start_speeds
+from hertzloop.identification.fit.loop_model import LoopModel
+from hertzloop.identification.fit.observation import chain_of_record
+from hertzloop.identification.fit.problem import FitProblem
+from hertzloop.identification.fit.sample_selection import (
+    cut_late_samples,
     thin_samples,
     weight_equal_readings,
 )
-from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.frozen_models import (
-    freeze_models,
-    visible_error,
-)
-from hertzloop.identification.fit.hit_speeds import set_start_speeds
-from hertzloop.identification.fit.hits import LONGEST_S
-from hertzloop.identification.fit.loop_model import (
-    LoopModel,
-    control_notes,
-    is_control_key,
-    refuse_incomparable,
-    refuse_unknown_loop,
-)
-from hertzloop.identification.fit.observation import chain_of_record
-from hertzloop.identification.fit.problem import FitProblem, values_for_record
-from hertzloop.identification.records.chain_keys import WITHOUT_CONTROL
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.quantities import PLATE_QUANTITIES
 from hertzloop.identification.records.record import Record
@@ -58,7 +50,7 @@ def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[Free
     """
     records = [with_measuring_point(record, setup) for record in records]
     looped = find_controlled(setup, records, free)
-    _refuse_mixed_clocks(records, looped)
+    refuse_mixed_clocks(records, looped)
     channels = [prepare_channel(record) for record in records]
     start = {f.key: f.start for f in free}
     accuracy = _accuracy_of_modes(setup, channels)
@@ -67,13 +59,13 @@ def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[Free
     models = freeze_models(setup, channels, looped, start, accuracy)
     for c, model in zip(channels, models, strict=True):
         if not isinstance(model, LoopModel):
-            c.coarse = visible_error(c, model)
+            c.simulation_error = visible_error(c, model)
     chains = [chain_of_record(c.record, setup) for c in channels]
     problem = FitProblem(list(free), channels, models, chains)
     set_start_speeds(problem, start)
     _align_channels(problem, start, setup.latency_us)
     if any(looped):
-        _check_actuator_acts(problem, start)
+        check_actuator_acts(problem, start)
         names = [c.record.name for c, under in zip(channels, looped, strict=True) if under]
         channels[looped.index(True)].notes += control_notes(setup, names)
     return problem
@@ -95,12 +87,12 @@ def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: fl
     """
     channels, models = problem.channels, problem.models
     leaders: dict[str, Channel] = {}
-    for index in sorted(range(len(channels)), key=lambda i: channels[i].elsewhere):
+    for index in sorted(range(len(channels)), key=lambda i: channels[i].away_from_contact):
         c, model = channels[index], models[index]
         long_s = max(3.0 * model.contact_s, 30e-6)
         if isinstance(model, LoopModel):
             long_s += 1e-6 * latency_us
-        if c.elsewhere:  # the wave has to arrive, and grow as it does in the record
+        if c.away_from_contact:  # the wave has to arrive, and grow as it does in the record
             long_s = max(long_s, float(c.time_s[-1]) - c.onset_s)
         seen = problem.simulate_channel(index, dict(start), long_s)
         clock = c.record.measurement.clock
@@ -137,86 +129,3 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
     if at == given:
         return record
     return replace(record, measurement=replace(record.measurement, point_m=at))
-
-
-def find_controlled(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> list[bool]:
-    """Return which records were taken under the law.
-
-    Raises:
-        RecordError: a record or its loop cannot be simulated.
-        FitError: keys of the law are free without such a record, or two keys in whole steps.
-    """
-    of_law = [f.key for f in free if is_control_key(f.key)]
-    found = []
-    for record in records:
-        said = record.measurement.control
-        if said is None:
-            said = record.quantity == "actuator_force" or bool(of_law)
-        elif not said and record.quantity == "actuator_force":
-            raise RecordError(
-                f"record.control = false: {record.name} holds the force of the actuator. Write "
-                "control = true."
-            )
-        found.append(said)
-        if said:
-            of_record = (
-                setup.vary(dict(record.measurement.set)) if record.measurement.set else setup
-            )
-            refuse_unknown_loop(of_record)
-            refuse_incomparable(record, of_record)
-    if of_law and not any(found):
-        raise FitError(
-            f"--free {of_law[0]}: cannot be fitted. {WITHOUT_CONTROL} Give a record of an "
-            "impact under the law."
-        )
-    stepped = [f.key for f in free if f.resolution is not None]
-    if len(stepped) > 1:
-        raise FitError(
-            f"--free {stepped[1]}: a fit finds one key in whole steps, and {stepped[0]} is one. "
-            "Measure one of the two, and give it with --set."
-        )
-    return found
-
-
-def _refuse_mixed_clocks(records: Sequence[Record], controlled: Sequence[bool]) -> None:
-    """Raise RecordError for records of one clock that cannot be of one impact."""
-    clocks: dict[str, tuple[Any, ...]] = {}
-    for record, under in zip(records, controlled, strict=True):
-        kind = under, dict(record.measurement.set)
-        if record.measurement.clock and clocks.setdefault(record.measurement.clock, kind) != kind:
-            raise RecordError(
-                f"record.clock = '{record.measurement.clock}': records of one clock are of one "
-                f"impact, but {record.name} has another control or set."
-            )
-
-
-def _check_actuator_acts(problem: FitProblem, values: dict[str, float]) -> None:
-    """Raise FitError for keys of the law where no actuator acts in any record."""
-    asked = [f.key for f in problem.free if is_control_key(f.key)]
-    of_force = [c.record for c in problem.channels if c.record.quantity == "actuator_force"]
-    if not asked and not of_force:
-        return
-    end_s = problem.longest_s
-    for c, model in zip(problem.channels, problem.models, strict=True):
-        if isinstance(model, LoopModel) and model.acts(values_for_record(values, c.record), end_s):
-            return
-    what = f"--free {asked[0]}" if asked else of_force[0].name
-    raise FitError(
-        f"{what}: not identifiable, as the actuator never acts in the simulated records at the "
-        "starting values. Check the law and its threshold, the latency, and that the records last "
-        "long enough."
-    )
-
-
-def cut_late_samples(channel: Channel) -> None:
-    """Leave out samples later after the impact than a simulation is worth."""
-    late = channel.time_s > channel.onset_s + LONGEST_S
-    if np.any(late):
-        channel.kept = channel.kept & ~late
-        keep = ~late
-        channel.time_s, channel.value = channel.time_s[keep], channel.value[keep]
-        channel.kept = channel.kept[keep]
-        channel.notes.append(
-            f"{channel.record.name}: {np.count_nonzero(late)} samples later than "
-            f"{1e3 * LONGEST_S:g} ms after the impact are not used."
-        )

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
+from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.loop_model import LoopModel, is_control_key
+from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
 from hertzloop.identification.records.chain_keys import is_chain_key
@@ -210,7 +211,7 @@ class FitProblem:
             simulated = model.run(alone, until_s)
         self.evaluations += model.simulations - before
         self.tally.add(model.simulations - before)
-        return observe(simulated, channel.record.quantity, chain, model.elsewhere)
+        return observe(simulated, channel.record.quantity, chain, model.away_from_contact)
 
     def start_vector(self) -> np.ndarray:
         """Return the starting parameters: logarithms of keys, then nuisances of every channel."""
@@ -274,9 +275,9 @@ class FitProblem:
             good = c.counted(within)
             raw = np.where(c.kept & within, gain * predicted.value + offset - c.value, 0.0)
             white = c.whitened(raw)[good]
-            error = None if exact or c.discrepancy is None else c.discrepancy.on(good)
+            error = None if exact or c.discrepancy is None else c.discrepancy.on_samples(good)
             if error is not None:
-                white, own = error.applied(white)
+                white, own = error.split_rows(white)
                 of_errors.append(own)
             parts.append(white)
             rows.append(slice(at, at + len(white)))
@@ -287,7 +288,7 @@ class FitProblem:
             block[~(c.kept & within)] = 0.0
             white = c.whitened(block)[good]
             if error is not None:
-                white, own = error.applied(white)
+                white, own = error.split_rows(white)
                 by_errors.append(own)
             columns.append(white)
         prior, by = self._prior_rows(x, early)

@@ -42,7 +42,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
     first = next(iter(by_record.values()))
     keys = ("time_shift_s", "gain", "offset", "clock_ppm")
     return {
-        "parameters": {e.key: _of_estimate(e) for e in result.estimates},
+        "parameters": {e.key: _estimate_json(e) for e in result.estimates},
         "nuisances": {key: first[key] for key in keys} | {"by_record": by_record},
         "noise_rms": result.noise_rms,
         "residual_over_noise": result.residual_over_noise,
@@ -70,7 +70,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
     }
 
 
-def _of_estimate(e: Estimate) -> dict[str, Any]:
+def _estimate_json(e: Estimate) -> dict[str, Any]:
     return {
         "value": e.value,
         "low": e.low,
@@ -154,7 +154,7 @@ def sentences(result: FitResult) -> list[str]:
                 f"{e.key} is fitted in steps of {e.resolution:g} us, and its interval reaches half "
                 "a step beyond the values that explain the records."
             )
-    found += _unidentified(result)
+    found += _unidentified_sentences(result)
     found += result.measure_next
     if result.checked_only:
         return found
@@ -162,7 +162,7 @@ def sentences(result: FitResult) -> list[str]:
         f"Residual over noise: {result.residual_over_noise:.3g}. {_MODEL_WORDS[result.model]}"
     )
     found += result.reasons
-    found += [_good_to(n.record, *n.off_percent) for n in result.nuisances]
+    found += [_accuracy_sentence(n.record, *n.off_percent) for n in result.nuisances]
     if any(any(n.error_percent) for n in result.nuisances):
         errors = "; ".join(
             f"{n.record}: {_percent(n.error_percent[0])} in the pulse and "
@@ -178,7 +178,10 @@ def sentences(result: FitResult) -> list[str]:
         found.append(f"Held-out records: residual over noise {held['residual_over_noise']:.3g}.")
         ends = ("in_pulse_percent", "after_pulse_percent", "largest_percent")
         parts = held["records"], *(held[end] for end in ends)
-        found += [_good_to(f"{name} (held out)", *off) for name, *off in zip(*parts, strict=True)]
+        found += [
+            _accuracy_sentence(f"{name} (held out)", *off)
+            for name, *off in zip(*parts, strict=True)
+        ]
     for n in result.nuisances:
         found.append(
             f"{n.record}: touch at {n.time_shift_s:.9g} s, gain {n.gain:.4g}, offset "
@@ -189,7 +192,9 @@ def sentences(result: FitResult) -> list[str]:
     return found
 
 
-def _good_to(record: str, pulse: float | None, after: float | None, largest: float | None) -> str:
+def _accuracy_sentence(
+    record: str, pulse: float | None, after: float | None, largest: float | None
+) -> str:
     """The second part of the verdict: how far the simulation is from a record."""
     parts = [
         f"{_percent(off)} of the peak {where}"
@@ -200,7 +205,7 @@ def _good_to(record: str, pulse: float | None, after: float | None, largest: flo
     return f"{record}: good to {' and '.join(parts)} (root mean square{most})."
 
 
-def _unidentified(result: FitResult) -> list[str]:
+def _unidentified_sentences(result: FitResult) -> list[str]:
     """Name what the records cannot tell: combinations first, then each key with the reason."""
     keys = [e for e in result.estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE]
     if not keys:

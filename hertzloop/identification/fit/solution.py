@@ -6,19 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.discrepancy import (
+from hertzloop.identification.fit.discrepancy import build_discrepancy
+from hertzloop.identification.fit.discrepancy_estimate import (
     RecordLikelihood,
-    build_discrepancy,
     estimate_discrepancies,
 )
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.outliers import reject_outliers
+from hertzloop.identification.fit.phases import minimise_over_phases
 from hertzloop.identification.fit.problem import FitProblem, Iterate
-from hertzloop.identification.fit.whole_steps import (
-    StepProfile,
-    minimise_over_phases,
-    profile_whole_steps,
-)
+from hertzloop.identification.fit.whole_steps import StepProfile, profile_whole_steps
 
 _ROUNDS = 4  # of outliers
 _ESTIMATES, _SETTLED = 3, 0.2  # of the model's error: most rounds, change that needs another one
@@ -107,7 +104,7 @@ def _estimate_errors(
             RecordLikelihood(
                 whole[plain.channel_rows[index]],
                 float(np.sum(c.independent(counted))),
-                error and error.on(counted),
+                error and error.on_samples(counted),
                 c.discrepancy is not None,
                 c.least_noise / c.noise if c.noise_unknown else None,
             )

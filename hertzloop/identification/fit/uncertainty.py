@@ -36,9 +36,11 @@ class KeyCombination:
 class KeyUncertainty:
     """What the samples know of the keys' logarithms.
 
-    `covariance`: (keys, keys), inf where nothing is known. `alone`: standard deviation of each key
-    if all other keys were known, (keys,). `combinations`: from the worst known to the best.
-    `wider`: the factor that an error of the model brings.
+    Attributes:
+        covariance: (keys, keys), inf where nothing is known.
+        alone: standard deviation of each key if all other keys were known, (keys,).
+        combinations: products of keys, from the worst known to the best.
+        wider: factor on intervals that an error of the model brings.
     """
 
     covariance: np.ndarray
@@ -52,7 +54,7 @@ class KeyUncertainty:
         return np.sqrt(np.diag(self.covariance))
 
     def half_widths(self) -> np.ndarray:
-        """Relative 95 % half-widths, (keys,)."""
+        """Return relative 95 % half-widths, (keys,)."""
         with np.errstate(over="ignore"):
             return np.asarray(np.expm1(np.minimum(NORMAL * self.sd, 700.0)))
 

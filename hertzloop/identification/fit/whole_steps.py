@@ -1,8 +1,8 @@
-"""Search and profile a key in whole steps, and the sampling phases of records under a law.
+"""Search and profile a key in whole steps, such as a latency.
 
-Chi-square is piecewise constant in a latency, which counts whole steps. So its derivative says
-nothing: every value is tried, and all other parameters are fitted at each. A value belongs to the
-95 % interval where chi-square rises by at most 3.84 above the best one.
+Chi-square is piecewise constant in such a key. So its derivative says nothing: every value is
+tried, and all other parameters are fitted at each. A value belongs to the 95 % interval where
+chi-square rises by at most 3.84 above the best one.
 """
 
 import math
@@ -14,25 +14,33 @@ import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.free_keys import FreeKey, step_range
-from hertzloop.identification.fit.minimise import minimise
+from hertzloop.identification.fit.phases import (
+    clock_groups,
+    minima_by_phase,
+    minimise_over_phases,
+    subproblem,
+)
 from hertzloop.identification.fit.problem import SHIFT_UNIT_S, FitProblem, Iterate
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 
-_PHASES = 6  # of a period that a search looks at
-_TURNS_TRIED = 3  # solutions at other phases that are fitted with all parameters
-_APART = 0.25  # of a period, between them
 _FAR = 25.0  # a rise of chi-square beyond which a walk ends
 _BEYOND = 2  # values in a row
 _LEAST_REACH = 8  # steps
 _COARSE = 10  # values of a range that a search looks at first
 _FIRST_CONTACTS = 4.5  # of a record that a search looks at
+CHI_SQUARE_95 = 3.841458820694124  # chi-square of one parameter at 95 %
 
 
 @dataclass
 class StepProfile:
-    """What a record says of a key in whole steps: by number of steps, chi-square and the other
-    parameters that fit best there."""
+    """What a record says of a key in whole steps.
+
+    Attributes:
+        free: the key.
+        costs: chi-square by number of steps.
+        x: the other parameters that fit best there, (parameters,), by number of steps.
+    """
 
     free: FreeKey
     costs: dict[int, float]
@@ -44,7 +52,7 @@ class StepProfile:
         return min(self.costs, key=lambda k: self.costs[k])
 
     def rise(self, k: int) -> float:
-        """How far chi-square is above the least one."""
+        """Return how far chi-square is above the least one."""
         return self.costs[k] - self.costs[self.best]
 
     @property
@@ -53,8 +61,11 @@ class StepProfile:
         return sorted(k for k in self.costs if self.rise(k) <= CHI_SQUARE_95)
 
     def interval(self) -> tuple[float | None, float | None]:
-        """The interval in the unit of the key, half a step wider than the values in it: a time
-        between two steps is fitted by one of them. An end that was not found is open."""
+        """Return the interval in the unit of the key; None for an end that was not found.
+
+        It is half a step wider than the values in it, as a time between two steps is fitted by one
+        of them.
+        """
         resolution = self.free.resolution or 1.0
         first, last = self.certain[0], self.certain[-1]
         low: float | None = max(0.0, (first - 0.5) * resolution)
@@ -63,17 +74,14 @@ class StepProfile:
         return low, None if last == max(self.costs) else (last + 0.5) * resolution
 
     def spread(self, j: int, sd: float) -> tuple[float, float]:
-        """How far the interval of parameter `j` goes down and up from the best value, over all
-        certain steps; `sd`: standard deviation at one of them."""
+        """Return how far the interval of parameter `j` goes down and up from the best value, over
+        all certain steps; `sd`: standard deviation at one of them."""
         best = float(self.x[self.best][j])
         reach = [
             (float(self.x[k][j]) - best, sd * math.sqrt(CHI_SQUARE_95 - self.rise(k)))
             for k in self.certain
         ]
         return min(d - r for d, r in reach), max(d + r for d, r in reach)
-
-
-CHI_SQUARE_95 = 3.841458820694124  # chi-square of one parameter at 95 %
 
 
 def search_whole_steps(problem: FitProblem) -> FitProblem:
@@ -91,44 +99,53 @@ def search_whole_steps(problem: FitProblem) -> FitProblem:
     if f is not None:
         until_s = min(longest_s, until_s + 1e-6 * f.high)
     tried: dict[int, tuple[float, list[np.ndarray]]] = {}
-
-    def look(k: int) -> None:
-        late_us = 0.0 if f is None else k * (f.resolution or 1.0) - f.start
-        held = keys if f is None else keys | {f.key: k * (f.resolution or 1.0)}
-        alone = replace(problem, fixed=held, evaluations=0)
-        cost, places = 0.0, []
-        for some in _clock_groups(alone):
-            x = _subproblem(alone, some).start_vector()
-            if _only_actuator_force(alone.channels[i] for i in some):
-                x[0] -= late_us * 1e-6 / SHIFT_UNIT_S
-            found = _minima_by_phase(alone, some, x, until_s)[0]
-            cost += found.chi_square
-            places.append(found.x)
-        tried[k] = cost, places
-        problem.evaluations += alone.evaluations
-
     first, last = (0, 0) if f is None else step_range(f)
     stride = max(1, (last - first) // _COARSE)
     for k in range(first, last + 1, stride):
         with suppress(SceneError):
-            look(k)
+            tried[k] = _nuisances_at(problem, keys, k, until_s)
     if not tried:
         raise SceneError("no value of the key in whole steps can be simulated. Change its range.")
     coarse = min(tried, key=lambda k: tried[k][0])
     for k in range(max(first, coarse - stride + 1), min(last, coarse + stride - 1) + 1):
         if k not in tried:
             with suppress(SceneError):
-                look(k)
+                tried[k] = _nuisances_at(problem, keys, k, until_s)
     chosen = min(tried, key=lambda k: tried[k][0])
     alone = replace(problem, fixed=keys)
-    for some, x in zip(_clock_groups(alone), tried[chosen][1], strict=True):
-        part = _subproblem(alone, some)
+    for some, x in zip(clock_groups(alone), tried[chosen][1], strict=True):
+        part = subproblem(alone, some)
         for i, c in enumerate(part.channels):
             c.phase = part.phase(x, i)
             c.touch_s, c.ppm, c.gain, c.offset = part.nuisances(x, i)
     if f is None:
         return problem
     return replace(problem, fixed=problem.fixed | {f.key: chosen * (f.resolution or 1.0)})
+
+
+def _nuisances_at(
+    problem: FitProblem, keys: dict[str, float], k: int, until_s: float
+) -> tuple[float, list[np.ndarray]]:
+    """Fit the nuisances with all keys held, that in whole steps at a number of steps.
+
+    Returns:
+        Chi-square, and the nuisances of each group of channels with one clock. Raises SceneError.
+    """
+    f, late_us = problem.whole_step_key, 0.0
+    if f is not None:
+        value = k * (f.resolution or 1.0)
+        keys, late_us = keys | {f.key: value}, value - f.start
+    alone = replace(problem, fixed=keys, evaluations=0)
+    cost, nuisances = 0.0, []
+    for some in clock_groups(alone):
+        x = subproblem(alone, some).start_vector()
+        if _only_actuator_force(alone.channels[i] for i in some):
+            x[0] -= late_us * 1e-6 / SHIFT_UNIT_S
+        found = minima_by_phase(alone, some, x, until_s)[0]
+        cost += found.chi_square
+        nuisances.append(found.x)
+    problem.evaluations += alone.evaluations
+    return cost, nuisances
 
 
 def profile_whole_steps(
@@ -156,7 +173,7 @@ def profile_whole_steps(
     def tried(k: int, near: Iterate, late: int) -> bool:
         held = at(k)
         x = near.x.copy()
-        for group in _clock_groups(problem):
+        for group in clock_groups(problem):
             if _only_actuator_force(problem.channels[i] for i in group):
                 shift = problem.nuisance_indices[group[0]].shift
                 x[shift] -= late * resolution * 1e-6 / SHIFT_UNIT_S
@@ -206,97 +223,5 @@ def expected_profile(problem: FitProblem, iterate: Iterate, until_s: float) -> S
     return found
 
 
-def minimise_over_phases(problem: FitProblem, x: np.ndarray, until_s: float) -> Iterate:
-    """The best fit from a point over all phases: where the law decides otherwise, a step of the
-    solution cannot go on, so the most promising parts of a period are all tried."""
-    if not problem.phase_periods:
-        return minimise(problem, x, until_s, early=False)
-    alone = replace(problem, fixed=problem.key_values(x), evaluations=0)
-    keys = len(problem.varied_keys)
-    groups = _clock_groups(alone)
-    places = [
-        sorted({at for i in some for at in problem.nuisance_indices[i].all}) for some in groups
-    ]
-    ranked = [
-        _distinct_phases(
-            _minima_by_phase(alone, some, x[at], until_s), _subproblem(alone, some).phase_periods
-        )
-        for some, at in zip(groups, places, strict=True)
-    ]
-    problem.evaluations += alone.evaluations
-    found = []
-    for rank in range(max(len(iterates) for iterates in ranked)):
-        start = x.copy()
-        for iterates, at in zip(ranked, places, strict=True):
-            start[at] = iterates[min(rank, len(iterates) - 1)].x
-        held = replace(problem, phases_held=True, evaluations=0)
-        near = (
-            minimise(held, start, until_s, early=False, steps=8, tolerance=1e-3) if keys else None
-        )
-        problem.evaluations += held.evaluations
-        begin = start if near is None else near.x
-        found.append(minimise(problem, begin, until_s, early=False, steps=15, tolerance=1e-4))
-    return min(found, key=lambda iterate: iterate.chi_square)
-
-
-def _clock_groups(problem: FitProblem) -> list[list[int]]:
-    """Channels that share a phase: their numbers, group by group."""
-    groups: dict[int, list[int]] = {}
-    for index, at in enumerate(problem.nuisance_indices):
-        groups.setdefault(at.shift, []).append(index)
-    return list(groups.values())
-
-
-def _subproblem(problem: FitProblem, some: list[int]) -> FitProblem:
-    """The problem of some channels; all its keys have to be held."""
-    return FitProblem(
-        problem.free,
-        [problem.channels[i] for i in some],
-        [problem.models[i] for i in some],
-        [problem.chains[i] for i in some],
-        problem.fixed,
-        tally=problem.tally,
-    )
-
-
-def _minima_by_phase(
-    problem: FitProblem, some: list[int], x: np.ndarray, until_s: float
-) -> list[Iterate]:
-    """The points of some channels at the phases of a grid, with all keys and the phase held, from
-    the best to the worst.
-
-    Args:
-        problem: of all channels.
-        some: the channels, of one clock.
-        x: parameters of these channels to begin with.
-        until_s: end of the window after the touch, s.
-    """
-    part = replace(_subproblem(problem, some), phases_held=True)
-    phases, found = part.phase_periods, []
-    for number in range(_PHASES if phases else 1):
-        start = x.copy()
-        for at, period in phases.items():
-            start[at] = (number + 0.5) / _PHASES * period
-        found.append(minimise(part, start, until_s, early=False, steps=2, tolerance=1e-3))
-    problem.evaluations += part.evaluations
-    return sorted(found, key=lambda iterate: iterate.chi_square)
-
-
 def _only_actuator_force(channels: Iterable[Channel]) -> bool:
     return all(c.record.quantity == "actuator_force" for c in channels)
-
-
-def _distinct_phases(iterates: list[Iterate], phases: dict[int, int]) -> list[Iterate]:
-    """The best points whose phases are apart: with other parameters, a part of the period that
-    looks bad may be the best."""
-    found = iterates[:1]
-    for iterate in iterates[1:]:
-        away = [
-            abs((float(iterate.x[at] - other.x[at]) + 0.5 * period) % period - 0.5 * period)
-            / period
-            for other in found
-            for at, period in phases.items()
-        ]
-        if away and min(away) >= _APART and len(found) < _TURNS_TRIED:
-            found.append(iterate)
-    return found

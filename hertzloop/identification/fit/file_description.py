@@ -1,0 +1,45 @@
+"""Describe a file of records: what was understood, its first samples, and its hits."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop.identification.fit.hits import describe_hits, find_hits
+from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.record import Record
+
+
+def describe_file(
+    path: Path, given: Mapping[str, Any] | None = None, samples: int = 5
+) -> list[str]:
+    """Return sentences on a file: what was understood, its first samples, and what is not used.
+
+    Raises:
+        RecordError: the file cannot be read, or holds several records; the series are named.
+    """
+    records = read_records(path, given)
+    found = [line for one in records for line in _describe_record(one, samples)]
+    for force in (one for one in records if one.quantity == "contact_force"):
+        others = [one for one in records if one is not force and one.time_s is force.time_s]
+        hits = find_hits(force, True, others)
+        found += describe_hits(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
+    return found
+
+
+def _describe_record(one: Record, samples: int) -> list[str]:
+    unit = QUANTITIES[one.quantity].unit
+    rows = [
+        f"  {t:.9g} s  {v:.6g} {unit}"
+        for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)
+    ]
+    peak = int(np.nanargmax(np.abs(one.value)))
+    return [
+        f"{one.name}: {one.source}.",
+        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
+        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
+        *rows,
+        *one.notes,
+    ]
