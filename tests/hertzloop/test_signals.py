@@ -20,7 +20,8 @@ from tests.hertzloop.processes import finish, next_line, start, wait_for
 def handlers() -> Iterator[None]:
     """The command line's handlers for the time of a test."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in numbers}
+    # A caller such as nohup may ignore SIGHUP, which the handlers would respect.
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
     install_handlers()
     yield
     received.clear()
