@@ -94,7 +94,7 @@ UncertainOption = Annotated[
     typer.Option(
         "--uncertain",
         help="Compute the probability of the goal for the distributions in this TOML file, or in "
-        "the tables [uncertain] and [fit] of this scene.",
+        "the tables \\[uncertain] and \\[fit] of this scene.",
     ),
 ]
 CheckOption = Annotated[

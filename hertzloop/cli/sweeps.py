@@ -60,7 +60,7 @@ UncertainOption = Annotated[
     Path | None,
     typer.Option(
         help="Run every case with --cases draws from the distributions in this TOML file, or "
-        "in the tables [uncertain] and [fit] of this scene."
+        "in the tables \\[uncertain] and \\[fit] of this scene."
     ),
 ]
 DaskOption = Annotated[
