@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamF
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.announcement import controller_report
+from hertzloop.loop.closed_loop import ClosedLoop
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.kernels import SAMPLES_FIRST
@@ -22,7 +21,6 @@ from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.watchdog import watching
-from hertzloop.plant.figures.rows_kernels import NEVER
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import build_controller
@@ -46,29 +44,15 @@ def run_compiled(
     controller = build_controller(setup, ahead=False)
     events = ControllerEvents(setup)
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
-    advance = partial(
-        loop_kernels.closed_loop,
-        streams.plant.model,
-        streams.plant.state,
-        streams.sensor.model,
-        streams.sensor.state,
-        controller.law,
-        controller.law_state,
-        controller.line,
-        controller.line_state,
-        controller.forces,
-        streams.window,
-        modes,
-        delays,
-    )
-    advance(0, NEVER)  # loads the kernel before the clock starts
+    loop = ClosedLoop(streams.plant, streams.sensor, controller, streams.window, modes, delays)
+    loop.advance(0)  # loads the kernel before the clock starts
     report = controller_report(setup)
     try:
         streams.announce_run()
         wall_s, sent = 0.0, 0
         while streams.step < setup.steps:
             started = time.perf_counter()
-            advance(streams.boundary, NEVER)
+            loop.advance(streams.boundary)
             wall_s += time.perf_counter() - started
             try:
                 controller.check()

@@ -67,7 +67,8 @@ class PlantNode:
             on_progress: Called with the number of finished steps.
             fast_lane: Offer shared memory to a controller on this host.
             repeat: A recorded run whose commands act. The controller must send the same forces.
-            held_steps: As in `ForceBuffer`; that of `repeat` if there is one.
+            held_steps: As in `ForceBuffer`. A repeated run is in lock-step, and publishes those of
+                the recorded run.
             every_s: As in `PlantStreams`.
         """
         self.setup, self.port, self.timeout_s = setup, port, timeout_s

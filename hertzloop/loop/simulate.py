@@ -9,6 +9,7 @@ import numpy as np
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.closed_loop import ClosedLoop
 from hertzloop.loop.impact_end import impact_follower_of_loop
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_streams import empty_window
@@ -101,24 +102,10 @@ def simulate(
     samples = len(controller.law_state.history)
     window = empty_window(most, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
+    loop = ClosedLoop(plant, sensor, controller, window, modes, delays)
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
-        over = loop_kernels.closed_loop(
-            plant.model,
-            plant.state,
-            sensor.model,
-            sensor.state,
-            controller.law,
-            controller.law_state,
-            controller.line,
-            controller.line_state,
-            controller.forces,
-            window,
-            modes,
-            delays,
-            most,
-            impact_follower_of_loop(setup) if impact_only else NEVER,
-        )
+        over = loop.advance(most, impact_follower_of_loop(setup) if impact_only else NEVER)
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started
     try:
@@ -136,7 +123,7 @@ def simulate(
         modes[:taken],
         delays[:taken],
         plant.close_balance(),
-        bool(over),
+        over,
     )
 
 
@@ -164,22 +151,7 @@ def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[i
         window.counts[:] = counts
         window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
         window.counts[SAMPLES_FIRST] = counts[SAMPLES_END]
-        loop_kernels.closed_loop(
-            plant.model,
-            plant.state,
-            sensor.model,
-            sensor.state,
-            controller.law,
-            controller.law_state,
-            controller.line,
-            controller.line_state,
-            controller.forces,
-            window,
-            modes,
-            delays,
-            first + length,
-            NEVER,
-        )
+        ClosedLoop(plant, sensor, controller, window, modes, delays).advance(first + length)
         try:
             controller.check()
         except LawFault as error:
