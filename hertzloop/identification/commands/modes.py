@@ -5,7 +5,7 @@ import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -18,15 +18,15 @@ from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.optional_dependencies import need
-from hertzloop.identification.modes import universal as uff
+from hertzloop.identification.modes import universal
 from hertzloop.identification.modes.hits import read_hits
 from hertzloop.identification.modes.modes import (
     MeasuredModes,
-    Tell,
+    ModesCallback,
     modes_of_hits,
     modes_of_responses,
 )
-from hertzloop.identification.modes.responses import responses_of_sets
+from hertzloop.identification.modes.responses import FrequencyResponses, responses_of_sets
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene import model_error
@@ -40,7 +40,7 @@ from hertzloop.views.format import Table
 _COMPLETE = ("plate.tail=spring", "plate.residual_flexibility_m_n=0")
 
 if TYPE_CHECKING:
-    from hertzloop.identification.modes.universal import FileUnits, Points, UniversalModes
+    from hertzloop.identification.modes.universal import Points, UniversalModes
 
 
 def modes(
@@ -129,114 +129,48 @@ def modes(
     place of the plate of SCENE is written beside it.
     """
     scene, files = _scene_and_files(names or [], source)
+    measured = _MeasuredOptions(
+        contact=contact,
+        actuator=actuator,
+        sensor=sensor,
+        units=units,
+        direction=direction,
+        loss_factor=loss_factor,
+        reference=reference,
+        unit_modal_mass=unit_mass or None,
+        kind=kind,
+        picture=picture,
+        hold_out=hold_out,
+        exponential_window=exponential_window,
+    )
     if source is None:
-        given = {
-            "contact": contact,
-            "actuator": actuator,
-            "sensor": sensor,
-            "units": units,
-            "direction": direction,
-            "loss-factor": loss_factor,
-            "reference": reference,
-            "unit-modal-mass": unit_mass or None,
-            "kind": kind,
-            "picture": picture,
-            "hold-out": hold_out,
-            "exponential-window": exponential_window,
-        }
-        for option, value in given.items():
-            if value is not None:
-                fail(f"--{option}: describes a measured structure. Add --from FILE.")
-        _of_scene(scene, out_file, settings or [], grid, overwrite, json_file)
+        for option in measured.given():
+            fail(f"--{option}: describes a measured structure. Add --from FILE.")
+        _write_scene_modes(scene, out_file, settings or [], grid, overwrite, json_file)
         return
     if grid:
         fail("--grid: measured modes have no shapes on a grid. Leave it out.")
     target = _target(out_file or Path(f"{Path(source).stem}-modes.csv"))
-    beside = target.with_suffix(".toml")
-    held = hold_out or []
+    beside, paths = target.with_suffix(".toml"), list(map(Path, files))
+    read = [*paths, *measured.held, Path(scene)]
     for path in (target, beside):
-        outputs.check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
+        outputs.check_output(path, overwrite, read=read)
     if picture is not None:
         outputs.check_picture(picture)
-        outputs.check_output(
-            picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)]
-        )
+        outputs.check_output(picture, overwrite, "--picture", read)
     outputs.check_json(json_file, target, beside, picture)
-    paths = list(map(Path, files))
-    if contact is None:
-        fail(_missing_contact(paths[0], kind, units))
-    if exponential_window is not None and not 0.0 < exponential_window < math.inf:
-        fail(
-            f"--exponential-window = {exponential_window:g}: must be positive. Give the time "
-            "constant in seconds."
-        )
-    told: dict[str, Any] = {}
-    if paths[0].suffix.lower() in uff.SUFFIXES:
-        if exponential_window is not None:
-            fail("--exponential-window: is for records of hits. Remove the option.")
-        if len(paths) != 1:
-            fail(f"--from: {len(files)} files are given. Give one universal file.")
-        points = uff.Points(
-            uff.node_of("contact", contact),
-            None if actuator is None else uff.node_of("actuator", actuator),
-            None if sensor is None else uff.node_of("sensor", sensor),
-            direction,
-        )
-        need("pyuff")
-        sets = uff.read_sets(paths[0])
-        in_units = uff.units_of(sets, paths[0], units)
-        from_modes = uff.holds_modes(sets, kind, paths[0])
-        if from_modes:
-            table = _of_modes(
-                uff.modes_of_sets(
-                    sets, paths[0], points, in_units, unit_mass=unit_mass, loss_factor=loss_factor
-                ),
-                told,
-            )
-        else:
-            found = _of_responses(paths[0], sets, points, in_units, kind, reference, held, units)
-    else:
-        from_modes = False
-        for option, value in {
-            "actuator": actuator,
-            "direction": direction,
-            "kind": kind,
-            "reference": reference,
-            "units": units,
-        }.items():
-            if value is not None:
-                fail(f"--{option}: records do not have it. Remove the option.")
-        found = _of_hits(paths, held, sensor in (None, contact), exponential_window)
-    if not from_modes:
-        table = found.table
-        _tell_check(found, told)
-    elif held or picture is not None:
-        fail("--hold-out, --picture: modes have no measured response. Remove the option.")
+    data: dict[str, Any] = {}
+    table, found = _read_measured_modes(paths, measured, data)
     setup, warning = _write(table, target, scene, settings or [])
-    found_modes = (
-        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz."
+    expected = _say_written(
+        table, setup, warning, target, _scene_and_settings(scene, settings or [])
     )
-    expected = None
-    if warning:
-        out.say(f"{found_modes} The scene cannot be run yet: {warning}.")
-    else:
-        expected = model_error.expected_error(setup)
-        out.say(
-            f"{found_modes} Expected error of the first impact in this scene: "
-            f"{100 * expected:.2g} %."
-        )
-    base, then = _named(scene, settings or []), shlex.join(["hertzloop", "run", str(beside)])
-    out.say(
-        f"written: {target} and {beside}, which has striker, material of the plate "
-        f"({setup.plate_material or 'own numbers'}) and law of {base}."
-        + ("" if warning else f" Next: {then}")
-    )
-    if picture is not None:
+    if picture is not None and found is not None:
         from hertzloop.identification.modes.picture import draw  # of an extra
 
         draw(found, picture)
         out.print(f"written: {picture}")
-    told |= {
+    data |= {
         "modes": len(table.omega_rad_s),
         "lowest_hz": _hz(table, 0),
         "highest_hz": _hz(table, -1),
@@ -245,11 +179,125 @@ def modes(
         "warning": warning or None,
         "files": [str(target), str(beside)],
     }
-    outputs.write_json(json_file, told)
+    outputs.write_json(json_file, data)
 
 
-def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
-    """The modes of a file, and what is to be said of them."""
+@dataclass(frozen=True)
+class _MeasuredOptions:
+    """Options that describe a measured structure, by their names on the command line."""
+
+    contact: str | None
+    actuator: str | None
+    sensor: str | None
+    units: str | None
+    direction: Literal["x", "y", "z"] | None
+    loss_factor: float | None
+    reference: int | None
+    unit_modal_mass: bool | None
+    kind: str | None
+    picture: Path | None
+    hold_out: list[Path] | None
+    exponential_window: float | None
+
+    def given(self) -> dict[str, Any]:
+        """Return the options that were given, by their names."""
+        every = {name.replace("_", "-"): value for name, value in asdict(self).items()}
+        return {name: value for name, value in every.items() if value is not None}
+
+    @property
+    def held(self) -> list[Path]:
+        """Files of measurements that are only predicted."""
+        return self.hold_out or []
+
+
+def _read_measured_modes(
+    paths: list[Path], measured: _MeasuredOptions, data: dict[str, Any]
+) -> tuple[ModeTable, MeasuredModes | None]:
+    """Return the modes of files, and their check, None if the file holds modes itself. What is said
+    of them is added to `data`."""
+    window_s = measured.exponential_window
+    if measured.contact is None:
+        fail(_missing_contact(paths[0], measured.kind, measured.units))
+    if window_s is not None and not 0.0 < window_s < math.inf:
+        fail(
+            f"--exponential-window = {window_s:g}: must be positive. Give the time "
+            "constant in seconds."
+        )
+    if paths[0].suffix.lower() in universal.SUFFIXES:
+        table, found = _read_universal_file(paths, measured, data)
+    else:
+        given = measured.given()
+        for option in ("actuator", "direction", "kind", "reference", "units"):
+            if option in given:
+                fail(f"--{option}: records do not have it. Remove the option.")
+        at_contact = measured.sensor in (None, measured.contact)
+        found = _modes_from_hits(paths, measured.held, at_contact, window_s)
+        table = found.table
+    if found is not None:
+        _say_check(found, data)
+    elif measured.held or measured.picture is not None:
+        fail("--hold-out, --picture: modes have no measured response. Remove the option.")
+    return table, found
+
+
+def _read_universal_file(
+    paths: list[Path], measured: _MeasuredOptions, data: dict[str, Any]
+) -> tuple[ModeTable, MeasuredModes | None]:
+    """Return the modes of a universal file, and their check if it holds responses."""
+    if measured.exponential_window is not None:
+        fail("--exponential-window: is for records of hits. Remove the option.")
+    if len(paths) != 1:
+        fail(f"--from: {len(paths)} files are given. Give one universal file.")
+    [path], actuator, sensor = paths, measured.actuator, measured.sensor
+    points = universal.Points(
+        universal.node_of("contact", measured.contact or ""),
+        None if actuator is None else universal.node_of("actuator", actuator),
+        None if sensor is None else universal.node_of("sensor", sensor),
+        measured.direction,
+    )
+    need("pyuff")
+    sets = universal.read_sets(path)
+    in_units = universal.units_of(sets, path, measured.units)
+    if not universal.holds_modes(sets, measured.kind, path):
+        found = _modes_from_responses(path, sets, points, measured)
+        return found.table, found
+    modes_found = universal.modes_of_sets(
+        sets,
+        path,
+        points,
+        in_units,
+        unit_mass=bool(measured.unit_modal_mass),
+        loss_factor=measured.loss_factor,
+    )
+    return _report_file_modes(modes_found, data), None
+
+
+def _say_written(
+    table: ModeTable, setup: Setup, warning: str, target: Path, base: str
+) -> float | None:
+    """Say what was written; return the expected error of the first impact, None if the scene cannot
+    be run yet."""
+    beside = target.with_suffix(".toml")
+    found = f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz."
+    expected = None
+    if warning:
+        out.say(f"{found} The scene cannot be run yet: {warning}.")
+    else:
+        expected = model_error.expected_error(setup)
+        out.say(
+            f"{found} Expected error of the first impact in this scene: {100 * expected:.2g} %."
+        )
+    then = shlex.join(["hertzloop", "run", str(beside)])
+    out.say(
+        f"written: {target} and {beside}, which has striker, material of the plate "
+        f"({setup.plate_material or 'own numbers'}) and law of {base}."
+        + ("" if warning else f" Next: {then}")
+    )
+    return expected
+
+
+def _report_file_modes(found: "UniversalModes", data: dict[str, Any]) -> ModeTable:
+    """Return the modes of a file, say how they were read, and add that to `data`."""
     out.print(f"Direction {found.direction}, units of the file: {found.units.name}.")
     if found.most_complex:
         out.say(
@@ -258,7 +306,7 @@ def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
         )
     if found.undamped:
         out.print("The file has no damping. Give --loss-factor to set it.")
-    told |= {
+    data |= {
         "direction": found.direction,
         "units": found.units.name,
         "largest_imaginary_part": found.most_complex,
@@ -267,25 +315,20 @@ def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
     return found.table
 
 
-def _of_responses(
-    path: Path,
-    sets: list[dict[str, Any]],
-    points: "Points",
-    in_units: "FileUnits | None",
-    kind: str | None,
-    reference: int | None,
-    held: list[Path],
-    units: str | None,
+def _modes_from_responses(
+    path: Path, sets: list[dict[str, Any]], points: "Points", measured: _MeasuredOptions
 ) -> MeasuredModes:
+    """Return the modes of frequency responses."""
+    held = measured.held
     if len(held) > 1:
         fail(f"--hold-out: {len(held)} files are given. Give one universal file.")
-    responses = responses_of_sets(sets, path, points, in_units, kind, reference)
-    other = None
-    for one in held:
-        others = uff.read_sets(one, "--hold-out")
-        other = responses_of_sets(
-            others, one, points, uff.units_of(others, one, units), kind, reference
-        )
+
+    def read(sets: list[dict[str, Any]], path: Path) -> FrequencyResponses:
+        in_units = universal.units_of(sets, path, measured.units)
+        return responses_of_sets(sets, path, points, in_units, measured.kind, measured.reference)
+
+    responses = read(sets, path)
+    other = read(universal.read_sets(held[0], "--hold-out"), held[0]) if held else None
     out.say(
         f"{responses.kind.capitalize()} of the nodes {', '.join(map(str, responses.nodes))} to a "
         f"force at {responses.reference}, direction {responses.direction}, "
@@ -295,26 +338,27 @@ def _of_responses(
         return modes_of_responses(responses, other, points, tell)
 
 
-def _of_hits(
+def _modes_from_hits(
     paths: list[Path], held: list[Path], at_contact: bool, window_s: float | None
 ) -> MeasuredModes:
-    hits, predicted = (
-        [replace(hit, window_s=window_s) for hit in some]
-        for some in (read_hits(paths), read_hits(held, "--hold-out") if held else [])
-    )
+    """Return the modes of records of hits."""
+    hits = [replace(hit, window_s=window_s) for hit in read_hits(paths)]
+    predicted = read_hits(held, "--hold-out") if held else []
+    predicted = [replace(hit, window_s=window_s) for hit in predicted]
     with _progress() as tell:
         return modes_of_hits(hits, predicted, at_contact, tell)
 
 
 @contextmanager
-def _progress() -> Iterator[Tell]:
+def _progress() -> Iterator[ModesCallback]:
     with progress("modes", 1, lines=True) as advance:
         yield lambda name, count, error: advance(
             0, f"{name} held out: {count} modes, error {error:.3g}"
         )
 
 
-def _tell_check(found: MeasuredModes, told: dict[str, Any]) -> None:
+def _say_check(found: MeasuredModes, data: dict[str, Any]) -> None:
+    """Print the errors of what was held out, and add them to `data`."""
     table = Table("held out", "modes", "error / rms, %", "largest error / peak, %")
     for one in found.held_out:
         table.add_row(one.name, str(one.modes), f"{100 * one.rms:.2f}", f"{100 * one.peak:.2f}")
@@ -322,8 +366,8 @@ def _tell_check(found: MeasuredModes, told: dict[str, Any]) -> None:
     for note in found.notes:
         out.say(note)
     if found.delay_s:
-        told["delay_s"] = found.delay_s
-    told["held_out"] = [
+        data["delay_s"] = found.delay_s
+    data["held_out"] = [
         {"name": one.name, "modes": one.modes, "error": one.rms, "largest_error": one.peak}
         for one in found.held_out
     ]
@@ -351,7 +395,7 @@ def _scene_and_files(names: list[str], source: str | None) -> tuple[str, list[st
     return scenes[0] if scenes else DEFAULT, [source, *files] if source is not None else []
 
 
-def _named(scene: str, settings: list[str]) -> str:
+def _scene_and_settings(scene: str, settings: list[str]) -> str:
     """A scene with what --set changed, on one line."""
     changed = ", ".join(" ".join(one.split()) for one in settings)
     return f"{scene} with {changed}" if changed else scene
@@ -360,12 +404,12 @@ def _named(scene: str, settings: list[str]) -> str:
 def _missing_contact(path: Path, kind: str | None, units: str | None) -> str:
     """What is missing beside --contact, in one sentence each."""
     missing = ["--contact: is missing. Give the node of the contact point; of records, a name."]
-    if path.suffix.lower() in uff.SUFFIXES and path.is_file():
+    if path.suffix.lower() in universal.SUFFIXES and path.is_file():
         need("pyuff")
-        sets = uff.read_sets(path)
-        in_units = uff.units_of(sets, path, units)
-        if uff.holds_modes(sets, kind, path) and in_units is None:
-            missing.append(uff.no_units(path))
+        sets = universal.read_sets(path)
+        in_units = universal.units_of(sets, path, units)
+        if universal.holds_modes(sets, kind, path) and in_units is None:
+            missing.append(universal.unknown_units(path))
     return " ".join(missing)
 
 
@@ -374,7 +418,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
     end too low for its striker, or have no residual flexibility, cannot be simulated in it."""
     content = write_modes(target.suffix, table)
     data = with_modes_file(scene, settings, target.name, scene_name(target))
-    base = _named(scene, settings)
+    base = _scene_and_settings(scene, settings)
     data["shows"] = f"Modes measured, in {target.name}; striker and law of {base}"
     text = f"# Modes by hertzloop scene modes; all else from {base}.\n{tomli_w.dumps(data)}"
     with tempfile.TemporaryDirectory() as folder:
@@ -393,7 +437,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
     return setup, warning
 
 
-def _of_scene(
+def _write_scene_modes(
     scene: str,
     out_file: Path | None,
     settings: list[str],
@@ -401,6 +445,7 @@ def _of_scene(
     overwrite: bool,
     json_file: Path | None,
 ) -> None:
+    """Write the modes of a scene's plate."""
     resolved = prepare.scene_from(scene, settings, None)
     target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
     if grid and target.suffix != ".npz":

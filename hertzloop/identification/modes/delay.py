@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from hertzloop.identification.modes.hits import Hit, observed_hits
+from hertzloop.identification.modes.hits import Hit, rows_of_hits
 from hertzloop.identification.modes.identify import (
     FittedModes,
-    MeasuredRows,
-    enlarged,
-    refined,
-    thinned,
+    ResponseRows,
+    add_modes,
+    refine_modes,
+    remove_weak_modes,
 )
 from hertzloop.identification.modes.universal import ModalDataError
 
@@ -59,7 +59,7 @@ class _Estimate:
         return abs(self.samples) >= _LEAST and explains
 
 
-def with_late_force(hit: Hit, samples: float) -> Hit:
+def delay_force(hit: Hit, samples: float) -> Hit:
     """Return a hit whose force is moved by the delay of its response, in samples.
 
     The response stays: it does not end within the record, as the force does.
@@ -71,7 +71,7 @@ def with_late_force(hit: Hit, samples: float) -> Hit:
     return replace(hit, force_n=force[: len(hit.force_n)], first=first)
 
 
-def corrected(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], list[Hit], float]:
+def correct_delay(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], list[Hit], float]:
     """Return hits without the delay of their responses, others that share it, and the delay in
     samples. Of hits with a window, the force has it or not, whichever explains them better.
 
@@ -80,17 +80,17 @@ def corrected(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], li
     """
     late = delay_of(hits)
     windowed = [hit.of_windowed_force() for hit in hits]
-    if hits[0].window_s is not None and _near(_few(windowed), late).score < (
-        _near(_few(hits), late).score
+    if hits[0].window_s is not None and _estimate_near(_first_hits(windowed), late).score < (
+        _estimate_near(_first_hits(hits), late).score
     ):
         hits, others = windowed, [hit.of_windowed_force() for hit in others]
         late = delay_of(hits)
     if late:
-        hits, others = ([with_late_force(hit, late) for hit in some] for some in (hits, others))
+        hits, others = ([delay_force(hit, late) for hit in some] for some in (hits, others))
     return list(hits), list(others), late
 
 
-def _few(hits: Sequence[Hit], seconds: float = _FINE_S) -> list[Hit]:
+def _first_hits(hits: Sequence[Hit], seconds: float = _FINE_S) -> list[Hit]:
     """Some of the hits, for so long after each hit."""
     ends = [hit.first + round(seconds / hit.interval_s) for hit in hits[:_HITS]]
     return [
@@ -106,16 +106,16 @@ def delay_of(hits: Sequence[Hit]) -> float:
     Raises:
         ModalDataError: there is a delay, but the hits do not tell it.
     """
-    fine = _few(hits)
-    at_once = _near(fine, 0.0)
+    fine = _first_hits(hits)
+    at_once = _estimate_near(fine, 0.0)
     if abs(at_once.samples) < _LEAST and at_once.error < _GOOD:
         return 0.0
-    basins = _basins(_few(hits, _ROUGH_S))
-    found = [at_once, *(_near(fine, start) for start in basins)]
+    basins = _basins(_first_hits(hits, _ROUGH_S))
+    found = [at_once, *(_estimate_near(fine, start) for start in basins)]
     best = min(found, key=lambda one: one.score)
     if not best.late:
         return 0.0
-    best = _near(fine, best.samples, _PATIENCE)
+    best = _estimate_near(fine, best.samples, _PATIENCE)
     if not best.late:
         return 0.0
     if best.error > _POOR and best.square > _HALF * best.without:
@@ -139,18 +139,18 @@ def delay_of(hits: Sequence[Hit]) -> float:
 _REMEDY = "Record both with a converter that samples them at the same time, or shift the response."
 
 
-def _observed(hits: Sequence[Hit], samples: float) -> MeasuredRows:
+def _observed(hits: Sequence[Hit], samples: float) -> ResponseRows:
     """Hits at a delay. Residues have any sign: positive ones could be had by a wrong delay."""
-    moved = [with_late_force(hit, samples) if samples else hit for hit in hits]
-    return replace(observed_hits(moved, True), drive=None)
+    moved = [delay_force(hit, samples) if samples else hit for hit in hits]
+    return replace(rows_of_hits(moved, True), drive=None)
 
 
-def _none(observed: MeasuredRows) -> FittedModes:
-    return refined(observed, np.zeros(0), np.zeros(0), 0)
+def _no_modes(observed: ResponseRows) -> FittedModes:
+    return refine_modes(observed, np.zeros(0), np.zeros(0), 0)
 
 
-def _more(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
-    return thinned(observed, refined(observed, *enlarged(observed, modes)))
+def _with_more_modes(observed: ResponseRows, modes: FittedModes) -> FittedModes:
+    return remove_weak_modes(observed, refine_modes(observed, *add_modes(observed, modes)))
 
 
 def _basins(hits: Sequence[Hit]) -> list[float]:
@@ -159,9 +159,9 @@ def _basins(hits: Sequence[Hit]) -> list[float]:
     squares = []
     for samples in tried:
         observed = _observed(hits, float(samples))
-        modes = _none(observed)
+        modes = _no_modes(observed)
         for _ in range(_FIRST):
-            modes = _more(observed, modes)
+            modes = _with_more_modes(observed, modes)
         squares.append(modes.square)
     beside = np.pad(squares, 1, constant_values=np.inf)
     lowest = (beside[1:-1] <= beside[:-2]) & (beside[1:-1] <= beside[2:])
@@ -170,16 +170,16 @@ def _basins(hits: Sequence[Hit]) -> list[float]:
     return [float(tried[i]) for i in order[:_BASINS]]
 
 
-def _near(hits: Sequence[Hit], start: float, patience: int = 1) -> _Estimate:
+def _estimate_near(hits: Sequence[Hit], start: float, patience: int = 1) -> _Estimate:
     """The delay near another one, with as many modes as explain more."""
     samples, observed = start, _observed(hits, start)
-    best = modes = _none(observed)
+    best = modes = _no_modes(observed)
     at, least, since = start, math.inf, 0
     for _ in range(_ROUNDS):
-        grown = _more(observed, modes)
+        grown = _with_more_modes(observed, modes)
 
         def square(x: float, grown: FittedModes = grown) -> float:
-            return refined(
+            return refine_modes(
                 _observed(hits, x), grown.omega_rad_s, grown.loss_factor, _REFINED
             ).square
 
@@ -192,13 +192,13 @@ def _near(hits: Sequence[Hit], start: float, patience: int = 1) -> _Estimate:
             ).x
         )
         observed = _observed(hits, samples)
-        modes = refined(observed, grown.omega_rad_s, grown.loss_factor)
+        modes = refine_modes(observed, grown.omega_rad_s, grown.loss_factor)
         since = 0 if modes.square < (1.0 - _GAIN) * least else since + 1
         if modes.square < least:
             least, best, at = modes.square, modes, samples
         if since == patience:
             break
-    without = refined(_observed(hits, 0.0), best.omega_rad_s, best.loss_factor).square
+    without = refine_modes(_observed(hits, 0.0), best.omega_rad_s, best.loss_factor).square
     rows = observed.values.size
     per_mode = _PER_MODE * math.log(rows) / rows
     score = best.square / rows * math.exp(per_mode * len(best.omega_rad_s))

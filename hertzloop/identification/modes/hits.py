@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, MeasuredRows
+from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, ResponseRows
 from hertzloop.identification.modes.universal import ModalDataError
 from hertzloop.identification.records.chain_keys import FILTERS
 from hertzloop.identification.records.converter import clipped_samples
@@ -237,7 +237,7 @@ def _hit(force: Record, response: Record) -> Hit:
     return Hit(name, f, sign * y, dt, first, ORDERS[response.quantity])
 
 
-def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
+def rows_of_hits(hits: Sequence[Hit], at_contact: bool) -> ResponseRows:
     """Return hits as what modes are fitted to; a response `at_contact`, at the point that is hit,
     has a residual flexibility."""
     dt = hits[0].interval_s
@@ -250,7 +250,7 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
 
     values = np.concatenate([one.response for one in hits])[None]
     rest = np.concatenate([one.as_recorded(_stiff(one)) for one in hits])[None][: int(at_contact)]
-    return MeasuredRows(
+    return ResponseRows(
         basis,
         rest,
         values,
@@ -329,7 +329,7 @@ def peaks_hz(hits: Sequence[Hit]) -> tuple[np.ndarray, float]:
     return hz[1:end][found], float(hz[end - 1])
 
 
-def errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
+def response_errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
     """Return the error of modelled values: rms over rms, and largest over largest."""
     apart = np.abs(modelled - measured)
     rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))

@@ -33,7 +33,7 @@ _DIFFERENCE = 1e-6  # of logarithms, for derivatives
 
 
 @dataclass(frozen=True)
-class MeasuredRows:
+class ResponseRows:
     """Measured responses to known forces, of several points to one.
 
     `basis`: rows of a response to the force for modes of unit residue, by frequencies (rad/s) and
@@ -79,7 +79,7 @@ class FittedModes:
     rest: np.ndarray
     square: float
 
-    def response(self, observed: MeasuredRows) -> np.ndarray:
+    def response(self, observed: ResponseRows) -> np.ndarray:
         """What the modes respond to other forces, (points, rows)."""
         columns = observed.columns(self.omega_rad_s, self.loss_factor)
         return np.concatenate([self.residues, self.rest], axis=1) @ columns
@@ -91,7 +91,7 @@ def real_rows(rows: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Point:
+class _LinearFit:
     """The linear fit of one point: its matrix `g` (rows, columns), an orthonormal basis `q` of it,
     the factors `x` and what is `left` (rows,)."""
 
@@ -107,8 +107,8 @@ class _Point:
         return other - self.q @ (self.q.T @ other)
 
 
-def _linear(observed: MeasuredRows, columns: np.ndarray) -> list[_Point]:
-    found: list[_Point] = []
+def _linear(observed: ResponseRows, columns: np.ndarray) -> list[_LinearFit]:
+    found: list[_LinearFit] = []
     for values, weights in zip(observed.values, observed.weights, strict=True):
         g = real_rows(columns * weights).T
         size = np.linalg.norm(g, axis=0)
@@ -123,16 +123,16 @@ def _linear(observed: MeasuredRows, columns: np.ndarray) -> list[_Point]:
             x[len(x) - len(more) :] -= more
             q = np.linalg.qr((g / size)[:, x != 0.0])[0]
             x /= size
-        found.append(_Point(g, q, x, y - g @ x, weights))
+        found.append(_LinearFit(g, q, x, y - g @ x, weights))
     return found
 
 
-def _square(points: list[_Point]) -> float:
+def _square(points: list[_LinearFit]) -> float:
     return float(sum(point.left @ point.left for point in points))
 
 
-def refined(
-    observed: MeasuredRows,
+def refine_modes(
+    observed: ResponseRows,
     omega: np.ndarray,
     loss: np.ndarray,
     rounds: int = _ROUNDS,
@@ -181,7 +181,7 @@ def _triangle(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
-def _gains(points: list[_Point], n: int) -> tuple[np.ndarray, np.ndarray]:
+def _gains(points: list[_LinearFit], n: int) -> tuple[np.ndarray, np.ndarray]:
     """By how much the sum of squares grows without each mode, and that of what it contributes,
     both (modes,)."""
     found, own = np.zeros(n), np.zeros(n)
@@ -195,7 +195,7 @@ def _gains(points: list[_Point], n: int) -> tuple[np.ndarray, np.ndarray]:
     return found, own
 
 
-def thinned(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
+def remove_weak_modes(observed: ResponseRows, modes: FittedModes) -> FittedModes:
     """Return the modes that are worth their numbers, refined."""
     omega, loss = modes.omega_rad_s, modes.loss_factor
     exact = _EXACT * float(np.sum(np.abs(observed.values * observed.weights) ** 2))
@@ -210,10 +210,10 @@ def thinned(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
         if worth[weakest] > needed[weakest]:
             break
         omega, loss = np.delete(omega, weakest), np.delete(loss, weakest)
-    return modes if len(omega) == len(modes.omega_rad_s) else refined(observed, omega, loss)
+    return modes if len(omega) == len(modes.omega_rad_s) else refine_modes(observed, omega, loss)
 
 
-def sparser(observed: MeasuredRows, modes: FittedModes, share: float) -> FittedModes:
+def remove_modes_below(observed: ResponseRows, modes: FittedModes, share: float) -> FittedModes:
     """Return the modes without those that explain less than a share of the squares left, once the
     others are refined. Only weak modes, and those within the bandwidth of another, are tried."""
     while True:
@@ -224,7 +224,7 @@ def sparser(observed: MeasuredRows, modes: FittedModes, share: float) -> FittedM
         beside = np.append(close, False) | np.append(False, close)
         for i in np.argsort(worth):
             if worth[i] < share * modes.square or beside[i]:
-                tried = refined(observed, np.delete(omega, i), np.delete(loss, i))
+                tried = refine_modes(observed, np.delete(omega, i), np.delete(loss, i))
                 if tried.square < (1.0 + share) * modes.square:
                     modes = tried
                     break
@@ -233,7 +233,7 @@ def sparser(observed: MeasuredRows, modes: FittedModes, share: float) -> FittedM
 
 
 def _candidates(
-    observed: MeasuredRows, loss: np.ndarray
+    observed: ResponseRows, loss: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Frequencies (rad/s) and loss factors that a further mode may have."""
     low, high = observed.band_hz
@@ -243,7 +243,7 @@ def _candidates(
         yield some, np.full(len(some), middle)
 
 
-def enlarged(observed: MeasuredRows, modes: FittedModes) -> tuple[np.ndarray, np.ndarray]:
+def add_modes(observed: ResponseRows, modes: FittedModes) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and loss factors of the modes and those that explain most of what they
     leave."""
     points = _linear(observed, observed.columns(modes.omega_rad_s, modes.loss_factor))
@@ -273,8 +273,8 @@ def enlarged(observed: MeasuredRows, modes: FittedModes) -> tuple[np.ndarray, np
     )
 
 
-def identified(
-    observed: MeasuredRows,
+def identify_modes(
+    observed: ResponseRows,
     error: Callable[[FittedModes], float],
     start: tuple[np.ndarray, np.ndarray] | None = None,
     most: int = 200,
@@ -290,9 +290,9 @@ def identified(
         tell: is told the number of modes and their error, round by round.
     """
     omega, loss = start if start is not None else (np.zeros(0), np.zeros(0))
-    best, least, since = refined(observed, omega, loss, 0), math.inf, 0
+    best, least, since = refine_modes(observed, omega, loss, 0), math.inf, 0
     while True:
-        modes = thinned(observed, refined(observed, omega, loss))
+        modes = remove_weak_modes(observed, refine_modes(observed, omega, loss))
         found = error(modes)
         if tell is not None:
             tell(len(modes.omega_rad_s), found)
@@ -302,7 +302,7 @@ def identified(
             best, least = modes, found
         if since >= _PATIENCE or len(omega) >= most:
             return best
-        omega, loss = enlarged(observed, modes)
+        omega, loss = add_modes(observed, modes)
 
 
 def start_poles(

@@ -7,23 +7,23 @@ from functools import partial
 
 import numpy as np
 
-from hertzloop.identification.modes.delay import corrected
-from hertzloop.identification.modes.hits import Hit, errors, observed_hits, peaks_hz
+from hertzloop.identification.modes.delay import correct_delay
+from hertzloop.identification.modes.hits import Hit, peaks_hz, response_errors, rows_of_hits
 from hertzloop.identification.modes.identify import (
     FLEXIBILITY_M_N,
     FittedModes,
-    MeasuredRows,
-    identified,
-    refined,
-    sparser,
-    thinned,
+    ResponseRows,
+    identify_modes,
+    refine_modes,
+    remove_modes_below,
+    remove_weak_modes,
 )
 from hertzloop.identification.modes.responses import EVERY, FrequencyResponses
 from hertzloop.identification.modes.universal import ModalDataError, Points
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.structures.mode_file import ModeTable
 
-Tell = Callable[[str, int, float], None]
+ModesCallback = Callable[[str, int, float], None]
 _NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a drive point
 _POOR = 0.1  # error of held-out hits, above which something is wrong
 _SMALL = 0.05  # error that is good enough without them
@@ -39,7 +39,7 @@ _LAST_LINES = 30_000  # of the last fit, whose accuracy goes with the root of th
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HoldOutCheck:
     """What was held out, its error, relative: rms over rms, and the largest over the largest; and
     what was measured and modelled over `x`, for a picture."""
 
@@ -58,14 +58,14 @@ class MeasuredModes:
     `delay_s`: by which the response was late against the force, now corrected."""
 
     table: ModeTable
-    held_out: tuple[HeldOut, ...]
+    held_out: tuple[HoldOutCheck, ...]
     notes: tuple[str, ...]
     delay_s: float = 0.0
 
 
 @on_one_thread
 def modes_of_hits(
-    hits: Sequence[Hit], held: Sequence[Hit], at_contact: bool, tell: Tell
+    hits: Sequence[Hit], held: Sequence[Hit], at_contact: bool, tell: ModesCallback
 ) -> MeasuredModes:
     """Return the modes of hits.
 
@@ -79,7 +79,7 @@ def modes_of_hits(
         ModalDataError: the response cannot be of the point that is hit, or is late by a delay that
             the hits do not tell, or the window takes more damping than a mode has.
     """
-    hits, held, late = corrected(hits, held)
+    hits, held, late = correct_delay(hits, held)
     turns = (
         [(list(hits), list(held))]
         if held
@@ -87,34 +87,34 @@ def modes_of_hits(
     )
     if len(hits) == 1 and not held:
         turns = [(list(hits), list(hits))]
-    found: list[HeldOut] = []
+    found: list[HoldOutCheck] = []
     best: FittedModes | None = None
     for fitted, predicted in turns:
-        observed = observed_hits(fitted, at_contact)
+        observed = rows_of_hits(fitted, at_contact)
 
         def error(modes: FittedModes, predicted: list[Hit] = predicted) -> float:
             return math.sqrt(
-                np.mean([one.rms**2 for one in _predicted(modes, predicted, at_contact)])
+                np.mean([one.rms**2 for one in _predict_hits(modes, predicted, at_contact)])
             )
 
         name = "; ".join(one.name for one in predicted)
-        modes = identified(observed, error, tell=partial(tell, name))
+        modes = identify_modes(observed, error, tell=partial(tell, name))
         if at_contact:
             _check_passive(observed, modes, error)
-        checked = _predicted(modes, predicted, at_contact)
+        checked = _predict_hits(modes, predicted, at_contact)
         if best is None or sum(c.rms for c in checked) < found[-1].rms * len(checked):
             best = modes
         found += checked
     assert best is not None
-    observed = observed_hits(hits, at_contact)
-    modes = thinned(observed, refined(observed, best.omega_rad_s, best.loss_factor))
+    observed = rows_of_hits(hits, at_contact)
+    modes = remove_weak_modes(observed, refine_modes(observed, best.omega_rad_s, best.loss_factor))
     if late or hits[0].window_s is not None:
-        modes = sparser(observed, modes, _LEAST_WORTH)
+        modes = remove_modes_below(observed, modes, _LEAST_WORTH)
     notes = [note for one in (*hits, *held) for note in one.notes]
     _check_window(hits, observed, modes)
-    notes += _of_many_modes(hits, modes)
+    notes += _note_on_many_modes(hits, modes)
     if late:
-        notes.append(_of_delay(late, hits[0].interval_s))
+        notes.append(_note_on_delay(late, hits[0].interval_s))
     if len(hits) == 1 and not held:
         notes.append("One hit checks nothing: the error is that of the fit. Measure two or more.")
         found = [replace(one, name=f"{one.name} (fitted)") for one in found]
@@ -126,17 +126,17 @@ def modes_of_hits(
             "was exceeded, that the structure was at rest before each hit, that both were sampled "
             "at the same time, and the noise."
         )
-    by_force, shapes = _shapes(modes.residues, 0 if at_contact else None)
+    by_force, shapes = _scaled_shapes(modes.residues, 0 if at_contact else None)
     if at_contact:
         residual = max(0.0, float(modes.rest[0, 0]) * FLEXIBILITY_M_N)
     else:
         residual = None
         notes.append(_SPLIT)
-    table = _table(modes, by_force, by_force, None if at_contact else shapes[0], residual)
+    table = _mode_table(modes, by_force, by_force, None if at_contact else shapes[0], residual)
     return MeasuredModes(table, tuple(found), tuple(notes), late * hits[0].interval_s)
 
 
-def _check_window(hits: Sequence[Hit], observed: MeasuredRows, modes: FittedModes) -> None:
+def _check_window(hits: Sequence[Hit], observed: ResponseRows, modes: FittedModes) -> None:
     """Raise ModalDataError if the window takes all damping of a mode that matters."""
     window_s = hits[0].window_s
     if window_s is None:
@@ -146,7 +146,10 @@ def _check_window(hits: Sequence[Hit], observed: MeasuredRows, modes: FittedMode
     negative = np.where(least, -_NEGATIVE * 2.0 / (window_s * modes.omega_rad_s), loss)
     for i in np.flatnonzero(least):
         tried = np.where(np.arange(len(loss)) == i, negative, loss)
-        if refined(observed, modes.omega_rad_s, tried, 0).square > (1.0 - _MATTERS) * modes.square:
+        if (
+            refine_modes(observed, modes.omega_rad_s, tried, 0).square
+            > (1.0 - _MATTERS) * modes.square
+        ):
             continue
         raise ModalDataError(
             f"--exponential-window = {window_s:g}: the mode at {hz[i]:.5g} Hz would get a negative "
@@ -155,7 +158,7 @@ def _check_window(hits: Sequence[Hit], observed: MeasuredRows, modes: FittedMode
         )
 
 
-def _of_many_modes(hits: Sequence[Hit], modes: FittedModes) -> list[str]:
+def _note_on_many_modes(hits: Sequence[Hit], modes: FittedModes) -> list[str]:
     """A sentence on far more modes than the response has peaks."""
     peaks, end_hz = peaks_hz(hits)
     count = int(np.count_nonzero(modes.omega_rad_s <= 2.0 * math.pi * end_hz))
@@ -174,7 +177,7 @@ def _of_many_modes(hits: Sequence[Hit], modes: FittedModes) -> list[str]:
     ]
 
 
-def _of_delay(samples: float, interval_s: float) -> str:
+def _note_on_delay(samples: float, interval_s: float) -> str:
     size = f"{abs(samples):.2f}"
     return (
         f"The response is {'late' if samples > 0.0 else 'early'} by {size} "
@@ -191,7 +194,7 @@ _SPLIT = (
 
 
 def _check_passive(
-    observed: MeasuredRows, modes: FittedModes, error: Callable[[FittedModes], float]
+    observed: ResponseRows, modes: FittedModes, error: Callable[[FittedModes], float]
 ) -> None:
     """Raise ModalDataError if residues of any sign explain a response much better: then it was not
     measured at the point of the force."""
@@ -199,7 +202,7 @@ def _check_passive(
     if passive <= _NOT_HERE * _SMALL:
         return
     most = max(len(modes.omega_rad_s), _ENOUGH)
-    of_any_sign = identified(replace(observed, drive=None), error, most=most)
+    of_any_sign = identify_modes(replace(observed, drive=None), error, most=most)
     free = error(of_any_sign)
     if passive > _NOT_HERE * max(free, _SMALL):
         raise ModalDataError(
@@ -210,15 +213,15 @@ def _check_passive(
         )
 
 
-def _predicted(modes: FittedModes, hits: Sequence[Hit], at_contact: bool) -> list[HeldOut]:
+def _predict_hits(modes: FittedModes, hits: Sequence[Hit], at_contact: bool) -> list[HoldOutCheck]:
     found = []
     for one in hits:
-        modelled = modes.response(observed_hits([one], at_contact))[0]
+        modelled = modes.response(rows_of_hits([one], at_contact))[0]
         x = one.interval_s * (np.arange(len(modelled)) - one.first)
         kept = one.judged
-        pair = errors(modelled[kept], one.response[kept])
+        pair = response_errors(modelled[kept], one.response[kept])
         found.append(
-            HeldOut(
+            HoldOutCheck(
                 one.name,
                 len(modes.omega_rad_s),
                 *pair,
@@ -232,7 +235,10 @@ def _predicted(modes: FittedModes, hits: Sequence[Hit], at_contact: bool) -> lis
 
 @on_one_thread
 def modes_of_responses(
-    responses: FrequencyResponses, held: FrequencyResponses | None, points: Points, tell: Tell
+    responses: FrequencyResponses,
+    held: FrequencyResponses | None,
+    points: Points,
+    tell: ModesCallback,
 ) -> MeasuredModes:
     """Return the modes of frequency responses. Every fifth line is held out, or another
     measurement, `held`; the file has the modes within the band only."""
@@ -248,11 +254,13 @@ def modes_of_responses(
 
     name = "lines held out" if held is None else "held-out measurement"
     observed = fitted.observed()
-    modes = identified(observed, error, fitted.start(), tell=partial(tell, name))
+    modes = identify_modes(observed, error, fitted.start(), tell=partial(tell, name))
     observed = lines.observed()
-    modes = thinned(observed, refined(observed, modes.omega_rad_s, modes.loss_factor))
+    modes = remove_weak_modes(
+        observed, refine_modes(observed, modes.omega_rad_s, modes.loss_factor)
+    )
     observed = responses.thinned(_LAST_LINES).observed()
-    modes = refined(observed, modes.omega_rad_s, modes.loss_factor, gain=1e-6)
+    modes = refine_modes(observed, modes.omega_rad_s, modes.loss_factor, gain=1e-6)
     inside = modes.omega_rad_s <= 2.0 * np.pi * responses.hz[-1]
     kept = FittedModes(
         modes.omega_rad_s[inside],
@@ -261,7 +269,7 @@ def modes_of_responses(
         0.0 * modes.rest,
         modes.square,
     )
-    by_force, shapes = _shapes(kept.residues, drive)
+    by_force, shapes = _scaled_shapes(kept.residues, drive)
     residual, notes = None, []
     if drive is None:
         notes.append(_SPLIT)
@@ -274,7 +282,7 @@ def modes_of_responses(
         node = points.contact if node is None else node
         return shapes[responses.nodes.index(node)] if node in responses.nodes else by_force
 
-    table = _table(
+    table = _mode_table(
         kept,
         at(points.contact),
         at(points.actuator),
@@ -283,10 +291,10 @@ def modes_of_responses(
     )
     modelled = kept.response(judged.observed())
     checked = [
-        HeldOut(
+        HoldOutCheck(
             f"node {node}, {name}",
             len(kept.omega_rad_s),
-            *errors(model, measured),
+            *response_errors(model, measured),
             judged.hz,
             measured,
             model,
@@ -296,14 +304,14 @@ def modes_of_responses(
     return MeasuredModes(table, tuple(checked), tuple(notes))
 
 
-def _shapes(residues: np.ndarray, drive: int | None) -> tuple[np.ndarray, np.ndarray]:
+def _scaled_shapes(residues: np.ndarray, drive: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Mass-normalised shapes at the force, (modes,), and at the points, (points, modes)."""
     own = residues[drive] if drive is not None else np.abs(residues[0])
     by_force = np.sqrt(np.maximum(own, 1e-300))
     return by_force, residues / by_force
 
 
-def _table(
+def _mode_table(
     modes: FittedModes,
     contact: np.ndarray,
     actuator: np.ndarray,

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import scipy
 
-from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, MeasuredRows, start_poles
+from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, ResponseRows, start_poles
 from hertzloop.identification.modes.universal import (
     DIRECTIONS,
     RESPONSES,
     FileUnits,
     ModalDataError,
     Points,
-    along,
-    listed,
+    choose_direction,
+    list_nodes,
 )
 
 _SENSED = {8: "receptance", 11: "mobility", 12: "accelerance"}  # specific data types
@@ -81,7 +81,7 @@ class FrequencyResponses:
         """Which of the points is that of the force; None if none is."""
         return self.nodes.index(self.reference) if self.reference in self.nodes else None
 
-    def observed(self) -> MeasuredRows:
+    def observed(self) -> ResponseRows:
         """As what modes are fitted to."""
         s = 2j * np.pi * self.hz
         by = s**self.order
@@ -91,7 +91,7 @@ class FrequencyResponses:
 
         x2 = (self.hz / self.hz[-1]) ** 2
         low, high = float(self.hz[0]), float(self.hz[-1])
-        return MeasuredRows(
+        return ResponseRows(
             basis,
             FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]),
             self.values,
@@ -150,6 +150,9 @@ def responses_of_sets(
     """Return the frequency responses that give the modes at some nodes.
 
     Args:
+        sets: data sets of the file.
+        path: of the file, for messages.
+        points: nodes of contact, actuator and sensor, and the direction.
         units: those given, or of data set 164; None where only labels can say them.
         kind: "receptance", "mobility" or "accelerance"; None: as the file says.
         reference: node of the force; None: the only one of the file.
@@ -157,30 +160,10 @@ def responses_of_sets(
     Raises:
         ModalDataError: a response is missing, or the file can mean several things.
     """
-    found = [one for one in sets if one["type"] == 58 and one.get("func_type") == 4]
-    both = [one for one in found if _axis(one["rsp_dir"]) and _axis(one["ref_dir"])]
-    straight = [one for one in both if _axis(one["rsp_dir"]) == _axis(one["ref_dir"])]
-    there = sorted({_axis(one["rsp_dir"]) for one in straight})
-    if not there:
-        raise ModalDataError(
-            f"{path}: has no response along the direction of its force. Give responses whose "
-            "directions of response and reference are x, y or z, and the same."
-        )
-    missing = []
-    try:
-        direction = along(there, points.direction, "the file has responses")
-        chosen = [one for one in straight if _axis(one["rsp_dir"]) == direction]
-    except ModalDataError as error:
-        direction, chosen = "", straight
-        missing.append(str(error))
-    references = {int(one["ref_node"]) for one in chosen}
-    if reference is None:
-        if len(references) != 1:
-            missing.append(
-                f"--reference: is missing, and {path} has forces at the nodes "
-                f"{listed(references)}. Give one of them."
-            )
-        reference = min(references, default=0)
+    straight = _straight_responses(sets, path)
+    missing: list[str] = []
+    direction, chosen = _along_direction(straight, points, missing)
+    reference = _reference_node(chosen, reference, path, missing)
     if missing:
         for one in chosen[:1]:
             try:
@@ -188,32 +171,9 @@ def responses_of_sets(
             except ModalDataError as error:
                 missing.append(str(error))
         raise ModalDataError(" ".join(missing))
-    by_node: dict[int, Mapping[str, Any]] = {}
-    for one in chosen:
-        node = int(one["rsp_node"])
-        if int(one["ref_node"]) != reference:
-            continue
-        if node in by_node:
-            raise ModalDataError(
-                f"{path}: has several responses of node {node} to a force at node {reference}. "
-                "Keep one, and give another measurement as --hold-out."
-            )
-        by_node[node] = one
-    nodes = list(dict.fromkeys([*points.named.values()]))
-    for option, node in points.named.items():
-        if node not in by_node and not (node == reference and option == "contact"):
-            raise ModalDataError(
-                f"--{option} = {node}: {path} has no response of this node to a force at node "
-                f"{reference}. It has those of the nodes {listed(by_node)}."
-            )
-    if reference in by_node:
-        nodes = list(dict.fromkeys([reference, *nodes]))
-    elif points.contact != reference:
-        raise ModalDataError(
-            f"--reference = {reference}: {path} has no response of this node itself, so the shapes "
-            "have no scale. Measure it there, or give it as --contact."
-        )
-    used = [by_node[node] for node in nodes if node in by_node]
+    by_node = _by_node(chosen, reference, path)
+    nodes = _used_nodes(by_node, points, reference, path)
+    used = [by_node[node] for node in nodes]
     hz = np.asarray(used[0]["x"], float)
     if any(not np.array_equal(hz, one["x"]) for one in used[1:]):
         raise ModalDataError(f"{path}: its responses have different frequencies. Export one set.")
@@ -227,14 +187,92 @@ def responses_of_sets(
         raise ModalDataError(f"{path}: has fewer than 16 lines above 0 Hz. Measure a wider band.")
     weights = np.array([noise_weights(one) for one in values[:, good]])
     return FrequencyResponses(
-        hz[good],
-        values[:, good],
-        weights,
-        orders.pop(),
-        tuple(node for node in nodes if node in by_node),
-        reference,
-        direction,
+        hz[good], values[:, good], weights, orders.pop(), tuple(nodes), reference, direction
     )
+
+
+def _straight_responses(sets: Sequence[Mapping[str, Any]], path: Path) -> list[Mapping[str, Any]]:
+    """Return the responses along the axis of their force. Raises ModalDataError without any."""
+    found = [one for one in sets if one["type"] == 58 and one.get("func_type") == 4]
+    both = [one for one in found if _axis(one["rsp_dir"]) and _axis(one["ref_dir"])]
+    straight = [one for one in both if _axis(one["rsp_dir"]) == _axis(one["ref_dir"])]
+    if not straight:
+        raise ModalDataError(
+            f"{path}: has no response along the direction of its force. Give responses whose "
+            "directions of response and reference are x, y or z, and the same."
+        )
+    return straight
+
+
+def _along_direction(
+    straight: list[Mapping[str, Any]], points: Points, missing: list[str]
+) -> tuple[str, list[Mapping[str, Any]]]:
+    """Return the direction and the responses along it; all, and a sentence in `missing`, if the
+    file has several directions and none is given."""
+    there = sorted({_axis(one["rsp_dir"]) for one in straight})
+    try:
+        direction = choose_direction(there, points.direction, "the file has responses")
+    except ModalDataError as error:
+        missing.append(str(error))
+        return "", straight
+    return direction, [one for one in straight if _axis(one["rsp_dir"]) == direction]
+
+
+def _reference_node(
+    chosen: list[Mapping[str, Any]], given: int | None, path: Path, missing: list[str]
+) -> int:
+    """Return the node of the force; add a sentence to `missing` if the file has several and none is
+    given."""
+    if given is not None:
+        return given
+    references = {int(one["ref_node"]) for one in chosen}
+    if len(references) != 1:
+        missing.append(
+            f"--reference: is missing, and {path} has forces at the nodes "
+            f"{list_nodes(references)}. Give one of them."
+        )
+    return min(references, default=0)
+
+
+def _by_node(
+    chosen: list[Mapping[str, Any]], reference: int, path: Path
+) -> dict[int, Mapping[str, Any]]:
+    """Return the responses to a force at the reference, by their nodes. Raises ModalDataError for
+    two of one node."""
+    found: dict[int, Mapping[str, Any]] = {}
+    for one in chosen:
+        node = int(one["rsp_node"])
+        if int(one["ref_node"]) != reference:
+            continue
+        if node in found:
+            raise ModalDataError(
+                f"{path}: has several responses of node {node} to a force at node {reference}. "
+                "Keep one, and give another measurement as --hold-out."
+            )
+        found[node] = one
+    return found
+
+
+def _used_nodes(
+    by_node: Mapping[int, Mapping[str, Any]], points: Points, reference: int, path: Path
+) -> list[int]:
+    """Return the nodes whose responses give the modes, that of the force first. Raises
+    ModalDataError if one is missing."""
+    for option, node in points.named.items():
+        if node not in by_node and not (node == reference and option == "contact"):
+            raise ModalDataError(
+                f"--{option} = {node}: {path} has no response of this node to a force at node "
+                f"{reference}. It has those of the nodes {list_nodes(by_node)}."
+            )
+    nodes = list(points.named.values())
+    if reference in by_node:
+        nodes = [reference, *nodes]
+    elif points.contact != reference:
+        raise ModalDataError(
+            f"--reference = {reference}: {path} has no response of this node itself, so the shapes "
+            "have no scale. Measure it there, or give it as --contact."
+        )
+    return [node for node in dict.fromkeys(nodes) if node in by_node]
 
 
 def _axis(code: int) -> str:

@@ -160,7 +160,7 @@ def holds_modes(sets: Iterable[dict[str, Any]], kind: str | None, path: Path) ->
     return kind not in RESPONSES if kind else 58 not in types
 
 
-def along(directions: Sequence[str], asked: str | None, what: str) -> str:
+def choose_direction(directions: Sequence[str], asked: str | None, what: str) -> str:
     """Return the direction asked for, or the only one. Raises ModalDataError."""
     if asked is not None:
         return asked
@@ -200,6 +200,10 @@ def modes_of_sets(
     """Return the modes of data sets 55 and 2414 at some nodes.
 
     Args:
+        sets: data sets of the file.
+        path: of the file, for messages.
+        points: nodes of contact, actuator and sensor, and the direction.
+        units: of the file; None if they are unknown.
         unit_mass: the shapes are mass-normalised, whatever modal mass the file gives.
         loss_factor: loss factor of every mode, where the file has none.
 
@@ -215,18 +219,20 @@ def modes_of_sets(
             f"{path}: holds no modes at nodes (data set 55 or 2414). Give a file with modes, or "
             "with frequency responses (data set 58)."
         )
-    missing = [no_units(path)] if units is None or units.length == LENGTHS["g"] else []
+    missing = [unknown_units(path)] if units is None or units.length == LENGTHS["g"] else []
     nodes = {int(node) for mode in modes for node in mode.nodes}
     for option, node in points.named.items():
         if node not in nodes:
             raise ModalDataError(
-                f"--{option} = {node}: not a node of {path}. Its nodes are {listed(nodes)}."
+                f"--{option} = {node}: not a node of {path}. Its nodes are {list_nodes(nodes)}."
             )
     used = list(dict.fromkeys(points.named.values()))
     shapes = np.array([[mode.at(node) for node in used] for mode in modes])  # (modes, nodes, 3)
     there = [name for i, name in enumerate(DIRECTIONS) if np.any(shapes[:, :, i])]
     try:
-        direction = along(there or ["z"], points.direction, "the shapes of these nodes move")
+        direction = choose_direction(
+            there or ["z"], points.direction, "the shapes of these nodes move"
+        )
     except ModalDataError as error:
         direction = there[0]
         missing.append(str(error))
@@ -248,15 +254,7 @@ def modes_of_sets(
     if not plain:
         moved, most_complex = _real(moved / np.sqrt(masses + 0j)[:, None], modes, path)
         masses = np.ones(len(modes))
-    loss = np.array([mode.loss_factor for mode in modes])
-    undamped = not np.any(loss)
-    if loss_factor is not None:
-        if not undamped:
-            raise ModalDataError(
-                f"--loss-factor = {loss_factor:g}: {path} has a damping for each mode. Leave the "
-                "option out."
-            )
-        loss = np.full(len(modes), loss_factor)
+    loss = _loss_factors(modes, loss_factor, path)
     by_node = dict(zip(used, moved.T, strict=True))
     table = ModeTable(
         np.array([mode.omega_rad_s for mode in modes]),
@@ -266,10 +264,24 @@ def modes_of_sets(
         by_node[points.contact if points.actuator is None else points.actuator],
         shape_sensor=None if points.sensor is None else by_node[points.sensor],
     )
-    return UniversalModes(table, most_complex, units, direction, undamped and loss_factor is None)
+    undamped = loss_factor is None and not np.any(loss)
+    return UniversalModes(table, most_complex, units, direction, undamped)
 
 
-def no_units(path: Path) -> str:
+def _loss_factors(modes: Sequence["_Mode"], given: float | None, path: Path) -> np.ndarray:
+    """Return the loss factors of modes, (modes,): those of the file, or the one that is given for a
+    file without any. Raises ModalDataError if there are both."""
+    found = np.array([mode.loss_factor for mode in modes])
+    if given is None:
+        return found
+    if np.any(found):
+        raise ModalDataError(
+            f"--loss-factor = {given:g}: {path} has a damping for each mode. Leave the option out."
+        )
+    return np.full(len(modes), given)
+
+
+def unknown_units(path: Path) -> str:
     """Say that the units of a file are unknown."""
     return (
         f"{path}: has no data set 164, so its units are unknown. Give --units m,N, or another "
@@ -277,7 +289,7 @@ def no_units(path: Path) -> str:
     )
 
 
-def listed(nodes: Iterable[int]) -> str:
+def list_nodes(nodes: Iterable[int]) -> str:
     """Nodes as a sentence has them."""
     ordered = sorted(nodes)
     more = f" and {len(ordered) - _SHOWN} more" if len(ordered) > _SHOWN else ""

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import scipy
 
-from hertzloop.identification.modes import delay
-from hertzloop.identification.modes import universal as uff
-from hertzloop.identification.modes.delay import corrected, with_late_force
-from hertzloop.identification.modes.hits import Hit, hits_of_records, observed_hits, read_hits
-from hertzloop.identification.modes.identify import identified
+from hertzloop.identification.modes import delay, universal
+from hertzloop.identification.modes.delay import correct_delay, delay_force
+from hertzloop.identification.modes.hits import Hit, hits_of_records, read_hits, rows_of_hits
+from hertzloop.identification.modes.identify import identify_modes
 from hertzloop.identification.modes.modes import MeasuredModes, modes_of_hits, modes_of_responses
 from hertzloop.identification.modes.picture import draw
 from hertzloop.identification.modes.responses import responses_of_sets
@@ -31,7 +30,7 @@ FILE = Path("test.uff")
 HZ, LOSS = np.array([180.0, 433.0, 790.0, 1210.0]), np.array([4e-3, 3e-3, 1e-2, 6e-3])
 CONTACT, OTHER = np.array([1.2, 0.8, 1.5, 0.9]), np.array([-0.4, 0.9, 0.3, -1.1])
 FLEXIBILITY = 2e-7
-SI = uff.units_given("m,N")
+SI = universal.units_given("m,N")
 
 
 def silent(name: str, modes: int, error: float) -> None:
@@ -70,14 +69,14 @@ def two_sets(**changes: Any) -> list[dict[str, Any]]:
     ]
 
 
-def taken(sets: list[dict[str, Any]], points: uff.Points, **options: Any) -> Any:
+def taken(sets: list[dict[str, Any]], points: universal.Points, **options: Any) -> Any:
     return responses_of_sets(
         sets, FILE, points, options.get("units"), options.get("kind"), options.get("reference")
     )
 
 
 def test_exact_responses_give_the_very_modes() -> None:
-    points = uff.Points(contact=1, actuator=2, sensor=2)
+    points = universal.Points(contact=1, actuator=2, sensor=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
     table = found.table
     assert np.allclose(table.omega_rad_s, KNOWN.omega_rad_s, rtol=1e-9)
@@ -92,14 +91,14 @@ def test_exact_responses_give_the_very_modes() -> None:
 
 def test_a_reference_elsewhere_scales_by_its_own_response() -> None:
     """The force was at node 1; contact and actuator are at node 2."""
-    points = uff.Points(contact=2)
+    points = universal.Points(contact=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
     assert np.allclose(found.table.shape_contact, OTHER, rtol=1e-6)
     assert found.table.residual_flexibility_m_n is None
 
 
 def test_kinds_units_and_signs() -> None:
-    points = uff.Points(contact=1)
+    points = universal.Points(contact=1)
     straight = taken(two_sets()[:1], points)
     hz = straight.hz
     in_g = data_set(1, straight.values[0] / 9.80665, hz, ordinate_axis_units_lab="g")
@@ -107,7 +106,7 @@ def test_kinds_units_and_signs() -> None:
     turned = data_set(1, -straight.values[0], hz, rsp_dir=-3)
     assert np.allclose(taken([turned], points).values, straight.values, rtol=1e-12)
     in_mm = data_set(1, 1e3 * straight.values[0], hz, ordinate_axis_units_lab="")
-    units = uff.units_given("mm,N")
+    units = universal.units_given("mm,N")
     assert np.allclose(taken([in_mm], points, units=units).values, straight.values, rtol=1e-12)
     receptance = response(KNOWN, hz, CONTACT, 0)
     unsaid = data_set(1, receptance, hz, ordinate_spec_data_type=0, orddenom_spec_data_type=0,
@@ -120,41 +119,49 @@ def test_kinds_units_and_signs() -> None:
 @pytest.mark.parametrize(
     ("change", "points", "sentence"),
     [
-        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, uff.Points(1),
+        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, universal.Points(1),
          "does not say whether .* Give --kind receptance, mobility, accelerance"),
-        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, uff.Points(1),
+        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, universal.Points(1),
          "no data set 164 and no labels .* Give --units m,N"),
-        ({"ordinate_axis_units_lab": "m/s"}, uff.Points(1), "of accelerance by its type, but"),
-        ({"rsp_dir": 4}, uff.Points(1), "no response along the direction of its force"),
-        ({}, uff.Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
-        ({"ref_node": 9}, uff.Points(1), "--reference = 9: .* no response of this node itself"),
+        ({"ordinate_axis_units_lab": "m/s"}, universal.Points(1),
+         "of accelerance by its type, but"),
+        ({"rsp_dir": 4}, universal.Points(1), "no response along the direction of its force"),
+        ({}, universal.Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
+        ({"ref_node": 9}, universal.Points(1),
+         "--reference = 9: .* no response of this node itself"),
     ],
 )  # fmt: skip
 def test_responses_that_are_refused(
-    change: dict[str, Any], points: uff.Points, sentence: str
+    change: dict[str, Any], points: universal.Points, sentence: str
 ) -> None:
-    with pytest.raises(uff.ModalDataError, match=sentence):
+    with pytest.raises(universal.ModalDataError, match=sentence):
         taken(two_sets(**change), points)
 
 
 def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
     sets = two_sets()
     along_x = data_set(1, sets[0]["data"], sets[0]["x"], rsp_dir=1, ref_dir=1)
-    with pytest.raises(uff.ModalDataError, match=r"--direction: is missing, .* directions x, z"):
-        taken([*sets, along_x], uff.Points(1))
+    with pytest.raises(
+        universal.ModalDataError, match=r"--direction: is missing, .* directions x, z"
+    ):
+        taken([*sets, along_x], universal.Points(1))
     other = data_set(2, sets[1]["data"], sets[1]["x"], ref_node=2)
-    with pytest.raises(uff.ModalDataError, match=r"--reference: is missing, .* nodes 1, 2"):
-        taken([*sets, other], uff.Points(1))
-    assert taken([*sets, other], uff.Points(1), reference=1).nodes == (1,)
-    with pytest.raises(uff.ModalDataError, match="several responses of node 1"):
-        taken([*sets, sets[0]], uff.Points(1))
-    inch = uff.units_of(
+    with pytest.raises(universal.ModalDataError, match=r"--reference: is missing, .* nodes 1, 2"):
+        taken([*sets, other], universal.Points(1))
+    assert taken([*sets, other], universal.Points(1), reference=1).nodes == (1,)
+    with pytest.raises(universal.ModalDataError, match="several responses of node 1"):
+        taken([*sets, sets[0]], universal.Points(1))
+    inch = universal.units_of(
         [{"type": 164, "units_code": 7, "length": 39.37007874, "force": 0.2248089431}], FILE, None
     )
-    with pytest.raises(uff.ModalDataError, match="but a response has the labels m/s\\^2 and N"):
-        taken(sets, uff.Points(1), units=inch)
-    with pytest.raises(uff.ModalDataError, match=r"--kind: is missing, .* modes and frequency"):
-        uff.holds_modes([{"type": 55}, *sets], None, FILE)
+    with pytest.raises(
+        universal.ModalDataError, match="but a response has the labels m/s\\^2 and N"
+    ):
+        taken(sets, universal.Points(1), units=inch)
+    with pytest.raises(
+        universal.ModalDataError, match=r"--kind: is missing, .* modes and frequency"
+    ):
+        universal.holds_modes([{"type": 55}, *sets], None, FILE)
 
 
 def records(
@@ -201,7 +208,7 @@ def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
 
 def test_a_sensor_that_looks_down_at_the_contact_point_is_refused() -> None:
     hits = hits_of_records(records(-CONTACT, hits=2))
-    with pytest.raises(uff.ModalDataError, match="turn the sign of the response"):
+    with pytest.raises(universal.ModalDataError, match="turn the sign of the response"):
         modes_of_hits(hits[:1], hits[1:], True, silent)
 
 
@@ -210,7 +217,7 @@ def test_hits_elsewhere_need_the_sensor() -> None:
     """Residues of both signs are of no drive point; with a sensor, the product of shapes is the
     measured residue."""
     hits = hits_of_records(records(OTHER, hits=2))
-    with pytest.raises(uff.ModalDataError, match="--sensor: is missing"):
+    with pytest.raises(universal.ModalDataError, match="--sensor: is missing"):
         modes_of_hits(hits[:1], hits[1:], True, silent)
     found = modes_of_hits(hits[:1], hits[1:], False, silent)
     assert "Measure there too" in found.notes[0]
@@ -247,7 +254,7 @@ def test_hits_that_are_refused() -> None:
         ([force, replace(motion, value=np.where(motion.time_s > 0.05, np.nan, motion.value))],
          "a0: has gaps in its values"),
     ]:  # fmt: skip
-        with pytest.raises(uff.ModalDataError, match=sentence):
+        with pytest.raises(universal.ModalDataError, match=sentence):
             hits_of_records(some)
 
 
@@ -316,26 +323,26 @@ def test_hits_of_other_responses_are_told() -> None:
 def test_a_response_from_rest_is_exact() -> None:
     """Rows of a mode against the exact steps of the records, without noise."""
     hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
-    rows = observed_hits([hit], False).basis(2 * np.pi * HZ, LOSS)
+    rows = rows_of_hits([hit], False).basis(2 * np.pi * HZ, LOSS)
     expected = (CONTACT**2) @ rows
     assert np.max(np.abs(expected - hit.response)) < 2e-3 * np.max(np.abs(hit.response))
 
 
 def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
     hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
-    observed, tried = observed_hits([hit], False), []
+    observed, tried = rows_of_hits([hit], False), []
 
     def error(modes: Any) -> float:
         tried.append(len(modes.omega_rad_s))
         return abs(len(modes.omega_rad_s) - 4) + 1.0
 
-    assert len(identified(observed, error).omega_rad_s) == 4
+    assert len(identify_modes(observed, error).omega_rad_s) == 4
     assert tried[:2] == [0, 4]
 
 
 def delayed(hits: list[Hit], samples: float) -> list[Hit]:
     """The same hits, recorded with the response late by so many samples."""
-    return [replace(with_late_force(hit, -samples), first=hit.first) for hit in hits]
+    return [replace(delay_force(hit, -samples), first=hit.first) for hit in hits]
 
 
 def of_known_modes(found: MeasuredModes) -> None:
@@ -367,7 +374,7 @@ def test_a_late_response_elsewhere_and_in_noise() -> None:
 
 def test_no_delay_changes_nothing() -> None:
     hits = hits_of_records(records(CONTACT))
-    same, others, late = corrected(hits[:2], hits[2:])
+    same, others, late = correct_delay(hits[:2], hits[2:])
     assert late == 0.0
     assert all(one is other for one, other in zip(same + others, hits, strict=True))
 
@@ -385,10 +392,10 @@ def test_a_delay_that_the_hits_do_not_tell_is_refused(
     estimates: list[tuple[float, float]], sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = iter([delay._Estimate(samples, square, 1.0, square) for samples, square in estimates])
-    monkeypatch.setattr(delay, "_near", lambda *_: next(found))
+    monkeypatch.setattr(delay, "_estimate_near", lambda *_: next(found))
     monkeypatch.setattr(delay, "_basins", lambda _: [1.0, -2.0])
-    with pytest.raises(uff.ModalDataError, match=sentence):
-        corrected(hits_of_records(records(CONTACT, hits=2)), [])
+    with pytest.raises(universal.ModalDataError, match=sentence):
+        correct_delay(hits_of_records(records(CONTACT, hits=2)), [])
 
 
 def windowed(hits: list[Hit], time_s: float, *, both: bool) -> list[Hit]:
@@ -419,7 +426,9 @@ def test_a_window_that_was_not_given_is_told() -> None:
 
 def test_a_window_that_takes_more_damping_than_there_is() -> None:
     hits = [replace(hit, window_s=0.05) for hit in hits_of_records(records(CONTACT))]
-    with pytest.raises(uff.ModalDataError, match=r"--exponential-window = 0\.05: the mode at"):
+    with pytest.raises(
+        universal.ModalDataError, match=r"--exponential-window = 0\.05: the mode at"
+    ):
         modes_of_hits(hits[:2], hits[2:], True, silent)
 
 
@@ -483,8 +492,8 @@ def test_everything_that_is_missing_is_named_at_once() -> None:
         ([*unsaid, along_x, other], ["--direction", "--reference", "--kind", "--units m,N"]),
         (unsaid, ["--kind", "--units m,N"]),
     ]:
-        with pytest.raises(uff.ModalDataError) as refused:
-            taken(some, uff.Points(1))
+        with pytest.raises(universal.ModalDataError) as refused:
+            taken(some, universal.Points(1))
         assert all(part in str(refused.value) for part in parts)
 
 

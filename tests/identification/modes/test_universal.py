@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.identification.modes import universal as uff
+from hertzloop.identification.modes import universal
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
 from hertzloop.results.deflection import modes_of_scene
@@ -17,8 +17,8 @@ from tests.commands import invoke
 FILE = Path("test.unv")
 HZ, MASS, LOSS = np.array([120.0, 310.0, 705.0]), np.array([0.2, 1.0, 0.7]), 0.004
 SHAPES = np.array([[0.5, 0.3, 0.1], [1.0, -0.2, 0.4], [-0.8, 0.6, 0.9]])  # modes, nodes 7, 9, 12
-SI = uff.units_given("m,N")
-POINTS = uff.Points(contact=7, actuator=9, sensor=12)
+SI = universal.units_given("m,N")
+POINTS = universal.Points(contact=7, actuator=9, sensor=12)
 
 
 def normal(mode: int, **changes: Any) -> dict[str, Any]:
@@ -31,8 +31,8 @@ def normal(mode: int, **changes: Any) -> dict[str, Any]:
     } | changes  # fmt: skip
 
 
-def modes(sets: list[dict[str, Any]], points: uff.Points = POINTS, **options: Any) -> Any:
-    return uff.modes_of_sets(sets, FILE, points, options.pop("units", SI), **options)
+def modes(sets: list[dict[str, Any]], points: universal.Points = POINTS, **options: Any) -> Any:
+    return universal.modes_of_sets(sets, FILE, points, options.pop("units", SI), **options)
 
 
 def test_normal_modes_come_as_they_are() -> None:
@@ -54,7 +54,7 @@ def test_the_units_of_the_file_are_converted(
     code: int, length: float, force: float, mass_kg: float
 ) -> None:
     stated = {"type": 164, "units_code": code, "length": length, "force": force}
-    units = uff.units_of([stated], FILE, None)
+    units = universal.units_of([stated], FILE, None)
     assert units is not None
     assert units.mass_kg == pytest.approx(mass_kg, rel=1e-6)
     heavier = modes([normal(0)], units=units).table.per_modal_mass_1_kg
@@ -62,22 +62,26 @@ def test_the_units_of_the_file_are_converted(
 
 
 def test_units_that_cannot_be_known_are_refused() -> None:
-    assert uff.units_of([normal(0)], FILE, None) is None
-    with pytest.raises(uff.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
+    assert universal.units_of([normal(0)], FILE, None) is None
+    with pytest.raises(universal.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
         modes([normal(0)], units=None)
-    with pytest.raises(uff.ModalDataError) as refused:
+    with pytest.raises(universal.ModalDataError) as refused:
         modes([normal(0, modal_m=0.0, r1=SHAPES[0])], units=None)
     for part in ("--units m,N", "--direction: is missing", "--unit-modal-mass"):
         assert part in str(refused.value)
     # The example in pyuff's documentation: the code of SI with the factors of foot and pound.
     foot = {"type": 164, "units_code": 1, "length": 3.28083989501312, "force": 0.224808943}
-    with pytest.raises(uff.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"):
-        uff.units_of([foot], FILE, None)
-    slug = uff.units_of([foot], FILE, "ft,lbf")
+    with pytest.raises(
+        universal.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"
+    ):
+        universal.units_of([foot], FILE, None)
+    slug = universal.units_of([foot], FILE, "ft,lbf")
     assert slug is not None
     assert slug.mass_kg == pytest.approx(14.5939, rel=1e-5)
-    with pytest.raises(uff.ModalDataError, match="--units = metric: must be a length and a force"):
-        uff.units_of([], FILE, "metric")
+    with pytest.raises(
+        universal.ModalDataError, match="--units = metric: must be a length and a force"
+    ):
+        universal.units_of([], FILE, "metric")
 
 
 def test_complex_modes_are_those_normal_modes() -> None:
@@ -108,7 +112,7 @@ def test_how_near_to_real_is_told_and_far_is_refused() -> None:
     assert np.allclose(
         np.abs(near.table.shape_contact) / np.sqrt(MASS[0]), 0.5 / MASS[0], rtol=1e-2
     )
-    with pytest.raises(uff.ModalDataError, match=r"mode 1 \(120 Hz\) is far from a real one"):
+    with pytest.raises(universal.ModalDataError, match=r"mode 1 \(120 Hz\) is far from a real one"):
         modes([normal(0, r3=SHAPES[0] * np.array([1, 1j, 1]))])
 
 
@@ -120,7 +124,7 @@ def test_modes_of_a_finite_element_program() -> None:
                                                         np.array([0, 0, 0.3, 0, 0, 0])],
         "record12_field2": 120.0, "record12_field4": 0.2, "record12_field6": LOSS,
     }  # fmt: skip
-    table = modes([one], uff.Points(7, 9)).table
+    table = modes([one], universal.Points(7, 9)).table
     assert table.shape_contact[0] == 0.5
     assert table.shape_actuator[0] == 0.3
     assert table.per_modal_mass_1_kg[0] == 5.0
@@ -132,7 +136,12 @@ def test_modes_of_a_finite_element_program() -> None:
     ("sets", "points", "options", "sentence"),
     [
         ([], POINTS, {}, "holds no modes at nodes"),
-        ([normal(0)], uff.Points(8), {}, "--contact = 8: not a node .* Its nodes are 7, 9, 12"),
+        (
+            [normal(0)],
+            universal.Points(8),
+            {},
+            "--contact = 8: not a node .* Its nodes are 7, 9, 12",
+        ),
         ([normal(0, modal_m=0.0)], POINTS, {}, "modal mass of mode 1 .* Add --unit-modal-mass"),
         ([normal(0, r1=SHAPES[0])], POINTS, {}, "--direction: is missing, .* directions x, z"),
         ([normal(0, spec_data_type=12)], POINTS, {}, "shapes are of acceleration"),
@@ -140,9 +149,9 @@ def test_modes_of_a_finite_element_program() -> None:
     ],
 )
 def test_what_is_refused(
-    sets: list[dict[str, Any]], points: uff.Points, options: dict[str, Any], sentence: str
+    sets: list[dict[str, Any]], points: universal.Points, options: dict[str, Any], sentence: str
 ) -> None:
-    with pytest.raises(uff.ModalDataError, match=sentence):
+    with pytest.raises(universal.ModalDataError, match=sentence):
         modes(sets, points, **options)
 
 
@@ -153,7 +162,7 @@ def test_what_an_option_settles() -> None:
     assert modes([undamped]).undamped
     assert modes([undamped], loss_factor=0.01).table.loss_factor[0] == 0.01
     skewed = normal(0, r1=2 * SHAPES[0])
-    x = modes([skewed], uff.Points(7, direction="x")).table
+    x = modes([skewed], universal.Points(7, direction="x")).table
     assert x.shape_contact[0] == 2 * SHAPES[0, 0]
 
 
