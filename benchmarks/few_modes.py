@@ -32,7 +32,7 @@ from benchmarks.program import (
 )
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene import model_error
@@ -205,7 +205,7 @@ def main(
             out.print(number_table(title, headings, map(_row, beyond), 1))
         write_records(folder / "few-modes.csv", shown)
         write_records(folder / "random.csv", found)
-        figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+        metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
         hz = [one.highest_hz * one.contact_us * 1e-6 for one in found]
         for i, name in enumerate(("force", "rebound", "energy")):
             errors = [getattr(one, name) for one in found]
@@ -213,7 +213,7 @@ def main(
         axes.axhline(max(one.expected for one in found), color="grey", label="expected")
         axes.set(title="Few modes: error of an impact", xlabel="last mode, Hz s", ylabel="error")
         axes.legend()
-        pictures.save(figure, folder / "few-modes.png")
+        pictures.save(metric, folder / "few-modes.png")
         written(folder, "few-modes.csv", "random.csv", "few-modes.png")
         write_json(
             json_file,

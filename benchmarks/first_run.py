@@ -67,12 +67,12 @@ event.register("numba:compile", Own())
 try:
     from hertzloop.loop.in_process import record_in_process
     from hertzloop.loop.simulate import simulate
-    from hertzloop.results.figures import figures_of
+    from hertzloop.results.metrics import metrics_of
     from hertzloop.results.model import chosen_model
     from hertzloop.scene.build import free_series
     from hertzloop.scene.setup import load
 except ImportError:  # an earlier version
-    from hertzloop.analysis.figures import figures_of
+    from hertzloop.analysis.metrics import metrics_of
     from hertzloop.analysis.model import chosen_model
     from hertzloop.loop.compiled import record_in_process, simulate
     from hertzloop.setup import load
@@ -82,8 +82,8 @@ with tempfile.TemporaryDirectory() as folder:
     for compiled in (False, True):
         record_in_process(scene, Path(folder, f"{compiled}.mcap"), compiled=compiled)
 chosen_model(scene)
-figures_of(scene, free_series(scene))
-figures_of(scene, simulate(scene).rows)
+metrics_of(scene, free_series(scene))
+metrics_of(scene, simulate(scene).rows)
 print(json.dumps(Own.seconds))
 """
 

@@ -143,7 +143,7 @@ def _error(setup: Setup, limit_hz: float) -> float | None:
 
 
 def _draw(path: Path, found: list[Outcome]) -> None:
-    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
     pairs = [(o.expected, o.found) for o in found]
     ends = [min(map(min, pairs)), max(map(max, pairs))]
     for i, kind in enumerate(_KINDS):
@@ -154,7 +154,7 @@ def _draw(path: Path, found: list[Outcome]) -> None:
     axes.loglog(ends, ends, color="grey", linewidth=0.8)
     axes.set(title="Error of the first impact", xlabel="expected", ylabel="found")
     axes.legend()
-    pictures.save(figure, path)
+    pictures.save(metric, path)
 
 
 def main(

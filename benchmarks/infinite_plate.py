@@ -32,7 +32,7 @@ from benchmarks.program import (
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
@@ -190,11 +190,11 @@ def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
 
 
 def worst_ratios(found: list[Outcome]) -> list[tuple[str, float]]:
-    """Largest error over requested accuracy, by request and figure; NaN where none is known."""
-    figures = {"gap": "gap_error", "rebound": "rebound_error", "energy": "energy_error"}
+    """Largest error over requested accuracy, by request and metric; NaN where none is known."""
+    metrics = {"gap": "gap_error", "rebound": "rebound_error", "energy": "energy_error"}
     rows = []
     for request in REQUESTS:
-        for name, field in figures.items():
+        for name, field in metrics.items():
             values = [getattr(o, field) for o in found if o.request == request and o.lasts_us]
             known = [value for value in values if not math.isnan(value)]
             rows.append((f"{name}, asked {request:g}", max(known, default=math.nan) / request))

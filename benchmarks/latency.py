@@ -38,7 +38,7 @@ from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.results.cases import CASE_ROWS, Span, figures_of_case
+from hertzloop.results.cases import CASE_ROWS, Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
@@ -49,7 +49,7 @@ from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.tuning import LAWS
-from hertzloop.studies.words import FIGURES, write_rows
+from hertzloop.studies.words import METRICS, write_rows
 
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5
@@ -64,7 +64,7 @@ Energies = Callable[[list[dict[str, Any]]], list[float]]  # of cases, dB; inf: u
 
 @dataclass(frozen=True)
 class Named:
-    """A scene of the tables: its settings, and what its figures are taken over."""
+    """A scene of the tables: its settings, and what its metrics are taken over."""
 
     name: str
     source: str
@@ -143,7 +143,7 @@ def latencies_of(scene: Setup, count: int) -> list[int]:
 
 @lru_cache(maxsize=16)
 def _contact_us(scene: Setup) -> float:
-    return figures_of_case(scene.without_control()).contact_us
+    return metrics_of_case(scene.without_control()).contact_us
 
 
 def law_values(law: str, settings: Sequence[str] = ()) -> dict[str, Any]:
@@ -199,7 +199,7 @@ def critical(pool: Pool, named: Named, law: str, points: int) -> Critical:
 
     def energies(cases: list[dict[str, Any]]) -> list[float]:
         rows = evaluate(pool, scene, named.span, [base | case for case in cases])
-        # A loop that is unstable has no figures; it is worse than none.
+        # A loop that is unstable has no metrics; it is worse than none.
         return [math.inf if row["status"] else float(row["plate_energy_db"]) for row in rows]
 
     scan, survived = survived_us(energies, latencies)
@@ -367,7 +367,7 @@ def run(
     return found
 
 
-_CHANGES = {name: words for name, words in FIGURES.items() if CASE_ROWS[name].unit in ("dB", "%")}
+_CHANGES = {name: words for name, words in METRICS.items() if CASE_ROWS[name].unit in ("dB", "%")}
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
 _LEAST_DB = 0.05
 _COLOURS = "RdBu_r"
@@ -378,18 +378,18 @@ _FLAT = 0.02  # of a scale: less than this has no line
 
 
 def draw_maps(
-    path: Path, title: str, maps: dict[str, list[dict[str, Any]]], figures: dict[str, str]
+    path: Path, title: str, maps: dict[str, list[dict[str, Any]]], metrics: dict[str, str]
 ) -> None:
-    """A row a figure with one scale, zero in its middle; a column a map. Rows that show nothing are
+    """A row a metric with one scale, zero in its middle; a column a map. Rows that show nothing are
     left out, and named."""
-    grids = {figure: [_grid(rows, key, figure) for key, rows in maps.items()] for figure in figures}
-    reaches = {figure: _reach(found) for figure, found in grids.items()}
-    kept = [f for f in figures if reaches[f] >= _EMPTY.get(f, _LEAST_DB)]
-    dropped = [figures[f].partition(" (")[0] for f in figures if f not in kept]
+    grids = {metric: [_grid(rows, key, metric) for key, rows in maps.items()] for metric in metrics}
+    reaches = {metric: _reach(found) for metric, found in grids.items()}
+    kept = [f for f in metrics if reaches[f] >= _EMPTY.get(f, _LEAST_DB)]
+    dropped = [metrics[f].partition(" (")[0] for f in metrics if f not in kept]
     sheet, axes = pictures.sheet(max(1, len(kept)), len(maps), width=13.0, height=2.3)
-    for line, figure in enumerate(kept):
-        reach = pictures.round_above(reaches[figure])
-        for column, (key, found) in enumerate(zip(maps, grids[figure], strict=True)):
+    for line, metric in enumerate(kept):
+        reach = pictures.round_above(reaches[metric])
+        for column, (key, found) in enumerate(zip(maps, grids[metric], strict=True)):
             ax = axes[line, column]
             shown = _draw_map(ax, *found, reach)
             ax.set_ylabel(words.AXES[key])
@@ -397,8 +397,8 @@ def draw_maps(
                 ax.yaxis.set_major_locator(MaxNLocator(integer=True))
             if line == len(kept) - 1:
                 ax.set_xlabel(words.AXES["controller.latency_us"])
-        unit = "points" if figure == "rebound_percent" else "dB"
-        name = figures[figure].partition(" (")[0]
+        unit = "points" if metric == "rebound_percent" else "dB"
+        name = metrics[metric].partition(" (")[0]
         bar = sheet.colorbar(
             shown, ax=list(axes[line]), label=f"{name}:\nchange ({unit})",
             ticks=np.linspace(-reach, reach, 5), aspect=12, pad=0.01,
@@ -413,12 +413,12 @@ def draw_maps(
     pictures.save(sheet, path)
 
 
-def _grid(rows: list[dict[str, Any]], key: str, figure: str) -> tuple[list[Any], list[Any], Any]:
-    """Latencies, values of the key, and the figure's change, (values, latencies); nan: unstable."""
+def _grid(rows: list[dict[str, Any]], key: str, metric: str) -> tuple[list[Any], list[Any], Any]:
+    """Latencies, values of the key, and the metric's change, (values, latencies); nan: unstable."""
     latencies = sorted({row["controller.latency_us"] for row in rows})
     values = sorted({row[key] for row in rows})
-    z = np.array([np.nan if row[figure] is None else row[figure] for row in rows], float)
-    z = z.reshape(len(latencies), len(values)).T - CASE_ROWS[figure].without
+    z = np.array([np.nan if row[metric] is None else row[metric] for row in rows], float)
+    z = z.reshape(len(latencies), len(values)).T - CASE_ROWS[metric].without
     return latencies, values, z
 
 
@@ -517,7 +517,7 @@ def main(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Map every law's figures over latency, bits and sampling period.
+    """Map every law's metrics over latency, bits and sampling period.
 
     It also prints how much latency each law tolerates. When killed, it goes on with the same
     command. With --quick there is one scene, and the maps are coarser.

@@ -34,7 +34,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.controller.loading.registry import SHIPPED
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import Axis
@@ -89,7 +89,7 @@ def _setup(law: str) -> Setup:
 
 def same_bytes(laws: dict[str, str]) -> bool:
     """Whether all samples and rows of truth are the same, however the law is given."""
-    return len({figures_of_case(_setup(law)).digest for law in laws.values()}) == 1
+    return len({metrics_of_case(_setup(law)).digest for law in laws.values()}) == 1
 
 
 def _swept(pool: Pool, law: str) -> int:

@@ -436,7 +436,7 @@ def draw(path: Path, checks: Sequence[Check]) -> Path:
     """Draw simulated over predicted growth (PNG)."""
     from hertzloop.studies import pictures
 
-    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
     for i, kind in enumerate(("growth", "critical latency", "beside the contact", "impacts")):
         some = [c for c in checks if c.kind == kind and math.isfinite(c.found)]
         look = pictures.look(i, marked=True) | {"linestyle": ""}
@@ -446,7 +446,7 @@ def draw(path: Path, checks: Sequence[Check]) -> Path:
     axes.set_yscale("symlog", linthresh=10.0)
     axes.set(title="Growth of the loop", xlabel="predicted, 1/s", ylabel="simulated, 1/s")
     axes.legend()
-    return pictures.save(figure, path)
+    return pictures.save(metric, path)
 
 
 def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption = False) -> None:

@@ -364,14 +364,14 @@ def main(
             )
         )  # fmt: skip
         write_records(folder / "responses.csv", found)
-        figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+        metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
         for i, name in enumerate(_TARGETS):
             pairs = [(getattr(one, f"{name}_bound"), getattr(one, name)) for one in found]
             axes.loglog(*zip(*pairs, strict=True), "osd^"[i], label=name)
         axes.axline((1e-6, 1e-6), (1e-3, 1e-3), color="grey")
         axes.set(title="Largest deviation of identified modes", xlabel="bound", ylabel="found")
         axes.legend()
-        pictures.save(figure, folder / "responses.png")
+        pictures.save(metric, folder / "responses.png")
         written(folder, "responses.csv", "responses.png")
         data = {
             "responses": [asdict(one) for one in found],

@@ -32,7 +32,7 @@ from benchmarks.program import (
 )
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
-from hertzloop.plant.figures.impacts import Impact, impacts_in
+from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
@@ -218,7 +218,7 @@ def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
 
 
 def _draw(path: Path, found: list[Outcome]) -> None:
-    figure, axes = pictures.sheet(1, 2, height=3.6)
+    metric, axes = pictures.sheet(1, 2, height=3.6)
     for i, request in enumerate(REQUESTS):
         mine = [o for o in found if o.request == request]
         style = {**pictures.look(i, True), "linestyle": "none", "label": f"asked {request:g}"}
@@ -229,7 +229,7 @@ def _draw(path: Path, found: list[Outcome]) -> None:
     axes[0, 1].set(title="Modes against the fewest that do", xlabel="scene", ylim=(0.9, None))
     for axis in axes[0]:
         axis.legend()
-    pictures.save(figure, path)
+    pictures.save(metric, path)
 
 
 def main(

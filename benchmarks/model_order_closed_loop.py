@@ -33,9 +33,9 @@ REQUESTS = (1e-3, 1e-4)
 _PARTS = 4  # of a step, in the reference
 _LEAD_S = 1e-5
 _LONGEST_S = 4e-3
-_FIGURES = ("gap", "rebound", "energy")
+_METRICS = ("gap", "rebound", "energy")
 HEADINGS = (
-    "asked", "law", "impacts", *_FIGURES, "all", "worst/asked",
+    "asked", "law", "impacts", *_METRICS, "all", "worst/asked",
     "said (law)", "others", "worst/asked",
 )  # fmt: skip
 
@@ -176,7 +176,7 @@ def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
 
 
 def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
-    """Per law and request: impacts, share that meets it in each figure and in all, largest error
+    """Per law and request: impacts, share that meets it in each metric and in all, largest error
     over request; those whose run says that it cannot (of these as twice the modes change too
     much under the law); share of the others that meets it, and their largest error over request."""
     rows: list[tuple[str, ...]] = []
@@ -186,7 +186,7 @@ def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
             others = [o for o in mine if not o.said]
             rows.append((
                 f"{request:g}", law, str(len(mine)),
-                *(_share([getattr(o, figure) <= request for o in mine]) for figure in _FIGURES),
+                *(_share([getattr(o, metric) <= request for o in mine]) for metric in _METRICS),
                 _share([o.error <= request for o in mine]), _worst(mine),
                 f"{len(mine) - len(others)} ({sum(o.law_tells for o in mine)})",
                 _share([o.error <= request for o in others]), _worst(others),

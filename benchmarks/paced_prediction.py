@@ -1,7 +1,7 @@
-"""Whether latencies measured in some paced runs predict the figures of others.
+"""Whether latencies measured in some paced runs predict the metrics of others.
 
 Each run is recorded at the pace of the wall clock and repeated in lock-step with its own latencies.
-The latencies of the first runs, resampled by many seeds, predict a 95 % range of each figure. The
+The latencies of the first runs, resampled by many seeds, predict a 95 % range of each metric. The
 other runs are held out: they are counted where they fall in this range.
 """
 
@@ -44,16 +44,16 @@ from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 
 _SETTINGS = ["run.duration_s=0.0012", "controller.law=force_feedback"]
-_FIGURES = ("plate_energy_db", "rebound_percent", "peak_force_n")
+_METRICS = ("plate_energy_db", "rebound_percent", "peak_force_n")
 _TRACE = "controller.latency_trace"
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """The predicted 95 % range of a figure, the median of the runs held out, and how many of them
+    """The predicted 95 % range of a metric, the median of the runs held out, and how many of them
     are within."""
 
-    figure: str
+    metric: str
     low: float
     high: float
     median: float
@@ -82,7 +82,7 @@ def paced(setup: Setup, path: Path, pace: float) -> tuple[list[float], bool]:
 
 def predict(pool: Pool, setup: Setup, traces: list[list[float]], known: int, draws: int) \
         -> list[Predicted]:  # fmt: skip
-    """Predict the figures from the first `known` traces, and count the others within."""
+    """Predict the metrics from the first `known` traces, and count the others within."""
     joined = [latency for trace in traces[:known] for latency in trace]
     resampled = {_TRACE: joined, "controller.latency_trace_use": "resample"}
     drawn = evaluate(pool, setup.vary(resampled), "impact",
@@ -90,12 +90,12 @@ def predict(pool: Pool, setup: Setup, traces: list[list[float]], known: int, dra
     held = [evaluate(pool, setup.vary({_TRACE: trace}), "impact", [{}])[0]
             for trace in traces[known:]]  # fmt: skip
     found = []
-    for figure in _FIGURES:
-        low, high = np.quantile([row[figure] for row in drawn], (0.025, 0.975))
-        values = [row[figure] for row in held]
+    for metric in _METRICS:
+        low, high = np.quantile([row[metric] for row in drawn], (0.025, 0.975))
+        values = [row[metric] for row in held]
         within = sum(bool(low <= value <= high) for value in values)
         found.append(
-            Predicted(figure, float(low), float(high), float(np.median(values)), within, len(held))
+            Predicted(metric, float(low), float(high), float(np.median(values)), within, len(held))
         )
     return found
 
@@ -137,10 +137,10 @@ def main(
             found = predict(pool, setup, traces, known, draws)
         write_records(made / "paced_prediction.csv", found)
         bars(made / "paced_prediction.png", "Held-out runs in the 95 % range", "%",
-             [(p.figure, 100.0 * p.within / p.held_out) for p in found])  # fmt: skip
-    rows = [(p.figure, f"{p.low:.4g}", f"{p.high:.4g}", f"{p.median:.4g}", str(p.within),
+             [(p.metric, 100.0 * p.within / p.held_out) for p in found])  # fmt: skip
+    rows = [(p.metric, f"{p.low:.4g}", f"{p.high:.4g}", f"{p.median:.4g}", str(p.within),
              str(p.held_out)) for p in found]  # fmt: skip
-    headings = ("figure", "2.5 %", "97.5 %", "median held out", "within", "of")
+    headings = ("metric", "2.5 %", "97.5 %", "median held out", "within", "of")
     out.print(number_table(f"paced runs of {setup.name}", headings, rows, text=1))
     late = np.concatenate([np.asarray(trace) for trace in traces])
     out.print(f"Latencies: median {np.median(late):.3g} us, 99 % below "
@@ -148,7 +148,7 @@ def main(
     written(made, "paced_prediction.csv", "paced_prediction.png")
     conclude(
         f"{equal} of {runs} paced runs are repeated to the bit, and "
-        f"{share(sum(p.within for p in found), sum(p.held_out for p in found))} of the figures "
+        f"{share(sum(p.within for p in found), sum(p.held_out for p in found))} of the metrics "
         "held out are in the predicted 95 % range."
     )
     write_json(json_file, {"repeated": equal, "runs": runs, "known": known,

@@ -1,7 +1,7 @@
 """The pictures of the documentation: what makes each, and what it shows in a few numbers.
 
 The numbers are kept beside the pictures, in pictures.json. A picture is stale when they change: the
-same runs give other figures today, or a replay says other words. That is cheap to see, and neither
+same runs give other metrics today, or a replay says other words. That is cheap to see, and neither
 a comment in the code nor the last bits of a processor make a difference.
 """
 
@@ -175,10 +175,10 @@ PICTURES = {
 
 
 def note_of(picture: Drawn) -> dict[str, Any]:
-    """What a picture shows: figures of the first impact of its cases, words of its replay."""
+    """What a picture shows: metrics of the first impact of its cases, words of its replay."""
     return {
         "command": picture.command,
-        "figures": {_name(case): dict(_figures(case)) for case in picture.cases},
+        "metrics": {_name(case): dict(_metrics(case)) for case in picture.cases},
         "words": [] if picture.replayed is None else _words(picture.replayed),
     }
 
@@ -188,7 +188,7 @@ def _name(case: Case) -> str:
 
 
 @lru_cache
-def _figures(case: Case) -> dict[str, float]:
+def _metrics(case: Case) -> dict[str, float]:
     """Of the first impact; nothing without one."""
     with known_to_scenes():
         scene = load(*case)
@@ -226,11 +226,11 @@ def words_of(shown: ReplayData) -> list[str]:
 def differences(noted: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """In what two notes differ, in sentences."""
     found = []
-    for name, figures in now["figures"].items():
-        before = noted["figures"].get(name, {})
-        for figure, value in figures.items():
-            if not math.isclose(before.get(figure, math.nan), value, rel_tol=WITHIN):
-                found.append(f"{name}: {figure} was {before.get(figure)}, is {value}")
+    for name, metrics in now["metrics"].items():
+        before = noted["metrics"].get(name, {})
+        for metric, value in metrics.items():
+            if not math.isclose(before.get(metric, math.nan), value, rel_tol=WITHIN):
+                found.append(f"{name}: {metric} was {before.get(metric)}, is {value}")
     for key in ("command", "words"):
         if noted[key] != now[key]:
             found.append(f"{key} was {noted[key]}, is {now[key]}")

@@ -26,7 +26,7 @@ from hertzloop.plant.estimates.plate_theory import (
     thickness_number,
     zener_inelasticity,
 )
-from hertzloop.plant.figures.impacts import Impact, impacts_in
+from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import F_C

@@ -243,7 +243,7 @@ def bars(
     """
     from hertzloop.studies import pictures
 
-    figure, [[axes]] = pictures.sheet(1, 1, 8.0, 0.32 * len(values) + 1.4)
+    metric, [[axes]] = pictures.sheet(1, 1, 8.0, 0.32 * len(values) + 1.4)
     places = range(len(values))
     sizes = [value if math.isfinite(value) else 0.0 for _, value in values]
     drawn = axes.barh(places, sizes, color=pictures.COLOURS[0])
@@ -255,7 +255,7 @@ def bars(
     axes.grid(axis="y", visible=False)
     axes.margins(x=0.15)
     axes.set(title=title, xlabel=axis)
-    return pictures.save(figure, path)
+    return pictures.save(metric, path)
 
 
 def median(values: Iterable[float]) -> float:

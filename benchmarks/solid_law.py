@@ -150,7 +150,7 @@ def _largest(errors: tuple[float, float, float] | None) -> float:
 
 
 def _draw(path: Path, found: list[Outcome]) -> None:
-    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
     for i, law in enumerate(LAWS):
         mine = [o for o in found if o.law == law]
         style = {**pictures.look(i, True), "linestyle": "none"}
@@ -160,7 +160,7 @@ def _draw(path: Path, found: list[Outcome]) -> None:
     title = "Error of the first impact on solid plates"
     axes.set(title=title, xlabel="stated", ylabel="twice the modes, half the step")
     axes.legend()
-    pictures.save(figure, path)
+    pictures.save(metric, path)
 
 
 def main(

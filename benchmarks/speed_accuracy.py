@@ -324,7 +324,7 @@ _FAMILIES = {
 def draw(path: Path, names: Sequence[str], points: Sequence[Any]) -> None:
     """Error of the gap against CPU time; a row a family, a column a scene. Schemes that
     were left out are below, with the reason."""
-    figure, axes = pictures.sheet(len(_FAMILIES), len(names), 4.6 * len(names) + 2.0, 3.9)
+    metric, axes = pictures.sheet(len(_FAMILIES), len(names), 4.6 * len(names) + 2.0, 3.9)
     for row, (family, schemes) in zip(axes, _FAMILIES.items(), strict=True):
         for axis, name in zip(row, names, strict=True):
             for i, scheme in enumerate(schemes):
@@ -343,8 +343,8 @@ def draw(path: Path, names: Sequence[str], points: Sequence[Any]) -> None:
     words = [f"{p.scene}, {p.scheme}: {p.status}" for p in left_out]
     if "radau" in {p.scheme for p in points if p.status == "ok"}:
         words.append("radau: not drawn where it ends, beside lsoda (see the CSV)")
-    figure.supxlabel("\n".join(words), fontsize=7)
-    pictures.save(figure, path)
+    metric.supxlabel("\n".join(words), fontsize=7)
+    pictures.save(metric, path)
 
 
 _REFERENCE_STEP_S = 3.125e-8

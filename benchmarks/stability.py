@@ -30,7 +30,7 @@ from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from benchmarks.speed_accuracy import Problem, problem
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import thesis2008_kernels as tk
@@ -471,13 +471,13 @@ def draw_limits(
     by_map: dict[str, Map],
 ) -> None:
     """Where the textbook integrators blow up or are wrong, with the predicted"""
-    figure, axes = pictures.sheet(3, 2, width=11.0, height=4.2)
+    metric, axes = pictures.sheet(3, 2, width=11.0, height=4.2)
     _free(axes[0, 0], free)
     _damped(axes[0, 1], damped)
     _contact(axes[1, 0], contact, thesis)
     for axis, name in zip((axes[1, 1], axes[2, 0], axes[2, 1]), _TITLES, strict=True):
         _borders(axis, name, *by_map[name])
-    pictures.save(figure, path)
+    pictures.save(metric, path)
 
 
 def _free(axis: Any, free: list[tuple[str, float, float]]) -> None:
@@ -570,7 +570,7 @@ def draw_energy(
 ) -> None:
     """Energy residual and solves of the energy-keeping schemes; the closed loop, arrays of shape
     (kappas, latencies), without the first row, kappa = 0, which is no control."""
-    figure, axes = pictures.sheet(2, 2, width=11.0, height=4.2)
+    metric, axes = pictures.sheet(2, 2, width=11.0, height=4.2)
     for j, scheme in enumerate(_BALANCED):
         for i, (name, found) in enumerate(outcomes.items()):
             mine = [one for one in found if one.scheme == scheme]
@@ -603,8 +603,8 @@ def draw_energy(
         for label in labels:
             label.set_bbox({"facecolor": "black", "alpha": 0.6, "pad": 1.0, "edgecolor": "none"})
         axis.set(title=f"aluminium-3mm: {title}", xlabel="latency (us)", ylabel="kappa")
-        figure.colorbar(shown, ax=axis)
-    pictures.save(figure, path)
+        metric.colorbar(shown, ax=axis)
+    pictures.save(metric, path)
 
 
 # Where methods fail: blow up, lose the energy, or let the actuator feed energy without bound.
@@ -662,7 +662,7 @@ def run(folder: Path, quick: bool = False) -> tuple[dict[str, str], str]:
         quick: take each fifth point of every map; these have the values of the whole map.
 
     Returns:
-        Key figures to print, and the conclusion.
+        Key metrics to print, and the conclusion.
     """
     every = _QUICK if quick else 1
     with progress("stability", 8) as advance:
@@ -708,14 +708,14 @@ def run(folder: Path, quick: bool = False) -> tuple[dict[str, str], str]:
         np.array([p.plate_energy_db for p in loop]).reshape(shape),
         np.array([p.injected for p in loop]).reshape(shape),
     )  # fmt: skip
-    figures = (
+    metrics = (
         _of_limits(free, damped)
         | _of_maps(by_map)
         | _of_balance(outcomes)
         | _of_thesis(thesis)
         | _of_loop(loop)
     )
-    return figures, conclusion(outcomes, thesis)
+    return metrics, conclusion(outcomes, thesis)
 
 
 def conclusion(

@@ -16,7 +16,7 @@ import pytest
 from hertzloop.common.text_files import text_of
 
 if TYPE_CHECKING:
-    from hertzloop.results.cases import CaseFigures
+    from hertzloop.results.cases import CaseMetrics
     from hertzloop.studies.budget.requirements import Row
 
 _FILE = "requirements.toml"
@@ -65,7 +65,7 @@ class RequirementItem(pytest.Item):
         """Check the row.
 
         Raises:
-            RequirementFailed: a goal, a limit, a probability or an expected figure fails.
+            RequirementFailed: a goal, a limit, a probability or an expected metric fails.
         """
         from hertzloop.studies.budget.requirements import check
         from hertzloop.studies.sweeps.pool import local_pool
@@ -104,14 +104,14 @@ def _rows(
 
 
 @pytest.fixture
-def hertzloop_run() -> "Callable[..., CaseFigures]":
+def hertzloop_run() -> "Callable[..., CaseMetrics]":
     """Return a function that simulates one case.
 
     Returns:
         A function `run(scene="aluminium-3mm", law=None, changes=None, span="impact")`. `scene` is a
         shipped name or a TOML file, `law` a shipped name or a file, `changes` holds values by scene
-        key, and `span` is "impact" or "run". It returns `hertzloop.results.cases.CaseFigures`:
-        figures against no control. It raises SceneError for a case that cannot be run, and
+        key, and `span` is "impact" or "run". It returns `hertzloop.results.cases.CaseMetrics`:
+        metrics against no control. It raises SceneError for a case that cannot be run, and
         UnstableLoop for an unstable loop.
     """
 
@@ -120,12 +120,12 @@ def hertzloop_run() -> "Callable[..., CaseFigures]":
         law: str | None = None,
         changes: Mapping[str, Any] | None = None,
         span: Literal["impact", "run"] = "impact",
-    ) -> "CaseFigures":
-        from hertzloop.results.cases import figures_of_case
+    ) -> "CaseMetrics":
+        from hertzloop.results.cases import metrics_of_case
         from hertzloop.scene.setup import load
 
         setup = load(scene, [] if law is None else [f"controller.law={law}"])
-        return figures_of_case(setup.vary(changes) if changes else setup, span)
+        return metrics_of_case(setup.vary(changes) if changes else setup, span)
 
     return run
 
@@ -137,7 +137,7 @@ def hertzloop_sweep() -> Callable[..., list[dict[str, Any]]]:
     Returns:
         A function `sweep(scene, over, law=None, span="impact")`. `over` holds a list of values by
         scene key; the other arguments are those of `hertzloop_run`. It returns a list of dicts, one
-        per case: the keys, the figures of `CaseFigures`, `state` and `status`. It raises SceneError
+        per case: the keys, the metrics of `CaseMetrics`, `state` and `status`. It raises SceneError
         for a scene that cannot be run.
     """
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]  # is told the finished share, and what is compiled
 
-_PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
+_PAST_TOUCH_S = 1e-3  # long enough for the metrics of an impact, where that is short
 _MOST_STEPS = 20_000  # of that moment, some tenths of a second
 _PLANT_KERNELS = 130  # compiled for the plant of the default scene, parts of others included
 _PLANT_SHARE = 0.95  # of the time that passes
@@ -123,7 +123,7 @@ def _moment_of(setup: "Setup") -> "Setup":
 
 
 def _compile_at_once(setup: "Setup", tell: Progress) -> None:
-    """Compile the kernels of the plant here, and those of figures and controller meanwhile in a
+    """Compile the kernels of the plant here, and those of metrics and controller meanwhile in a
     process of its own, if there is a second core."""
     tell(0.0, "the plant")
     done, what = 0, "the plant"
@@ -138,7 +138,7 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
     try:
         with report_functions(count):
             _compile_plant(setup)
-        tell(_PLANT_SHARE, "figures and controller")
+        tell(_PLANT_SHARE, "metrics and controller")
     except BaseException:
         if beside:
             beside.kill()
@@ -177,7 +177,7 @@ def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
 
 
 def _compile_beside(parent: int) -> None:
-    """Compile the kernels of figures and controller for the scene that is read.
+    """Compile the kernels of metrics and controller for the scene that is read.
 
     Ends with the process `parent`, which may exit at once on a signal.
     """
@@ -185,13 +185,13 @@ def _compile_beside(parent: int) -> None:
     if os.getppid() != parent:  # it has ended while this process imported
         return
     from hertzloop.loop.controller_node import ControllerNode
-    from hertzloop.results.figures import figures_of
+    from hertzloop.results.metrics import metrics_of
     from hertzloop.scene.setup import parse
 
     setup = parse(sys.stdin.read())
     ControllerNode(InProcessPort(InProcessBus(), CONTROLLER))
     build_controller(setup, ahead=False).process(np.ones(2))
-    figures_of(setup, _made_up_contact(setup))
+    metrics_of(setup, _made_up_contact(setup))
 
 
 def _made_up_contact(setup: "Setup") -> np.ndarray:
@@ -217,14 +217,14 @@ def _run(setup: "Setup", folder: Path) -> None:
     """A run through each port compiles every kernel that any of them calls."""
     from hertzloop.loop.in_process import record_in_process
     from hertzloop.loop.simulate import simulate
-    from hertzloop.results.figures import figures_of
+    from hertzloop.results.metrics import metrics_of
     from hertzloop.results.model import chosen_model
 
     record_in_process(setup, folder / "a.mcap", compiled=False)
     record_in_process(setup, folder / "b.mcap", compiled=True)
     chosen_model(setup)
-    figures_of(setup, free_series(setup))
-    figures_of(setup, simulate(setup).rows)
+    metrics_of(setup, free_series(setup))
+    metrics_of(setup, simulate(setup).rows)
 
 
 def _run_paced(setup: "Setup", folder: Path) -> None:

@@ -21,7 +21,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures import noise
+from hertzloop.plant.metrics import noise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import sampled
 from hertzloop.plant.structures import radiation

@@ -33,7 +33,7 @@ from benchmarks.program import (
 )
 from hertzloop.controller.laws.precomputed import SHAPES
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
+from hertzloop.plant.metrics.noise import ImpactNoise, holmes_j, peak_pressure_pa
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.errors import SceneError

@@ -35,7 +35,7 @@ from hertzloop.plant.contact.hertz import (
     hertz_stiffness,
     rigid_contact_time_s,
 )
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.registry import SCHEMES

@@ -198,7 +198,7 @@ _MOST_ETA = 1.9  # a mode is critically damped at 2
 @lru_cache(maxsize=8)
 def modes_of(spec: PlantSpec) -> Oscillators:
     """Oscillators of a description: of its structure with the actuator's mass on it, in air. Kept:
-    the plant has them, and the figures of its runs. `NO_MODES` for an infinite plate with too many.
+    the plant has them, and the metrics of its runs. `NO_MODES` for an infinite plate with too many.
 
     Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
     where air would damp a mode critically, and where the structure's radiation is not known.

@@ -59,7 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
             )
 
 
-# What many tests run, in two shares that take the same time. What both would compile, the figures
+# What many tests run, in two shares that take the same time. What both would compile, the metrics
 # of an impact, comes last in the second: the first has done it by then.
 _COMPILE = (
     """

@@ -20,7 +20,7 @@ from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
 from hertzloop.cli.commands import all_commands
 from hertzloop.scene.keys import keys, page
-from tests import figure_page
+from tests import metric_page
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -145,9 +145,9 @@ def test_the_page_of_keys_is_what_the_code_says() -> None:
     assert (DOCS / "reference" / "keys.md").read_text() == page()
 
 
-def test_the_page_of_figures_is_what_the_code_says() -> None:
-    """Mend: python -c 'from tests import figure_page as p; print(p.page(), end="")'"""
-    assert (DOCS / "reference" / "figures.md").read_text() == figure_page.page()
+def test_the_page_of_metrics_is_what_the_code_says() -> None:
+    """Mend: python -c 'from tests import metric_page as p; print(p.page(), end="")'"""
+    assert (DOCS / "reference" / "metrics.md").read_text() == metric_page.page()
 
 
 def test_every_public_name_has_its_entry() -> None:

@@ -70,7 +70,7 @@ BEFORE = {
     "hertzloop node recorder --out mine.mcap --listen": "rm mine.mcap",
 }
 CODES = {
-    "hertzloop compare A.mcap B.mcap --figures": 0,
+    "hertzloop compare A.mcap B.mcap --metrics": 0,
     "hertzloop compare A.mcap B.mcap": 1,
     "hertzloop compare early.mcap late.mcap": 1,
     "hertzloop budget --check requirements.toml  # green-check.md": 1,

@@ -19,7 +19,7 @@ from hertzloop.controller.laws._threshold import (  # noqa: F401
     watch,
 )
 
-latches = True  # `s.delay` is what the law has latched: events and figures show it
+latches = True  # `s.delay` is what the law has latched: events and metrics show it
 not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 

@@ -11,8 +11,8 @@ from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
 from hertzloop.api.studies import linear, modes, sweep, tune
 from hertzloop.common.optional_dependencies import need
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.scene import Scene
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
-    from hertzloop.results.span_figures import RunFigures, SpanFigures
+    from hertzloop.results.span_metrics import RunMetrics, SpanMetrics
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
 
@@ -44,10 +44,10 @@ __all__ = [
     "RecordingError",
     "Run",
     "RunFailed",
-    "RunFigures",
+    "RunMetrics",
     "Scene",
     "SceneError",
-    "SpanFigures",
+    "SpanMetrics",
     "StreamFault",
     "SweepFailed",
     "compare",
@@ -69,7 +69,7 @@ __all__ = [
 # Names that are loaded at their first use, since a script that only simulates needs none of them.
 _NAMES_BY_MODULE = {
     "results.comparison": ("Comparison", "Difference"),
-    "results.span_figures": ("RunFigures", "SpanFigures"),
+    "results.span_metrics": ("RunMetrics", "SpanMetrics"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),
     "interop.environment": ("ImpactEnv",),

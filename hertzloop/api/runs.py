@@ -12,8 +12,8 @@ import numpy as np
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.bus.sockets import own_folder
 from hertzloop.common.optional_dependencies import need
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event, Recording
     from hertzloop.results.comparison import Comparison
-    from hertzloop.results.figures import RunResult
+    from hertzloop.results.metrics import RunResult
     from hertzloop.results.repeatability import NotRepeatable
-    from hertzloop.results.span_figures import RunFigures
+    from hertzloop.results.span_metrics import RunMetrics
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
@@ -44,7 +44,7 @@ class Run:
     Attributes:
         scene: the scene, as simulated.
         impacts: the contacts, in order.
-        noise: noise figures, one for each contact.
+        noise: noise metrics, one for each contact.
         energy_residual: missing part of the energy balance, relative.
         momentum_residual: missing part of the momentum balance, relative.
         events: events of a recording; empty without one.
@@ -109,15 +109,15 @@ class Run:
         return self._compute_result()
 
     @property
-    def figures(self) -> "RunFigures":
-        """Figures of the first impact and of the whole run, SI units.
+    def metrics(self) -> "RunMetrics":
+        """Metrics of the first impact and of the whole run, SI units.
 
-        `hertzloop run` and `hertzloop inspect` print these figures.
+        `hertzloop run` and `hertzloop inspect` print these metrics.
         """
-        from hertzloop.results.span_figures import RunFigures
+        from hertzloop.results.span_metrics import RunMetrics
 
-        found = self._result.figures
-        return RunFigures(found.first_impact, found.whole_run)
+        found = self._result.metrics
+        return RunMetrics(found.first_impact, found.whole_run)
 
     @cached_property
     def verdict(self) -> list[str]:
@@ -125,12 +125,12 @@ class Run:
 
         The property simulates the run without control.
         """
-        from hertzloop.results.figures import free_figures
+        from hertzloop.results.metrics import free_metrics
         from hertzloop.results.verdict import assess
         from hertzloop.views.verdict import verdict_sentences
 
         setup = resolve(self.scene)
-        found = assess(setup, self._result, free_figures(setup), self._not_repeatable)
+        found = assess(setup, self._result, free_metrics(setup), self._not_repeatable)
         return verdict_sentences(found.verdict)
 
     def without_control(self) -> "Run":
@@ -294,8 +294,8 @@ def _run_from(
     recording: "Recording | None",
     balance: "Balance | EnergyBalance",
 ) -> Run:
-    from hertzloop.results.figures import RunResult, figures_of
     from hertzloop.results.impacts import impacts_of_rows
+    from hertzloop.results.metrics import RunResult, metrics_of
     from hertzloop.results.recorded import law_of, pacing_of, stacked
     from hertzloop.results.repeatability import why_not_repeatable
     from hertzloop.results.verdict import saturation_of
@@ -310,7 +310,7 @@ def _run_from(
 
     def compute_result() -> RunResult:
         return RunResult(
-            figures_of(setup, stacked(dict(columns))),
+            metrics_of(setup, stacked(dict(columns))),
             law,
             model_error.expected_error(setup),
             balance.injected_j,
@@ -340,18 +340,18 @@ def _run_from(
     )
 
 
-def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
-    """Compare the figures of two runs.
+def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
+    """Compare the metrics of two runs.
 
     Args:
         a: the reference.
         b: the run to compare with it.
 
     Returns:
-        One row per figure. `print` shows the table of `hertzloop compare --figures`.
+        One row per metric. `print` shows the table of `hertzloop compare --metrics`.
     """
     from hertzloop.results.comparison import compared
     from hertzloop.views.inspection import PrintedComparison
 
-    found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))
+    found = compared(*(one.metrics if isinstance(one, Run) else one for one in (a, b)))
     return PrintedComparison(found.rows)

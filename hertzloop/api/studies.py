@@ -45,7 +45,7 @@ def sweep(
     span: Literal["impact", "run"] = "impact",
     workers: int | None = None,
 ) -> "xr.Dataset":
-    """Compute the figures of a scene over ranges of its keys. Needs the extra `python`.
+    """Compute the metrics of a scene over ranges of its keys. Needs the extra `python`.
 
     Args:
         scene: the scene, or its name or TOML file.
@@ -57,7 +57,7 @@ def sweep(
 
     Returns:
         Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
-        the names of the figures end in their units (see `CaseFigures`). A figure that a case does
+        the names of the metrics end in their units (see `CaseMetrics`). A metric that a case does
         not have is nan; `state` and `status` say why.
 
     Raises:
@@ -96,8 +96,8 @@ def tune(
     Args:
         scene: the scene, or its name or TOML file; or several, of which the worst counts.
         laws: names or files of laws; the law of the scene if empty.
-        minimise: names of the figures to minimise, as in `CaseFigures`.
-        at_most: largest allowed values by figure.
+        minimise: names of the metrics to minimise, as in `CaseMetrics`.
+        at_most: largest allowed values by metric.
         over: ranges by scene key, in place of the usual ranges of the law.
         span: "impact" for the first impact, "run" for all contacts.
         generations: number of generations.
@@ -109,7 +109,7 @@ def tune(
         The settings that no other setting beats, best first.
 
     Raises:
-        DesignError: a range or a figure cannot be used.
+        DesignError: a range or a metric cannot be used.
         SceneError: a scene cannot be simulated.
         SweepFailed: a worker process was lost.
     """

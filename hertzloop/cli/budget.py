@@ -63,7 +63,7 @@ RealPlantOption = Annotated[
 ]
 BudgetSpanOption = Annotated[
     Literal["impact", "run", "both"],
-    typer.Option(help="Take figures of the first impact, or of the whole run, or of each."),
+    typer.Option(help="Take metrics of the first impact, or of the whole run, or of each."),
 ]
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")

@@ -36,7 +36,7 @@ def effect_lines(found: "Budget") -> list[str]:
             words += f"{', but' if plant.nominal.met else ';'} {instability(plant.margin)}"
         lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
         if plant is found.ideal:
-            own = plant.nominal.figures["plate_energy_db"]
+            own = plant.nominal.metrics["plate_energy_db"]
             hint = "" if found.other else "--span both searches the limits of each."
             lines += spans_differ(own, found.other_db, found.span, hint)
         if plant.left_out:
@@ -125,17 +125,17 @@ def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst
     out.say(probability_line(likely))
     names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
     right = [f"{100 * quantile:g} %" for quantile in likely.quantiles[names[0]]]
-    table = Table("figure", right=right, title="Quantiles over the uncertain cases")
+    table = Table("metric", right=right, title="Quantiles over the uncertain cases")
     for name in names:
         table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
     out.print(table)
     if indices:
         title = "Sobol indices, each with half its 95 % interval"
-        shares = Table("keys", right=("figure", "first order", "total"), title=title)
+        shares = Table("keys", right=("metric", "first order", "total"), title=title)
         for one in indices:
             shares.add_row(
                 ", ".join(one.keys),
-                one.figure,
+                one.metric,
                 f"{one.first:z.3f} ± {one.first_half:z.3f}",
                 f"{one.total:z.3f} ± {one.total_half:z.3f}",
             )

@@ -56,7 +56,7 @@ MAIN = (
     CommandEntry(
         "tune",
         "hertzloop.cli.tune:tune",
-        "Search for the law and the parameters with the best figures in a scene.",
+        "Search for the law and the parameters with the best metrics in a scene.",
         "tune aluminium-20mm --law slope_threshold --law shifted_threshold --out-dir tuned",
     ),
     CommandEntry(
@@ -88,14 +88,14 @@ RECORDINGS = (
     CommandEntry(
         "inspect",
         "hertzloop.cli.recordings:inspect",
-        "Check a recording and print its figures.",
-        "inspect aluminium-20mm.mcap --json figures.json",
+        "Check a recording and print its metrics.",
+        "inspect aluminium-20mm.mcap --json metrics.json",
     ),
     CommandEntry(
         "compare",
         "hertzloop.cli.recordings:compare",
-        "Compare the bytes or the figures of two recordings.",
-        "compare a.mcap b.mcap --figures",
+        "Compare the bytes or the metrics of two recordings.",
+        "compare a.mcap b.mcap --metrics",
     ),
     CommandEntry(
         "repair",

@@ -8,7 +8,7 @@ import typer
 
 from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.plant.figures.sound import DIRECTIONS
+from hertzloop.plant.metrics.sound import DIRECTIONS
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.listening import write_sounds

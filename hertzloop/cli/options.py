@@ -24,11 +24,11 @@ JsonOption = Annotated[
     Path | None,
     typer.Option(
         "--json",
-        help="Write all figures as JSON to this file and replace it; -: standard output.",
+        help="Write all metrics as JSON to this file and replace it; -: standard output.",
     ),
 ]
 DetailsOption = Annotated[
-    bool, typer.Option("--details", help="Print all tables, figures and warnings.")
+    bool, typer.Option("--details", help="Print all tables, metrics and warnings.")
 ]
 
 # How a run is done, as a whole or by one of its processes.

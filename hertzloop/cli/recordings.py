@@ -63,7 +63,7 @@ def inspect(
     overwrite: options.OverwriteOption = False,
     details: options.DetailsOption = False,
 ) -> None:
-    """Check a recording and print its figures.
+    """Check a recording and print its metrics.
 
     The exit code is 1 if a message is missing or damaged.
     """
@@ -123,30 +123,30 @@ def compare(
             "different processors, for example 1e-9.",
         ),
     ] = 0.0,
-    figures: Annotated[
+    metrics: Annotated[
         bool,
         typer.Option(
-            "--figures",
-            help="Print the figures of both runs and their change instead of comparing bytes.",
+            "--metrics",
+            help="Print the metrics of both runs and their change instead of comparing bytes.",
         ),
     ] = False,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Compare the bytes or the figures of two recordings.
+    """Compare the bytes or the metrics of two recordings.
 
     The exit code is 0 if every compared stream has the same bytes, else 1.
     """
-    if json_file and not figures:
-        fail(f"--json = {json_file}: there are no figures to write. Add --figures.")
-    if tolerance and figures:
-        fail("--tolerance: cannot be combined with --figures. Remove one of the two.")
+    if json_file and not metrics:
+        fail(f"--json = {json_file}: there are no metrics to write. Add --metrics.")
+    if tolerance and metrics:
+        fail("--tolerance: cannot be combined with --metrics. Remove one of the two.")
     outputs.check_json(json_file, a, b)
     left, right = read(a), read(b)
     for recording in (left, right):
         for problem in recording.problems:
             err.say(f"{recording.path}: {problem}")
-    if figures:
-        _compare_figures(left, right, json_file)
+    if metrics:
+        _compare_metrics(left, right, json_file)
         return
     until = _horizon(left, tolerance) if tolerance else None
     difference = first_difference(left, right, tolerance, until)
@@ -165,28 +165,28 @@ def compare(
     )
 
 
-def _compare_figures(left: Recording, right: Recording, json_file: Path | None) -> None:
-    """Print the figures of both runs, and their change."""
+def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) -> None:
+    """Print the metrics of both runs, and their change."""
     from hertzloop.results.comparison import compared
-    from hertzloop.results.span_figures import RunFigures
+    from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.views import inspection
     from hertzloop.views.run_json import comparison_as_json
 
-    figures = []
+    metrics = []
     for recording in (left, right):
         one = inspection.inspected(recording)
-        if one.result is None or one.result.figures.first_impact is None:
+        if one.result is None or one.result.metrics.first_impact is None:
             why = [*one.problems, "there is no contact in it"][0]
-            fail(f"{recording.path} has no figures: {why}", 1)
-        figures.append(RunFigures(one.result.figures.first_impact, one.result.figures.whole_run))
+            fail(f"{recording.path} has no metrics: {why}", 1)
+        metrics.append(RunMetrics(one.result.metrics.first_impact, one.result.metrics.whole_run))
         out.say(
-            f"{'AB'[len(figures) - 1]}: {recording.path}, scene "
+            f"{'AB'[len(metrics) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
-    found = compared(*figures)
+    found = compared(*metrics)
     out.print(inspection.comparison_table(found))
     named = {"a": str(left.path), "b": str(right.path)}
-    outputs.write_json(json_file, {**named, "figures": comparison_as_json(found)})
+    outputs.write_json(json_file, {**named, "metrics": comparison_as_json(found)})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:
@@ -303,7 +303,7 @@ def report(
 ) -> None:
     """Write an HTML report on a recording, a sweep or a tuning.
 
-    The page needs no other file. For a run it has figures, charts, an animation of the plate,
+    The page needs no other file. For a run it has metrics, charts, an animation of the plate,
     sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of
     cases and the scene.
     """

@@ -13,18 +13,18 @@ _MOST_ROWS = 20
 
 
 def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Return the least and the largest value of each figure, and the keys that gave them."""
+    """Return the least and the largest value of each metric, and the keys that gave them."""
     table = Table(title="Against no control")
-    for heading in ("figure", "least", "at", "largest", "at"):
-        table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
-    for figure, *words in extremes(rows, keys):
-        table.add_row(figure, *words)
+    for heading in ("metric", "least", "at", "largest", "at"):
+        table.add_column(heading, justify="left" if heading in ("metric", "at") else "right")
+    for metric, *words in extremes(rows, keys):
+        table.add_row(metric, *words)
     return table
 
 
 def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Return median and 95 % range of figures over the draws; a row for each setting of `keys`."""
-    # As many figures as fit side by side in 80 columns.
+    """Return median and 95 % range of metrics over the draws; a row for each setting of `keys`."""
+    # As many metrics as fit side by side in 80 columns.
     names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
     right = [*(key.split(".")[-1] for key in keys), *names]
     table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")

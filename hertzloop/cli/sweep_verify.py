@@ -30,10 +30,10 @@ def verify(
         check_laws(header)
     except ValueError as error:
         fail(str(error))
-    with_figures = sum(not row["status"] for row in rows)
-    if not with_figures:
-        fail(f"{results}: no case has figures to verify. Run the sweep with other ranges.")
-    cases = min(cases, with_figures)
+    with_metrics = sum(not row["status"] for row in rows)
+    if not with_metrics:
+        fail(f"{results}: no case has metrics to verify. Run the sweep with other ranges.")
+    cases = min(cases, with_metrics)
     if header["versions"] != code_version():
         err.say(f"{results}: written by {header['versions']}; bits may differ")
     prepare.compile_first()
@@ -48,8 +48,8 @@ def verify(
     differing = [checked.case for checked in compared if not checked.same]
     same = len(compared) - len(differing)
     out.print(f"{same} of {len(compared)} cases: the same bytes over {transport}")
-    if with_figures < len(rows):
-        out.print(f"{len(rows) - with_figures} of {len(rows)} cases have no figures to verify")
+    if with_metrics < len(rows):
+        out.print(f"{len(rows) - with_metrics} of {len(rows)} cases have no metrics to verify")
     if differing:
         out.say(f"different: case {', '.join(map(str, differing))}")
     not_simulated = [row["status"] for row in not_run(rows)]  # in the results already
@@ -60,7 +60,7 @@ def verify(
             "same": same,
             "differing": differing,
             "failed": len(reasons),
-            "without_figures": len(rows) - with_figures,
+            "without_metrics": len(rows) - with_metrics,
             "leaves_out": counted(rows, "leaves_out"),
             "out_of_range": counted(rows, "out_of_range"),
         },

@@ -134,11 +134,11 @@ def sweep(
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
     data = _print_results(study, results, request)
     outputs.write_json(json_file, data)
-    without_figures = _count_without_figures(results) == study.total
-    if without_figures:
-        out.print(f"No case of {study.total} has figures.")
+    without_metrics = _count_without_metrics(results) == study.total
+    if without_metrics:
+        out.print(f"No case of {study.total} has metrics.")
     end_if_failed([row["status"] for row in results.not_run], study.total)
-    if without_figures:
+    if without_metrics:
         raise typer.Exit(1)
 
 
@@ -205,8 +205,8 @@ def _run(study: PlannedSweep, request: SweepRequest) -> SweepResults:
         fail(f"cannot write {error.filename or target}: {reason}; {_CAN_CONTINUE}.", 1)
 
 
-def _count_without_figures(results: SweepResults) -> int:
-    """Return how many cases failed, or are unstable and have no figures."""
+def _count_without_metrics(results: SweepResults) -> int:
+    """Return how many cases failed, or are unstable and have no metrics."""
     return len(results.not_run) + results.unstable
 
 
@@ -218,13 +218,13 @@ def _print_results(
     for line in results.damaged:
         journal = sweep_study.journal_of(study.results_file)
         err.say(f"line {line} of {journal} was damaged. Its case was run again.")
-    has_figures = _count_without_figures(results) < total
+    has_metrics = _count_without_metrics(results) < total
     is_uncertain = request.uncertain is not None
-    if has_figures:
+    if has_metrics:
         out.print(extremes_table(rows, keys))
     if not is_uncertain:
         _print_best(study, results, request)
-    if is_uncertain and has_figures:
+    if is_uncertain and has_metrics:
         out.print(quantiles_table(rows, [axis.key for axis in study.design.axes]))
     phased = PHASE in keys and request.design == "grid" and not is_uncertain
     over_phases = grouped(rows, keys, SHOWN) if phased else []
@@ -279,7 +279,7 @@ def _print_warnings(results: SweepResults, total: int, out_of_range: dict[str, i
         effects = ", ".join(f"{name} in {n} of {total} cases" for name, n in out_of_range.items())
         out.say(unwrapped(("OUT OF RANGE:", "bold red"), f" {effects}"))
     if results.unstable:
-        out.print(f"{results.unstable} of {total} cases are unstable and have no figures.")
+        out.print(f"{results.unstable} of {total} cases are unstable and have no metrics.")
     growing = results.growing
     if growing:
         largest = max((rate for rate in growing if not math.isnan(rate)), default=math.nan)

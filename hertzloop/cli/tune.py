@@ -16,7 +16,7 @@ from hertzloop.studies.requests import TuneRequest
 
 MinimiseOption = Annotated[
     list[str],
-    typer.Option("--minimise", help="Minimise this figure; repeat for a Pareto front."),
+    typer.Option("--minimise", help="Minimise this metric; repeat for a Pareto front."),
 ]
 GenerationsOption = Annotated[
     int, typer.Option(min=1, max=10_000, help="Stop after this many generations.")
@@ -56,7 +56,7 @@ OverOption = Annotated[
     ),
 ]
 AtMostOption = Annotated[
-    list[str] | None, typer.Option(help="Limit a figure, for example rebound_percent=120.")
+    list[str] | None, typer.Option(help="Limit a metric, for example rebound_percent=120.")
 ]
 OutDirOption = Annotated[
     Path | None,
@@ -85,7 +85,7 @@ def tune(
     folder: OutDirOption = None,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Search for the law and the parameters with the best figures in a scene.
+    """Search for the law and the parameters with the best metrics in a scene.
 
     The search respects the scene's latency, bits and force limit. A killed search goes on with the
     same command.
@@ -123,7 +123,7 @@ def tune(
     if not result.best:
         end_if_failed(result.failed, result.cases)
         fail(
-            "no setting has all figures within --at-most, or meets --require-stable: the loop may "
+            "no setting has all metrics within --at-most, or meets --require-stable: the loop may "
             "be unstable, or nothing may rebound. Try --span run or other ranges.",
             1,
         )

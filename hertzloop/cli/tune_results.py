@@ -44,7 +44,7 @@ def print_result(arguments: TuneArguments, study: TuneStudy, result: TuneResult)
 
 def as_data(result: TuneResult) -> dict[str, Any]:
     """Return the settings found as plain data."""
-    objectives = list(result.published.figures)
+    objectives = list(result.published.metrics)
     return {
         "front": [
             asdict(candidate) | {"unstable_loop": None if growth is None else asdict(growth)}
@@ -74,7 +74,7 @@ def write_result(
     headings = [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys]
     rows = (
         [
-            *candidate.figures.values(),
+            *candidate.metrics.values(),
             *(getattr(candidate.spreads[o], part) for o in objectives for part in _PARTS),
             *(candidate.values.get(key, "") for key in keys),
         ]
@@ -133,11 +133,11 @@ def _verdict(result: TuneResult, objectives: Sequence[str]) -> list[str]:
     winner = _winner(result, objectives)
     if winner is None:
         return [f"none beats the published setting in {first} without raising {keep}"]
-    gained = published.figures[first] - winner.figures[first]
+    gained = published.metrics[first] - winner.metrics[first]
     sentence = f"{_setting_words(winner.values)} beats the published setting in {first} by "
     sentence += f"{gained:z.3f}"
     if rest:
-        sentence += f" at {keep} {winner.figures[keep]:z.3f} against {published.figures[keep]:z.3f}"
+        sentence += f" at {keep} {winner.metrics[keep]:z.3f} against {published.metrics[keep]:z.3f}"
     return [sentence]
 
 
@@ -162,7 +162,7 @@ def _table(result: TuneResult, objectives: Sequence[str]) -> Table:
     for candidate in [*best[::every], result.published]:
         note = " (published)" if candidate is result.published else ""
         table.add_row(
-            *(f"{value:z.3f}" for value in candidate.figures.values()),
+            *(f"{value:z.3f}" for value in candidate.metrics.values()),
             str(candidate.spreads[objectives[0]]),
             _setting_words(candidate.values) + note,
         )

@@ -111,9 +111,9 @@ def checked_study(arguments: TuneArguments) -> TuneStudy:
     for base in bases:
         check_conserves(base.scheme)
     search = replace(arguments.search, at_most=_limits(arguments.at_most))
-    for figure in (*search.objectives, *search.at_most):
-        if figure not in OBJECTIVES:
-            fail(f"--minimise = '{figure}': unknown figure. Use one of {', '.join(OBJECTIVES)}.")
+    for metric in (*search.objectives, *search.at_most):
+        if metric not in OBJECTIVES:
+            fail(f"--minimise = '{metric}': unknown metric. Use one of {', '.join(OBJECTIVES)}.")
     laws = arguments.laws or [bases[0].law_reference]
     if laws == ["all"]:
         laws = list(tuning.LAWS)
@@ -154,7 +154,7 @@ def _combinations(over: list[str]) -> list[dict[str, Any]]:
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
-    """Return the limits of --at-most by figure; end the command for one that is no number."""
+    """Return the limits of --at-most by metric; end the command for one that is no number."""
     limits = {}
     for text in texts:
         match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
@@ -163,7 +163,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
                 limits[match[1]] = float(match[2])
                 continue
         fail(
-            f"--at-most = '{text}': invalid limit. Write figure=number, as in rebound_percent=120."
+            f"--at-most = '{text}': invalid limit. Write metric=number, as in rebound_percent=120."
         )
     return limits
 

@@ -17,8 +17,8 @@ from hertzloop.common.jit import kernel
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.rows_kernels import BACK, OVER
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.rows_kernels import BACK, OVER
 from hertzloop.plant.state_kernels import F_A, F_C, STEP, XI
 from hertzloop.plant.time_series import record_step
 from hertzloop.sensors import kernels as sensor_kernels

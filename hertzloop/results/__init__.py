@@ -1,1 +1,1 @@
-"""Figures of a run as numbers: functions of setup and samples. `hertzloop.views` shows them."""
+"""Metrics of a run as numbers: functions of setup and samples. `hertzloop.views` shows them."""

@@ -12,8 +12,8 @@ from hertzloop.processes.record import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.figures import free_figures, no_loop
 from hertzloop.results.impacts import through_first_contact
+from hertzloop.results.metrics import free_metrics, no_loop
 from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import blocks_of
 from hertzloop.results.run_report import RunReport
@@ -40,7 +40,7 @@ def run_and_assess(
         on_progress: Called with the number of finished steps.
 
     Returns:
-        The recorded run with its figures, compared with the same run without control.
+        The recorded run with its metrics, compared with the same run without control.
 
     Raises:
         RecordingError: The recording is incomplete, or another run has replaced it.
@@ -66,7 +66,7 @@ def run_and_assess(
     return RunReport(
         setup=setup,
         recording=recorded,
-        assessed=assess_recording(setup, recorded, free_figures(setup)),
+        assessed=assess_recording(setup, recorded, free_metrics(setup)),
         balance=balance,
         parts=parts_of(setup, balance),
         transport=options.transport.value,
@@ -86,7 +86,7 @@ def _uncontrolled_in_background(
     setup: Setup, options: RunOptions, on_progress: Callable[[int], None]
 ) -> Iterator[Callable[[int], None]]:
     """Simulate the run without control in a thread while the processes start, and again from the
-    end of their loop on. `free_figures` keeps the result. Yields the callback for the progress.
+    end of their loop on. `free_metrics` keeps the result. Yields the callback for the progress.
 
     A paced run, or a loop in this process, has no such thread: a thread that calls Python would
     delay each block of the loop.
@@ -100,8 +100,8 @@ def _uncontrolled_in_background(
     def simulate() -> None:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, 0, _BACKGROUND_NICE)  # of this thread only
-        with suppress(Exception):  # raised again where the figures are needed
-            free_figures(setup)
+        with suppress(Exception):  # raised again where the metrics are needed
+            free_metrics(setup)
 
     def follow(step: int) -> None:
         if step < setup.steps:

@@ -1,4 +1,4 @@
-"""One case of a sweep: a scene simulated in one compiled call, and its figures."""
+"""One case of a sweep: a scene simulated in one compiled call, and its metrics."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -14,13 +14,13 @@ import numpy as np
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.rows_kernels import all_finite, fingerprint, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.figure_rows import described, figure, rows_of
 from hertzloop.results.impacts import first_impact, impacts_of_rows
+from hertzloop.results.metric_fields import described, metric, rows_of
 from hertzloop.results.run_context import RunContext
-from hertzloop.results.span_figures import SpanFigures, changes_db, of_impact
+from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
 from hertzloop.results.stability import Stability, StabilityAccumulator
 from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
@@ -46,23 +46,23 @@ _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 class CaseState(StrEnum):
     """What became of a case."""
 
-    FIGURES = "figures"
-    UNSTABLE = "unstable"  # it was run, but its figures would say nothing
+    METRICS = "metrics"
+    UNSTABLE = "unstable"  # it was run, but its metrics would say nothing
     NOT_RUN = "not run"
 
 
 class UnstableLoop(SceneError):
-    """The loop is unstable: the actuator adds energy without bound, so there are no figures."""
+    """The loop is unstable: the actuator adds energy without bound, so there are no metrics."""
 
 
 @dataclass(frozen=True)
 class _Case:
-    """What the figures of a case are taken from: `change` in dB by name, effects by state."""
+    """What the metrics of a case are taken from: `change` in dB by name, effects by state."""
 
     setup: Setup
     run: SimulatedRun
-    figures: SpanFigures
-    free: SpanFigures
+    metrics: SpanMetrics
+    free: SpanMetrics
     change: SimpleNamespace
     stability: Stability
     effects: dict[EffectState, str]
@@ -70,7 +70,7 @@ class _Case:
 
 def _rebound_percent(case: _Case) -> float:
     """Of a rebound within the model's error nothing is a share that could be known."""
-    plant, found, free = case.setup.plant, case.figures, case.free
+    plant, found, free = case.setup.plant, case.metrics, case.free
     if not free.rebound_speed_m_s > case.setup.accuracy * plant.sphere.impact_speed_m_s:
         return math.nan
     if plant.sphere.gravity_m_s2 > 0.0:
@@ -80,63 +80,63 @@ def _rebound_percent(case: _Case) -> float:
 
 @described
 @dataclass(frozen=True)
-class CaseFigures:
-    """Figures of a case of a sweep.
+class CaseMetrics:
+    """Metrics of a case of a sweep.
 
-    Figures in dB compare with the same span without control, on the same plate model: 10 lg of an
+    Metrics in dB compare with the same span without control, on the same plate model: 10 lg of an
     energy ratio, 20 lg of a ratio of speeds or pressures.
     """
 
     # fmt: off
-    plate_energy_db: float = figure("change of the plate energy, dB", "plate energy", "dB",
+    plate_energy_db: float = metric("change of the plate energy, dB", "plate energy", "dB",
                                     of="change.plate_energy_j", shown=True)
-    rebound_percent: float = figure(
+    rebound_percent: float = metric(
         "rebound height over that without control, %; kinetic energy of a hammer",
         "rebound height", "%", of=_rebound_percent, shown=True, without=100.0)
-    radiated_db: float = figure("change of the study's figure of radiated energy, dB",
+    radiated_db: float = metric("change of the study's metric of radiated energy, dB",
                                 "radiated energy", "dB", of="change.radiated_j", shown=True)
-    plate_speed_db: float = figure("change of the largest plate speed, dB", "largest plate speed",
+    plate_speed_db: float = metric("change of the largest plate speed, dB", "largest plate speed",
                                    "dB", of="change.plate_speed_max_m_s", db=20.0, shown=True)
-    pressure_db: float = figure("change of the pressure bound, dB", "pressure bound", "dB",
+    pressure_db: float = metric("change of the pressure bound, dB", "pressure bound", "dB",
                                 of="change.peak_pressure_pa", db=20.0, shown=True)
-    longhorn_db: float = figure("change of `longhorn_j` (Longhorn 1952), dB", "Longhorn's energy",
+    longhorn_db: float = metric("change of `longhorn_j` (Longhorn 1952), dB", "Longhorn's energy",
                                 "dB", of="change.longhorn_j")
-    holmes_db: float = figure("change of `holmes_j` (Holmes 1974), dB", "Holmes's energy", "dB",
+    holmes_db: float = metric("change of `holmes_j` (Holmes 1974), dB", "Holmes's energy", "dB",
                               of="change.holmes_j")
-    plate_energy_j: float = figure("work of contact force and actuator force on the plate, J")
-    injected_j: float = figure("work of the actuator force on the plate, J",
+    plate_energy_j: float = metric("work of contact force and actuator force on the plate, J")
+    injected_j: float = metric("work of the actuator force on the plate, J",
                                of="run.balance.injected_j")
-    pumps: bool = figure("whether the actuator had at some time added more than the energy of the "
+    pumps: bool = metric("whether the actuator had at some time added more than the energy of the "
                          "impact", of="stability.pumps")
-    impact_energy_j: float = figure("energy of the striker before the impact, J",
+    impact_energy_j: float = metric("energy of the striker before the impact, J",
                                     of="run.balance.energy_start_j")
-    rebound_m_s: float = figure("speed of the striker after the last contact, m/s",
-                                of="figures.rebound_speed_m_s")
-    contact_us: float = figure("duration of the first contact, us",
-                               of=lambda case: 1e6 * case.figures.contact_time_s)
-    contacts: int = figure("number of contacts")
-    peak_force_n: float = figure("largest contact force, N", "largest contact force", "N")
-    delay_us: float = figure("delay that the law latched, us; nan without one",
+    rebound_m_s: float = metric("speed of the striker after the last contact, m/s",
+                                of="metrics.rebound_speed_m_s")
+    contact_us: float = metric("duration of the first contact, us",
+                               of=lambda case: 1e6 * case.metrics.contact_time_s)
+    contacts: int = metric("number of contacts")
+    peak_force_n: float = metric("largest contact force, N", "largest contact force", "N")
+    delay_us: float = metric("delay that the law latched, us; nan without one",
                              of=lambda case: latched_us(case.setup, case.run))
-    energy_residual: float = figure("missing part of the energy balance, relative",
+    energy_residual: float = metric("missing part of the energy balance, relative",
                                     of="run.balance.energy_residual")
-    plate_model: str = figure('"modal" or "infinite"; with this value of run.plate_model, '
-                              "`hertzloop run` gives the same figures",
+    plate_model: str = metric('"modal" or "infinite"; with this value of run.plate_model, '
+                              "`hertzloop run` gives the same metrics",
                               of="setup.scene.run.plate_model")
-    leaves_out: str = figure("names of indicators above their threshold "
+    leaves_out: str = metric("names of indicators above their threshold "
                              "(`hertzloop.results.effects`)",
                              of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
-    out_of_range: str = figure("names of indicators beyond the range of the model",
+    out_of_range: str = metric("names of indicators beyond the range of the model",
                                of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
-    steps: int = figure("number of simulated steps", of=lambda case: case.run.rows.shape[1])
-    digest: str = figure("digest of all samples and states of these steps",
+    steps: int = metric("number of simulated steps", of=lambda case: case.run.rows.shape[1])
+    digest: str = metric("digest of all samples and states of these steps",
                          of=lambda case: digest_of(case.run.rows, case.run.samples))
     # fmt: on
 
 
-CASE_ROWS = rows_of(CaseFigures)
+CASE_ROWS = rows_of(CaseMetrics)
 _TAKEN = [
-    attrgetter(row.of or f"figures.{name}") if isinstance(row.of, str) else row.of
+    attrgetter(row.of or f"metrics.{name}") if isinstance(row.of, str) else row.of
     for name, row in CASE_ROWS.items()
 ]
 SHOWN = tuple(name for name, row in CASE_ROWS.items() if row.shown)
@@ -209,10 +209,10 @@ def latched_us(setup: Setup, run: SimulatedRun) -> float:
     return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
 
 
-def figures_of_case(setup: Setup, span: Span = "impact") -> CaseFigures:
+def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" for the first impact (see `plant.figures.rows_kernels`), "run" for all.
+    `span`: "impact" for the first impact (see `plant.metrics.rows_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """
@@ -233,8 +233,8 @@ def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
     return [found[number] for number in range(len(cases))]
 
 
-def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures]:
-    """`figures_of_case`, which pauses between its parts unless its rows are many."""
+def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics]:
+    """`metrics_of_case`, which pauses between its parts unless its rows are many."""
     check_conserves(setup.scheme)
     try:
         setup, run = _follow(setup, span)
@@ -247,17 +247,17 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
         yield
     found = _bounded(setup, run.rows)
     if not (all_finite(run.rows) and math.isfinite(run.balance.energy_residual)):
-        raise SceneError("the run has numbers that are not finite; its figures would say nothing")
-    figures, impacts, end = _figures(setup, span, run.rows)
+        raise SceneError("the run has numbers that are not finite; its metrics would say nothing")
+    metrics, impacts, end = _metrics(setup, span, run.rows)
     if few:
         yield
     left_out = _left_out(setup, run.rows[:, :end], impacts)
     free = uncontrolled(setup, span)
     if few:
         yield
-    change = SimpleNamespace(**changes_db(figures, free))
-    case = _Case(setup, run, figures, free, change, found, left_out)
-    return CaseFigures(*(take(case) for take in _TAKEN))
+    change = SimpleNamespace(**changes_db(metrics, free))
+    case = _Case(setup, run, metrics, free, change, found, left_out)
+    return CaseMetrics(*(take(case) for take in _TAKEN))
 
 
 def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
@@ -275,15 +275,15 @@ def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
     return found
 
 
-def uncontrolled(setup: Setup, span: Span) -> SpanFigures:
-    """Return the figures of a span of a scene without control. Raises SceneError."""
+def uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
+    """Return the metrics of a span of a scene without control. Raises SceneError."""
     return _uncontrolled(setup.plant_only(), span)
 
 
 @lru_cache(maxsize=64)
-def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
+def _uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
     setup, run = _follow(setup, span)
-    return _figures(setup, span, run.rows)[0]
+    return _metrics(setup, span, run.rows)[0]
 
 
 def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
@@ -295,9 +295,9 @@ def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[Eff
     )
 
 
-def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
-    """Figures of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
-    what is audible counts alone: no figure of a case asks for more."""
+def _metrics(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanMetrics, list[Impact], int]:
+    """Metrics of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
+    what is audible counts alone: no metric of a case asks for more."""
     spec, modes = setup.plant, audible_modes(setup.plant)
     if span == "impact":
         first = first_impact(setup, rows, modes)

@@ -1,18 +1,18 @@
-"""The figures of two runs, side by side."""
+"""The metrics of two runs, side by side."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
-from hertzloop.results.span_figures import DECIBELS, SPAN_ROWS, RunFigures, decibels
+from hertzloop.results.span_metrics import DECIBELS, SPAN_ROWS, RunMetrics, decibels
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One figure of two runs.
+    """One metric of two runs.
 
     Attributes:
         span: "first_impact" or "whole_run".
-        figure: name of the figure in `SpanFigures`.
+        metric: name of the metric in `SpanMetrics`.
         a: value of the first run, SI units.
         b: value of the second run, SI units.
         b_to_a: change from a to b in `unit`; nan where no ratio is defined.
@@ -20,7 +20,7 @@ class Difference:
     """
 
     span: str
-    figure: str
+    metric: str
     a: float
     b: float
     b_to_a: float
@@ -29,22 +29,22 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All figures of two runs.
+    """All metrics of two runs.
 
     Attributes:
-        rows: the figures of the first impact, then those of the whole run.
+        rows: the metrics of the first impact, then those of the whole run.
     """
 
     rows: tuple[Difference, ...]
 
 
-def compared(a: RunFigures, b: RunFigures) -> Comparison:
+def compared(a: RunMetrics, b: RunMetrics) -> Comparison:
     """Compare the spans that both runs have."""
     return Comparison(tuple(_rows(a, b)))
 
 
-def _rows(a: RunFigures, b: RunFigures) -> Iterator[Difference]:
-    for span in (f.name for f in fields(RunFigures)):
+def _rows(a: RunMetrics, b: RunMetrics) -> Iterator[Difference]:
+    for span in (f.name for f in fields(RunMetrics)):
         one, other = getattr(a, span), getattr(b, span)
         if one is None or other is None:
             continue

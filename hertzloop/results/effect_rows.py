@@ -339,7 +339,7 @@ ROWS = (
     EffectRow(
         "modes end below the impact", "expected error of the first impact", None, _NOTHING_LEFT,
         _modes_end, _modes_end_words,
-        "the modes end below the impact: its figures are within {p}, later ones unknown",
+        "the modes end below the impact: its metrics are within {p}, later ones unknown",
         "plate.tail",
     ),
     EffectRow(

@@ -1,6 +1,6 @@
-"""Impacts cut out of a run's rows of truth as they come, with their noise figures.
+"""Impacts cut out of a run's rows of truth as they come, with their noise metrics.
 
-The figures of an impact reach as far as `plant.figures.rows_kernels` says; they are summed over
+The metrics of an impact reach as far as `plant.metrics.rows_kernels` says; they are summed over
 pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
 blocks nor what follows the impact counts.
 """
@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.impacts import (
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.impacts import (
     Impact,
     ImpactPart,
     contacts,
@@ -22,8 +22,8 @@ from hertzloop.plant.figures.impacts import (
     peak_force_n,
     peak_speed_m_s,
 )
-from hertzloop.plant.figures.noise import ImpactNoise, impact_noise, published_noise, turned
-from hertzloop.plant.figures.rows_kernels import END, OVER
+from hertzloop.plant.metrics.noise import ImpactNoise, impact_noise, published_noise, turned
+from hertzloop.plant.metrics.rows_kernels import END, OVER
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -41,7 +41,7 @@ Block = tuple[int, np.ndarray]  # first step, rows of truth from there on, shape
 class RowsOfImpact:
     """One impact: first step in contact, first step after it, first step after the impact, contact
     force until `end` (N, its elastic part in the published scheme), whether the contact ended
-    within the run, and figures; those of the published scheme are the study's: contact time by
+    within the run, and metrics; those of the published scheme are the study's: contact time by
     samples, plate energy as summed."""
 
     start: int
@@ -54,14 +54,14 @@ class RowsOfImpact:
 
 
 class ImpactWindow(Protocol):
-    """Takes the rows from the start of one impact to that of the next; its figures are of as many
+    """Takes the rows from the start of one impact to that of the next; its metrics are of as many
     of them as belong to the impact."""
 
     def feed(self, rows: np.ndarray) -> None:
         """The rows that follow, shape (10, steps)."""
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
-        """Its figures, with the first row of the next impact, shape (10, 1), or None at the end of
+        """Its metrics, with the first row of the next impact, shape (10, 1), or None at the end of
         the run; None if there is too little of it."""
 
 
@@ -107,7 +107,7 @@ def _closed(window: ImpactWindow | None, following: np.ndarray | None) -> Iterat
 
 
 class ConsistentWindow:
-    """Figures of one impact of a consistent scheme, from its start until it is over."""
+    """Metrics of one impact of a consistent scheme, from its start until it is over."""
 
     def __init__(
         self,
@@ -310,7 +310,7 @@ def impacts_of_rows(
 ) -> list[RowsOfImpact]:
     """Impacts of a run from its rows of truth, shape (10, steps).
 
-    A contact that the run's end cuts off has the figures of its part.
+    A contact that the run's end cuts off has the metrics of its part.
     """
     return list(impacts_of_blocks(setup, [(0, rows)], modes))
 
@@ -358,7 +358,7 @@ def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
 
 
 class _PublishedWindow:
-    """The study's figures: over the samples of the contact and the first one after.
+    """The study's metrics: over the samples of the contact and the first one after.
 
     The last of `speeds` is the impact speed; the next one is appended.
     """

@@ -7,7 +7,7 @@ from hertzloop.loop.simulate import LawStopped, simulate
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.cases import latched_us
-from hertzloop.results.figures import Figures
+from hertzloop.results.metrics import Metrics
 from hertzloop.results.verification import (
     Verification,
     changes,
@@ -21,8 +21,8 @@ from hertzloop.scene.setup import Setup
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 
 
-class SensitiveFigure(StrEnum):
-    """Figures of the first impact that a finer model moves, as `Verification` names them."""
+class SensitiveMetric(StrEnum):
+    """Metrics of the first impact that a finer model moves, as `Verification` names them."""
 
     PENETRATION = "penetration"
     REBOUND_SPEED = "rebound_speed"
@@ -56,9 +56,9 @@ class LawAccuracy:
         return self.by_modes.largest <= max(self.asked, self.expected)
 
     @property
-    def most_moved(self) -> SensitiveFigure:
-        """The figure that twice the modes change most."""
-        return max(SensitiveFigure, key=lambda figure: getattr(self.by_modes, figure))
+    def most_moved(self) -> SensitiveMetric:
+        """The metric that twice the modes change most."""
+        return max(SensitiveMetric, key=lambda metric: getattr(self.by_modes, metric))
 
     @property
     def latches_otherwise(self) -> bool:
@@ -122,9 +122,9 @@ def _twice_the_modes(setup: Setup) -> PlantSpec | None:
     return replace(spec, frequency_limit_hz=limit_hz)
 
 
-def law_accuracy(setup: Setup, figures: Figures) -> LawAccuracy | None:
+def law_accuracy(setup: Setup, metrics: Metrics) -> LawAccuracy | None:
     """Whether the accuracy asked for is kept under the law of a run."""
-    if not figures.impacts or figures.stability.unstable:
+    if not metrics.impacts or metrics.stability.unstable:
         return None
-    first = figures.impacts[0]
+    first = metrics.impacts[0]
     return simulated_law_accuracy(setup, first.start_s + 2.0 * first.duration_s)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.atomic_files import write_whole
-from hertzloop.plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
-from hertzloop.plant.figures.sound import (
+from hertzloop.plant.metrics.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
+from hertzloop.plant.metrics.sound import (
     FADE_FROM,
     Excitation,
     Grid,

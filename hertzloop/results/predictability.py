@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.loop.simulate import closed_loop_rows
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1
-from hertzloop.results.figures import Figures, RunResult
 from hertzloop.results.impacts import impacts_of_blocks
+from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -46,7 +46,7 @@ class ImpactErrors:
     Attributes:
         amplification: relative change of the most sensitive quantity over the disturbance.
         errors: error of each quantity at the model's error, in the unit of the quantity.
-        noise_errors: the same for each noise figure.
+        noise_errors: the same for each noise metric.
     """
 
     amplification: float
@@ -74,7 +74,7 @@ def known_impacts(
         model_error: Model error of the run, relative.
         in_lock_step: Whether the run was in lock-step. The impacts of a paced run differ from the
             disturbed ones for that reason alone, so that a run in lock-step replaces them.
-        noise: Noise figures of the impacts.
+        noise: Noise metrics of the impacts.
 
     Returns:
         The errors of each impact; None for fewer than two impacts and for the published scheme.
@@ -99,16 +99,16 @@ def known_impacts(
 
 
 def _moved(
-    figures: dict[str, float], others: dict[str, float], names: Iterable[str]
+    metrics: dict[str, float], others: dict[str, float], names: Iterable[str]
 ) -> dict[str, float]:
-    """Return by how much figures differ; infinite if the others have no such figure."""
-    return {name: abs(others.get(name, np.inf) - figures[name]) for name in names}
+    """Return by how much metrics differ; infinite if the others have no such metric."""
+    return {name: abs(others.get(name, np.inf) - metrics[name]) for name in names}
 
 
 def _impacts(
     setup: Setup, disturbance: float = 0.0
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
-    """Simulate impacts and their noise figures, with fields as in `Impact` and `ImpactNoise`."""
+    """Simulate impacts and their noise metrics, with fields as in `Impact` and `ImpactNoise`."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = impacts_of_blocks(setup, closed_loop_rows(setup, disturbance))
         return [(vars(one.impact), vars(one.noise)) for one in found]
@@ -117,7 +117,7 @@ def _impacts(
 def errors_of(
     known: Sequence[ImpactErrors] | None, impact: int, of: str = "errors"
 ) -> dict[str, float]:
-    """Return the errors of a chaotic impact, `of` its figures ("errors") or its noise
+    """Return the errors of a chaotic impact, `of` its metrics ("errors") or its noise
     ("noise_errors"); empty if all digits are predictable."""
     if known is None or impact >= len(known) or not known[impact].chaotic:
         return {}
@@ -167,7 +167,7 @@ class Predictability:
 def predictability(
     setup: Setup,
     result: RunResult,
-    free: Figures | None,
+    free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> Predictability:
     """Estimate how well the impacts of a run can be known.
@@ -175,7 +175,7 @@ def predictability(
     Args:
         setup: The setup of the run.
         result: The run. If its forces were late, the same run in lock-step is evaluated instead.
-        free: Figures of the run without control.
+        free: Metrics of the run without control.
         not_repeatable: Why the closed loop cannot be simulated again, if so.
 
     Returns:
@@ -183,14 +183,14 @@ def predictability(
     """
     error, without = result.expected_error, setup.without_control(same_plate=True)
 
-    def known(of: Setup, figures: Figures, in_lock_step: bool = True) -> list[ImpactErrors] | None:
+    def known(of: Setup, metrics: Metrics, in_lock_step: bool = True) -> list[ImpactErrors] | None:
         assert error is not None
-        return known_impacts(of, figures.impacts, error, in_lock_step, figures.noise)
+        return known_impacts(of, metrics.impacts, error, in_lock_step, metrics.noise)
 
     own = other = None
-    if not not_repeatable and not result.figures.stability.unstable:
+    if not not_repeatable and not result.metrics.stability.unstable:
         try:
-            own = known(setup, result.figures, not result.late)
+            own = known(setup, result.metrics, not result.late)
         except SceneError as stopped:  # the law, in the disturbed run
             not_repeatable = NotRepeatable(WhyNotRepeatable.LAW_STOPPED, error=str(stopped))
     if not setup.has_law:

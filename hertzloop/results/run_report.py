@@ -19,7 +19,7 @@ class RunReport:
     Attributes:
         setup: the setup of the run.
         recording: the recording, as read after the run.
-        assessed: figures of the run, and their assessment.
+        assessed: metrics of the run, and their assessment.
         balance: energy and momentum balance at the end of the run.
         parts: models that the run used for its plant.
         transport: name of the transport.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.rows_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.rows_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI_A, XI_P
 from hertzloop.results.statistics import Accumulator, control_force_n

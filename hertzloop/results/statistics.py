@@ -8,8 +8,8 @@ import numpy as np
 
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
 from hertzloop.results.impacts import Block

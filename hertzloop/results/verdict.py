@@ -1,4 +1,4 @@
-"""Assess a run: whether control helped, in what, why not, and what spoils the figures."""
+"""Assess a run: whether control helped, in what, why not, and what spoils the metrics."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -7,13 +7,13 @@ from enum import Enum, auto
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Event, Recording
-from hertzloop.results.figures import Figures, RunResult, Saturation, figures_of
 from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
+from hertzloop.results.metrics import Metrics, RunResult, Saturation, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import Predictability, errors_of, predictability
 from hertzloop.results.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
 from hertzloop.results.repeatability import NotRepeatable
-from hertzloop.results.span_figures import DECIBELS, change_db
+from hertzloop.results.span_metrics import DECIBELS, change_db
 from hertzloop.scene.setup import Setup
 
 HARDLY_DB = 0.1
@@ -44,17 +44,17 @@ class LaterContacts(Enum):
 
 @dataclass(frozen=True)
 class Change:
-    """Change of another figure of the first impact by control.
+    """Change of another metric of the first impact by control.
 
     Attributes:
-        figure: name of the figure.
+        metric: name of the metric.
         value: change in dB; for the rebound height, per cent of that without control.
         error: error of the change, in the same unit.
-        better: whether control improves the figure.
-        from_nothing: whether the figure without control is nearly zero.
+        better: whether control improves the metric.
+        from_nothing: whether the metric without control is nearly zero.
     """
 
-    figure: str
+    metric: str
     value: float
     error: float
     better: bool
@@ -91,7 +91,7 @@ class Control:
         later: what is known of later contacts.
         whole_db: change of the plate energy over all contacts, dB; None if not predictable.
         contacts: numbers of contacts with and without control.
-        changes: changes of other figures.
+        changes: changes of other metrics.
         reasons: why control does not help; None if it helps.
     """
 
@@ -122,7 +122,7 @@ class RunVerdict:
 
 @dataclass(frozen=True)
 class Assessment:
-    """The assessment of a run's figures.
+    """The assessment of a run's metrics.
 
     Attributes:
         stated_error: model error of the run, relative; None if it is not known.
@@ -139,16 +139,16 @@ class Assessment:
 
 @dataclass(frozen=True)
 class RunAssessment:
-    """A recorded run with its figures and their assessment.
+    """A recorded run with its metrics and their assessment.
 
     Attributes:
         law: the law that the controller used.
-        result: the figures of the run.
+        result: the metrics of the run.
         yielded: the permanent indentation; None if the contact did not yield.
         requested_accuracy: requested model error, relative.
         pacing: missed deadlines; None for a run in lock-step.
-        free: figures of the same run without control; None if the run has no control.
-        assessment: what the figures show.
+        free: metrics of the same run without control; None if the run has no control.
+        assessment: what the metrics show.
     """
 
     law: RecordedLaw
@@ -156,28 +156,28 @@ class RunAssessment:
     yielded: Yield | None
     requested_accuracy: float
     pacing: Pacing | None
-    free: Figures | None
+    free: Metrics | None
     assessment: Assessment
 
 
 def assess_recording(
     setup: Setup,
     recording: Recording,
-    free: Figures | None,
+    free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> RunAssessment:
-    """Compute all figures of a recorded run, and assess them.
+    """Compute all metrics of a recorded run, and assess them.
 
     Args:
         setup: The setup of the run, whose closed loop is simulated again.
         recording: The run.
-        free: Figures of the same run without control, None if it is that itself.
+        free: Metrics of the same run without control, None if it is that itself.
         not_repeatable: Why the closed loop cannot be simulated again, where that is so.
     """
     balance, law = recording.balance, law_of(recording)
-    figures, pacing = figures_of(setup, blocks_of(recording)), pacing_of(recording)
+    metrics, pacing = metrics_of(setup, blocks_of(recording)), pacing_of(recording)
     result = RunResult(
-        figures,
+        metrics,
         law.scene_law,
         balance.expected_error if balance else None,
         injected_j=balance.injected_j if balance else 0.0,
@@ -193,11 +193,11 @@ def assess_recording(
 def assess(
     setup: Setup,
     result: RunResult,
-    free: Figures | None,
+    free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> Assessment:
-    """Assess the figures of a run; arguments as for `assess_recording`."""
-    accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.figures)
+    """Assess the metrics of a run; arguments as for `assess_recording`."""
+    accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.metrics)
     result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
     known = predictability(setup, result, free, not_repeatable)
     found = verdict(result, free, known, accuracy)
@@ -206,26 +206,26 @@ def assess(
 
 def verdict(
     result: RunResult,
-    free: Figures | None = None,
+    free: Metrics | None = None,
     known: Predictability | None = None,
     accuracy: LawAccuracy | None = None,
 ) -> RunVerdict:
-    """Return the verdict on a run; without `free`, the figures of the run without control, it says
-    only what spoils the figures."""
-    control, figures = None, result.figures
-    comparable = bool(figures.impacts) and not figures.stability.unstable
+    """Return the verdict on a run; without `free`, the metrics of the run without control, it says
+    only what spoils the metrics."""
+    control, metrics = None, result.metrics
+    comparable = bool(metrics.impacts) and not metrics.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
         control = _control(result, free, known)
     return RunVerdict(result, control, accuracy if accuracy and not accuracy.kept else None)
 
 
-def _control(result: RunResult, free: Figures, known: Predictability | None) -> Control:
+def _control(result: RunResult, free: Metrics, known: Predictability | None) -> Control:
     """Evaluate whether control helped, in what, and why not."""
-    figures = result.figures
-    if figures.push is None:
+    metrics = result.metrics
+    if metrics.push is None:
         return Control(ControlEffect.IDLE)
-    contacts = len(figures.impacts), len(free.impacts)
-    energy, error, later, whole_db = _plate_energy(figures, free, known)
+    contacts = len(metrics.impacts), len(free.impacts)
+    energy, error, later, whole_db = _plate_energy(metrics, free, known)
     if error > HARDLY_DB and not _predictable(energy, error):
         return Control(ControlEffect.UNPREDICTABLE)
     outcome = ControlEffect.HARDLY
@@ -236,7 +236,7 @@ def _control(result: RunResult, free: Figures, known: Predictability | None) -> 
     reasons = None
     if outcome is not ControlEffect.HELPS:
         reasons = _reasons(result, free.impacts[0].duration_s)
-    changes = tuple(_changes(figures, free, known))
+    changes = tuple(_changes(metrics, free, known))
     return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
 
 
@@ -246,13 +246,13 @@ def _predictable(value: float, error: float) -> bool:
 
 
 def _plate_energy(
-    figures: Figures, free: Figures, known: Predictability | None
+    metrics: Metrics, free: Metrics, known: Predictability | None
 ) -> tuple[float, float, LaterContacts, float | None]:
     """Change of the plate energy in the first impact (dB), its error, what is known of later
     contacts, and the change over all of them where that is predictable to the printed digit."""
     sums, errors, whole = [], [], []
     digits = (known.controlled, known.uncontrolled) if known else (None, None)
-    for found, of in zip((figures, free), digits, strict=True):
+    for found, of in zip((metrics, free), digits, strict=True):
         sums.append([impact.plate_energy_j for impact in found.impacts])
         run = found.whole_run  # None of the published scheme
         whole.append(run.plate_energy_j if run else sum(sums[-1]))
@@ -270,11 +270,11 @@ def _plate_energy(
     return *first, later, over_all
 
 
-def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:
-    """Yield other figures of the first impact that are better or worse."""
-    if not figures.noise or not free.noise:
+def _changes(metrics: Metrics, free: Metrics, known: Predictability | None) -> Iterable[Change]:
+    """Yield other metrics of the first impact that are better or worse."""
+    if not metrics.noise or not free.noise:
         return
-    with_, without = vars(figures.noise[0]), vars(free.noise[0])
+    with_, without = vars(metrics.noise[0]), vars(free.noise[0])
     wrong, other = (
         errors_of(of, 0, "noise_errors")
         for of in ((known.controlled, known.uncontrolled) if known else (None, None))
@@ -296,8 +296,8 @@ def _changes(figures: Figures, free: Figures, known: Predictability | None) -> I
 
 
 def _reasons(result: RunResult, contact_s: float) -> Reasons:
-    """Return the reasons that the figures show."""
-    push = result.figures.push
+    """Return the reasons that the metrics show."""
+    push = result.metrics.push
     assert push is not None
     late = push.after_touch_s / contact_s
     mistaken = result.dent_m != 0.0 and not result.law_models_yield

@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant import state_kernels
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES, supporting

@@ -1,4 +1,4 @@
-"""Figures of a whole run, from its time series in blocks."""
+"""Metrics of a whole run, from its time series in blocks."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from hertzloop.plant.figures.impacts import Impact, work_j
-from hertzloop.plant.figures.noise import (
+from hertzloop.plant.metrics.impacts import Impact, work_j
+from hertzloop.plant.metrics.noise import (
     RADIATED_UP_TO_HZ,
     audible,
     audible_alone,
@@ -18,7 +18,7 @@ from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P
 from hertzloop.results.impacts import PIECE
-from hertzloop.results.span_figures import SpanFigures, span_figures
+from hertzloop.results.span_metrics import SpanMetrics, span_metrics
 from hertzloop.results.statistics import Accumulator
 
 # Of 20 kHz: no oscillator stands for modes further apart than that.
@@ -41,7 +41,7 @@ def audible_modes(spec: PlantSpec) -> Oscillators:
 
 
 class WholeRunAccumulator(Accumulator):
-    """Accumulates the figures of a run from its first contact on, for a scheme that conserves
+    """Accumulates the metrics of a run from its first contact on, for a scheme that conserves
     energy. The sums run over pieces that are counted from the first contact."""
 
     def __init__(self, spec: PlantSpec) -> None:
@@ -71,8 +71,8 @@ class WholeRunAccumulator(Accumulator):
             self._take(rows[:, :PIECE], rows[:, PIECE : PIECE + 1])
             self._parts, self._held = [rows[:, PIECE:]], rows.shape[1] - PIECE
 
-    def result(self, impacts: list[Impact]) -> SpanFigures | None:
-        """Return the figures of the run, whose impacts are known; None without an impact."""
+    def result(self, impacts: list[Impact]) -> SpanMetrics | None:
+        """Return the metrics of the run, whose impacts are known; None without an impact."""
         if self._parts:
             self._take(np.concatenate(self._parts, axis=1), np.zeros((10, 0)))
             self._parts = []
@@ -88,7 +88,7 @@ class WholeRunAccumulator(Accumulator):
             impacts[0].impact_speed_m_s,
             impacts[-1].rebound_speed_m_s,
         )
-        return span_figures(len(impacts), max(i.peak_force_n for i in impacts), noise)
+        return span_metrics(len(impacts), max(i.peak_force_n for i in impacts), noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         spec, lead = self._spec, self._before.shape[1]

@@ -35,7 +35,7 @@ _WORDS = {float: "number", int: "whole number", str: "text", bool: "true or fals
 
 
 def unit_of(name: str) -> tuple[str, str]:
-    """A key's or figure's name without the ending that says its unit, and the unit, "" if none."""
+    """A key's or metric's name without the ending that says its unit, and the unit, "" if none."""
     ending = next((end for end in _UNITS if name.endswith(end)), "")
     return name.removesuffix(ending), _UNITS.get(ending, "")
 

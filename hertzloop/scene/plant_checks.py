@@ -249,7 +249,7 @@ def _plate_in_words(scene: PlantTables) -> str:
 
 
 def check_conserves(scheme: str) -> None:
-    """Raise SceneError for a scheme that keeps neither energy nor momentum, on which figures of
+    """Raise SceneError for a scheme that keeps neither energy nor momentum, on which metrics of
     cases rest."""
     if not SCHEMES[scheme].conserves:
         raise SceneError(

@@ -12,7 +12,7 @@ from hertzloop.plant.structures.structure import Structure, frequencies
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 
-_STEPS_OF_CONTACT = 10  # at least, for figures worth printing
+_STEPS_OF_CONTACT = 10  # at least, for metrics worth printing
 NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail
 _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode

@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.controller.loading.law import LawError
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.figures.impacts import contacts
+from hertzloop.plant.metrics.impacts import contacts
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup, resolve

@@ -48,7 +48,7 @@ def draw(found: ForceComparison, names: tuple[str, str], path: Path) -> Path:
     """Both forces over the whole run, and around the first difference."""
     at = found.first if found.first is not None else int(np.argmax(np.abs(found.recorded_n)))
     near = slice(max(at - _AROUND_STEPS, 0), at + _AROUND_STEPS)
-    figure, axes = pictures.sheet(2, 1)
+    metric, axes = pictures.sheet(2, 1)
     for axis, span, scale, unit in (
         (axes[0, 0], slice(None), 1e3, "ms"),
         (axes[1, 0], near, 1e6, "us"),
@@ -61,7 +61,7 @@ def draw(found: ForceComparison, names: tuple[str, str], path: Path) -> Path:
     if found.first is not None:
         axes[1, 0].axvline(1e6 * found.step_s * at, color="0.5", linewidth=0.8)
         axes[1, 0].set_title(f"around the first difference, step {at}")
-    return pictures.save(figure, path)
+    return pictures.save(metric, path)
 
 
 _A_BAR = 4  # classes

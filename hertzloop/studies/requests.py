@@ -13,14 +13,14 @@ class TuneRequest:
     """A search for the best settings of laws.
 
     Attributes:
-        objectives: Figures to minimise; several give a Pareto front.
+        objectives: Metrics to minimise; several give a Pareto front.
         span: Part of the run that is evaluated: the first impact or the whole run.
         generations: Number of generations of the search.
         population: Number of settings in a generation.
         phases: Number of touch phases to average over.
         seed: Random seed of the search.
         require_stable: Whether settings whose linear loop is unstable in flight are refused.
-        at_most: Largest allowed values, by figure.
+        at_most: Largest allowed values, by metric.
     """
 
     objectives: Sequence[str] = ("plate_energy_db", "rebound_percent")
@@ -91,5 +91,5 @@ class BudgetRequest:
 
     @property
     def first_span(self) -> Span:
-        """The span whose figures come first."""
+        """The span whose metrics come first."""
         return "impact" if self.span == "both" else self.span

@@ -59,24 +59,24 @@ LAWS = (
 
 @dataclass(frozen=True)
 class Candidate:
-    """A setting and its figures.
+    """A setting and its metrics.
 
     Attributes:
         values: values by scene key.
-        figures: minimised figures by name, the worst of the scenes.
-        spreads: mean and range over touch phases by figure, for the scene with the worst mean;
+        metrics: minimised metrics by name, the worst of the scenes.
+        spreads: mean and range over touch phases by metric, for the scene with the worst mean;
             empty where not computed.
     """
 
     values: dict[str, Any]
-    figures: dict[str, float]
+    metrics: dict[str, float]
     spreads: dict[str, Spread] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Tuned:
     """Settings that no other beats, the published one, and what was asked for: scenes as TOML,
-    figures, the span, limits, the command that finds them again."""
+    metrics, the span, limits, the command that finds them again."""
 
     scenes: Sequence[str]
     objectives: Sequence[str]
@@ -117,7 +117,7 @@ def _candidate(data: dict[str, Any]) -> Candidate:
         name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
         for name, spread in data["spreads"].items()
     }
-    return Candidate(data["values"], data["figures"], spreads)
+    return Candidate(data["values"], data["metrics"], spreads)
 
 
 PUBLISHED: dict[str, Any] = {
@@ -125,7 +125,7 @@ PUBLISHED: dict[str, Any] = {
     "controller.kappa": 0.8,
     "controller.v_thr_m_s": -0.25,
 }
-_BAD = 1e6  # of a case without figures: unstable, or impossible
+_BAD = 1e6  # of a case without metrics: unstable, or impossible
 
 
 def header_of(
@@ -238,17 +238,17 @@ def worst_of(
     names: list[str],
     phases: int = 1,
 ) -> np.ndarray:
-    """Largest figure over the scenes, shape (cases, names), each the mean over so many `phases` of
+    """Largest metric over the scenes, shape (cases, names), each the mean over so many `phases` of
     the touch, or at the scene's own if that is 1; _BAD where there is none."""
 
-    def figure(row: dict[str, Any], name: str) -> float:
+    def metric(row: dict[str, Any], name: str) -> float:
         value = _BAD if row["status"] else float(row[name])
         return _BAD if math.isnan(value) else value
 
     tried = cases if phases == 1 else [c for case in cases for c in at_all(case, phases)]
     found = np.array(
         [
-            [[figure(row, name) for name in names] for row in evaluate(pool, setup, span, tried)]
+            [[metric(row, name) for name in names] for row in evaluate(pool, setup, span, tried)]
             for setup in scenes
         ]
     ).reshape(len(scenes), len(cases), phases, len(names))
@@ -261,7 +261,7 @@ def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | N
     where every loop is stable in flight, or is not linear."""
     found = []
     for setup in scenes:
-        with suppress(SceneError):  # a setting that a scene refuses has no figures either
+        with suppress(SceneError):  # a setting that a scene refuses has no metrics either
             growth = growth_of(setup.vary(values))
             if growth is not None and growth.unstable_poles != 0:
                 found.append(growth)
@@ -271,7 +271,7 @@ def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | N
 def with_spreads(
     pool: Pool, scenes: list[Setup], span: Span, found: list[Candidate], names: Sequence[str]
 ) -> list[Candidate]:
-    """The same settings with mean and range of their figures over the touch phase."""
+    """The same settings with mean and range of their metrics over the touch phase."""
     cases = [f.values for f in found]
     tried = [spread_over(pool, setup, span, cases, tuple(names)) for setup in scenes]
 
@@ -309,7 +309,7 @@ def tune(
         for x, f in zip(points, values, strict=True)
         if np.all(f < _BAD)
     ]
-    return sorted(found, key=lambda f: f.figures[objectives[0]])
+    return sorted(found, key=lambda f: f.metrics[objectives[0]])
 
 
 def best_of(
@@ -342,7 +342,7 @@ def front(found: list[Candidate], objectives: Sequence[str]) -> list[Candidate]:
     """Those that no other beats in every objective, sorted by the first."""
     if not found:
         return []
-    values = np.array([[f.figures[name] for name in objectives] for f in found])
+    values = np.array([[f.metrics[name] for name in objectives] for f in found])
     best = NonDominatedSorting().do(values, only_non_dominated_front=True)
     unique = {tuple(values[i]): found[i] for i in best}
     return [unique[key] for key in sorted(unique)]
@@ -361,9 +361,9 @@ def better_than(
 ) -> Candidate | None:
     """The setting with the least `gain` among those that do not raise `keep`; None if none has
     less than the reference."""
-    allowed = [f for f in found if f.figures[keep] <= reference.figures[keep]]
-    best = min(allowed, key=lambda f: f.figures[gain], default=None)
-    return best if best and best.figures[gain] < reference.figures[gain] else None
+    allowed = [f for f in found if f.metrics[keep] <= reference.metrics[keep]]
+    best = min(allowed, key=lambda f: f.metrics[gain], default=None)
+    return best if best and best.metrics[gain] < reference.metrics[gain] else None
 
 
 def draw_front(
@@ -388,10 +388,10 @@ def front_sheet(
         mine = [f for f in best if f.values["controller.law"] == law]
         look = pictures.look(i, marked=True) | {"linestyle": ""}
         ax.plot(
-            [f.figures[x] for f in mine], [f.figures[y] for f in mine], label=words.law(law), **look
+            [f.metrics[x] for f in mine], [f.metrics[y] for f in mine], label=words.law(law), **look
         )
     ax.plot(
-        reference.figures[x], reference.figures[y], "k*", markersize=13, label="published setting"
+        reference.metrics[x], reference.metrics[y], "k*", markersize=13, label="published setting"
     )
     ax.set(xlabel=words.against_none(x), ylabel=words.against_none(y), title=title)
     sheet.legend(loc="outside right upper")

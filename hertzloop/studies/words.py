@@ -1,4 +1,4 @@
-"""What figures and keys are called in pictures: words with units, never names of columns."""
+"""What metrics and keys are called in pictures: words with units, never names of columns."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -8,7 +8,7 @@ from typing import Any
 from hertzloop.common.atomic_files import whole_file
 from hertzloop.results.cases import CASE_ROWS
 
-FIGURES = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
+METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (us)",
@@ -20,10 +20,10 @@ AXES = {
 }
 
 
-def against_none(figure: str) -> str:
-    """A figure of a case, as an axis of its own: most are against no control."""
-    words = FIGURES.get(figure, figure.replace("_", " "))
-    if figure in CASE_ROWS and CASE_ROWS[figure].unit not in ("dB", "%"):
+def against_none(metric: str) -> str:
+    """A metric of a case, as an axis of its own: most are against no control."""
+    words = METRICS.get(metric, metric.replace("_", " "))
+    if metric in CASE_ROWS and CASE_ROWS[metric].unit not in ("dB", "%"):
         return words
     name, _, unit = words.partition(" (")
     return f"{name} against no control ({unit}" if unit else name

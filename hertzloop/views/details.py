@@ -19,7 +19,7 @@ from hertzloop.views.law_line import law_line
 def run_table(report: RunReport) -> Table:
     """Return the table of a run's properties; a row without a value is left out."""
     setup, parts, wall_s = report.setup, report.parts, report.wall_s
-    balance, demand = report.balance, report.assessed.result.figures.demand
+    balance, demand = report.balance, report.assessed.result.metrics.demand
     assessed, full = report.assessed, parts.model and parts.model.full
     structure = report.structure
     asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
@@ -201,7 +201,7 @@ def _full_model(full: model.FullModel) -> str:
 
 def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
     """Say until when an infinite plate is sufficient; empty if the first contact lasts longer."""
-    until_s, impacts = model.infinite_until_s, report.assessed.result.figures.impacts
+    until_s, impacts = model.infinite_until_s, report.assessed.result.metrics.impacts
     if model.plate_model == "infinite" or until_s is None or not impacts:
         return ""
     if impacts[0].start_s + impacts[0].duration_s > until_s:

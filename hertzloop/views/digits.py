@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from hertzloop.results.figure_rows import FigureRow
+from hertzloop.results.metric_fields import MetricField
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 
@@ -59,12 +59,12 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
 
 
 def cells(
-    row: FigureRow, values: Sequence[float], errors: Sequence[float], form: str, without: str
+    row: MetricField, values: Sequence[float], errors: Sequence[float], form: str, without: str
 ) -> list[str]:
-    """Return a figure of several runs with its unit and its predictable digits.
+    """Return a metric of several runs with its unit and its predictable digits.
 
     Args:
-        row: Factor and unit of the figure.
+        row: Factor and unit of the metric.
         values: Its value in each run.
         errors: Largest absolute error in each run.
         form: Format specification of a number without error.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.results.predictability import ImpactErrors, errors_of
 from hertzloop.views.digits import LEGEND, UNKNOWN, about, energy_unit, known_digits
 from hertzloop.views.format import Table

@@ -12,7 +12,7 @@ from rich.text import Text
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.comparison import Comparison
-from hertzloop.results.figures import RunResult, figures_of
+from hertzloop.results.metrics import RunResult, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import Predictability, errors_of, predictability
 from hertzloop.results.recorded import (
@@ -24,27 +24,27 @@ from hertzloop.results.recorded import (
     pacing_of,
 )
 from hertzloop.results.repeatability import why_not_repeatable
-from hertzloop.results.span_figures import SPAN_ROWS
+from hertzloop.results.span_metrics import SPAN_ROWS
 from hertzloop.results.verdict import saturation_of
 from hertzloop.results.verdict import verdict as verdict_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.views.details import demand_words, yield_words
 from hertzloop.views.effects import neglected_lines, warning_lines
-from hertzloop.views.figures_table import figures_table
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.noise_table import noise_table
 from hertzloop.views.pacing import pacing_lines
 from hertzloop.views.run import next_lines
-from hertzloop.views.run_json import figures_as_json, pacing_as_json, predictability_as_json
+from hertzloop.views.run_json import metrics_as_json, pacing_as_json, predictability_as_json
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 
 @dataclass(frozen=True)
 class Inspected:
-    """A recording, its problems, and its figures.
+    """A recording, its problems, and its metrics.
 
     Attributes:
         recording: The recording.
@@ -52,9 +52,9 @@ class Inspected:
         law: Law that the forces come from.
         pacing: Missed deadlines of a paced or repeated run.
         yielded: Permanent indentation, if the contact yielded.
-        result: The figures; None if the recording has none.
-        known: How many digits of the figures are predictable; None without figures.
-        verdict: Sentences on what control changed; empty without figures.
+        result: The metrics; None if the recording has none.
+        known: How many digits of the metrics are predictable; None without metrics.
+        verdict: Sentences on what control changed; empty without metrics.
     """
 
     recording: Recording
@@ -68,9 +68,9 @@ class Inspected:
 
 
 def inspected(recording: Recording) -> Inspected:
-    """Return the contents of a recording, with its figures.
+    """Return the contents of a recording, with its metrics.
 
-    A file may hold any numbers. If no figures follow from them, that is one more problem of the
+    A file may hold any numbers. If no metrics follow from them, that is one more problem of the
     recording, not an error of the program.
     """
     balance, law, pacing = recording.balance, law_of(recording), pacing_of(recording)
@@ -81,7 +81,7 @@ def inspected(recording: Recording) -> Inspected:
         if not problem:
             with np.errstate(all="ignore"):
                 result = RunResult(
-                    figures_of(setup, blocks_of(recording)),
+                    metrics_of(setup, blocks_of(recording)),
                     law.scene_law,
                     balance.expected_error if balance else None,
                     late=pacing is not None,
@@ -93,7 +93,7 @@ def inspected(recording: Recording) -> Inspected:
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
-        problem = f"no figures follow from what was recorded: {error}"
+        problem = f"no metrics follow from what was recorded: {error}"
     return replace(bare, problems=[*recording.problems, problem])
 
 
@@ -108,7 +108,7 @@ def _contradiction(truth: JoinedStream, setup: Setup) -> str:
     return ""
 
 
-_NO_FIGURES: dict[str, Any] = {
+_NO_METRICS: dict[str, Any] = {
     "impacts": [],
     "noise": [],
     "first_impact": None,
@@ -124,7 +124,7 @@ _NO_FIGURES: dict[str, Any] = {
 
 
 def summary(found: Inspected) -> dict[str, Any]:
-    """Return streams, counts, problems, scene, balance and figures as plain data."""
+    """Return streams, counts, problems, scene, balance and metrics as plain data."""
     recording, known = found.recording, found.known
     data: dict[str, Any] = {
         "file": str(recording.path),
@@ -159,10 +159,10 @@ def summary(found: Inspected) -> dict[str, Any]:
         data["yield"] = asdict(found.yielded) if found.yielded else None
     data["pacing"] = pacing_as_json(found.pacing)
     if found.result is None or known is None:
-        return data | _NO_FIGURES | {"verdict": []}
-    figures = figures_as_json(found.result.figures)
+        return data | _NO_METRICS | {"verdict": []}
+    metrics = metrics_as_json(found.result.metrics)
     known_as_json = predictability_as_json(known)
-    return data | figures | {"predictability": known_as_json, "verdict": list(found.verdict)}
+    return data | metrics | {"predictability": known_as_json, "verdict": list(found.verdict)}
 
 
 def _streams(recording: Recording) -> list[tuple[str, JoinedStream]]:
@@ -186,7 +186,7 @@ def _number(recording: Recording, key: str) -> int:
 
 
 def show(console: Console, found: Inspected, details: bool = False) -> None:
-    """Print whether a recording is complete, its figures, warnings and the next command.
+    """Print whether a recording is complete, its metrics, warnings and the next command.
 
     Args:
         console: Where to print.
@@ -202,13 +202,13 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
     if recording.unchecked:
         pieces.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
     if result and known:
-        pieces += verdict_lines(found.verdict, result.figures.stability.unstable)
-        if result.figures.impacts:
-            pieces.append(figures_table(result, known))
+        pieces += verdict_lines(found.verdict, result.metrics.stability.unstable)
+        if result.metrics.impacts:
+            pieces.append(metrics_table(result, known))
         why_not = why_not_words(known.not_repeatable)
-        if why_not and len(result.figures.impacts) > 1 and not details:
+        if why_not and len(result.metrics.impacts) > 1 and not details:
             pieces.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
-        pieces += warning_lines(result.figures.neglected.checks)
+        pieces += warning_lines(result.metrics.neglected.checks)
     if details:
         pieces += _details(found)
     pieces += pacing_lines(found.pacing)
@@ -225,7 +225,7 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
 
 
 def _details(found: Inspected) -> list[Text | Table]:
-    """Return streams, impacts, noise figures, actuator demand, yield and neglected effects."""
+    """Return streams, impacts, noise metrics, actuator demand, yield and neglected effects."""
     recording, known = found.recording, found.known
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     table = Table(title=f"{recording.path}: scene {scene}, seed {seed}")
@@ -238,33 +238,33 @@ def _details(found: Inspected) -> list[Text | Table]:
     pieces: list[Text | Table] = [table]
     if recording.others:
         pieces.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
-    figures = found.result.figures if found.result else None
+    metrics = found.result.metrics if found.result else None
     own, why_not = (known.controlled, why_not_words(known.not_repeatable)) if known else (None, "")
-    pieces.append(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
-    if figures and figures.noise:
+    pieces.append(impacts_table("Impacts", metrics.impacts if metrics else [], own, why_not))
+    if metrics and metrics.noise:
         errors = [errors_of(own, 0, "noise_errors")]
-        pieces.append(noise_table([("", figures.noise[0])], errors=errors))
-    if figures and figures.demand:
-        pieces.append(Text(f"Actuator demand: {demand_words(figures.demand)}."))
+        pieces.append(noise_table([("", metrics.noise[0])], errors=errors))
+    if metrics and metrics.demand:
+        pieces.append(Text(f"Actuator demand: {demand_words(metrics.demand)}."))
     if found.yielded:
         pieces.append(Text(f"Yield: {yield_words(found.yielded)}."))
-    return [*pieces, *(neglected_lines(figures.neglected.checks) if figures else ())]
+    return [*pieces, *(neglected_lines(metrics.neglected.checks) if metrics else ())]
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
 
 
 def comparison_table(found: Comparison) -> Table:
-    """Return the figures of both runs with their units, and the change from A to B."""
-    title = "Figures of A and B, and the change from A to B"
-    table = Table("figure", right=("A", "B", "change"), title=title)
+    """Return the metrics of both runs with their units, and the change from A to B."""
+    title = "Metrics of A and B, and the change from A to B"
+    table = Table("metric", right=("A", "B", "change"), title=title)
     span = ""
     for row in found.rows:
         if row.span != span:
             span = row.span
             table.add_section()
             table.add_row(Text(_SPANS[span], style="bold"), "", "", "")
-        of = SPAN_ROWS[row.figure]
+        of = SPAN_ROWS[row.metric]
         values = [
             "not defined" if math.isnan(value) else f"{value * of.factor:.4g} {of.unit}".strip()
             for value in (row.a, row.b)

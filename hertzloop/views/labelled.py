@@ -39,7 +39,7 @@ def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
 def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, Any]) -> xr.Dataset:
     """Return the results of a sweep as a Dataset over `case`; varied scene keys are coordinates.
 
-    A figure that a case does not have is nan; `state` names the reason and `status` explains it.
+    A metric that a case does not have is nan; `state` names the reason and `status` explains it.
     Units are in the names, as in the file of the sweep.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []

@@ -1,22 +1,22 @@
-"""The table of noise and vibration figures of the first impact."""
+"""The table of noise and vibration metrics of the first impact."""
 
 import math
 from collections.abc import Sequence
 
-from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.results.figure_rows import FigureRow
-from hertzloop.results.span_figures import SPAN_ROWS, change_db
+from hertzloop.plant.metrics.noise import ImpactNoise
+from hertzloop.results.metric_fields import MetricField
+from hertzloop.results.span_metrics import SPAN_ROWS, change_db
 from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
-# Words and units of the noise figures that no span has.
+# Words and units of the noise metrics that no span has.
 _OF_NOISE = {
-    "contact_time_s": FigureRow("", "contact time", "us", 1e6),
-    "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
-    "transmitted_j": FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
-    "transmitted_spectrum_j": FigureRow("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
-    "radiated_maidanik_j": FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
-    "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "contact_time_s": MetricField("", "contact time", "us", 1e6),
+    "next_impact_speed_m_s": MetricField("", "next impact speed", "m/s"),
+    "transmitted_j": MetricField("", "transmitted energy, in time", "uJ", 1e6, 10.0),
+    "transmitted_spectrum_j": MetricField("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
+    "radiated_maidanik_j": MetricField("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": MetricField("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
 }
 
 _ORDER = (
@@ -42,22 +42,22 @@ def noise_table(
     compare: bool = True,
     errors: Sequence[dict[str, float]] = (),
 ) -> Table:
-    """Return the table of noise figures.
+    """Return the table of noise metrics.
 
     Args:
-        columns: Heading and figures of one or two cases.
+        columns: Heading and metrics of one or two cases.
         compare: Whether two cases get a column with the change from the second to the first, in dB
             for energies and amplitudes, in per cent for speed, height and time.
-        errors: Largest absolute errors of each case by figure; empty if all digits count.
+        errors: Largest absolute errors of each case by metric; empty if all digits count.
     """
     compare = compare and len(columns) == 2
     right = [*(heading for heading, _ in columns), *["change"] * compare]
-    table = Table("figure", right=right, title="Noise and vibration of the first impact")
-    rows = noise_rows([figures for _, figures in columns], compare, errors)
+    table = Table("metric", right=right, title="Noise and vibration of the first impact")
+    rows = noise_rows([metrics for _, metrics in columns], compare, errors)
     for row in rows:
         table.add_row(*row)
     notes = []
-    if any(math.isnan(figures.radiated_j) for _, figures in columns):
+    if any(math.isnan(metrics.radiated_j) for _, metrics in columns):
         notes.append("radiation is known for simply supported plates with modes that can be summed")
     if any(UNKNOWN in row for row in rows):
         notes.append(LEGEND)
@@ -81,13 +81,13 @@ def noise_rows(
 
 
 def _change(
-    row: FigureRow,
+    row: MetricField,
     value: float,
     reference: float,
     error: float = 0.0,
     reference_error: float = 0.0,
 ) -> str:
-    """Return the change in dB for energies and amplitudes, in per cent for other figures.
+    """Return the change in dB for energies and amplitudes, in per cent for other metrics.
 
     It is empty if the sign of a value makes the change meaningless.
     """

@@ -1,4 +1,4 @@
-"""The end of a run on the terminal: verdict, figures, warnings and the next command."""
+"""The end of a run on the terminal: verdict, metrics, warnings and the next command."""
 
 import shlex
 
@@ -10,10 +10,10 @@ from hertzloop.results.predictability import errors_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.views.details import error_words, missed, run_table
 from hertzloop.views.effects import neglected_lines, warning_lines
-from hertzloop.views.figures_table import figures_table
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.law_line import law_line
+from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.noise_table import noise_table
 from hertzloop.views.pacing import pacing_lines
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
@@ -22,7 +22,7 @@ from hertzloop.views.verdict import verdict_lines, verdict_sentences
 def print_run(
     console: Console, report: RunReport, details: bool = False, warning: Text | None = None
 ) -> None:
-    """Print the end of a run: verdict, figures, warnings and the next command.
+    """Print the end of a run: verdict, metrics, warnings and the next command.
 
     Args:
         console: Where to print.
@@ -36,10 +36,10 @@ def print_run(
     pieces: list[Text | Table] = []
     if not verdict:
         pieces.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
-    pieces += verdict_lines(verdict, result.figures.stability.unstable)
-    free = (assessed.free or result.figures) if controlled else None
-    pieces.append(figures_table(result, ends.predictability, free))
-    pieces += warning_lines(result.figures.neglected.checks)
+    pieces += verdict_lines(verdict, result.metrics.stability.unstable)
+    free = (assessed.free or result.metrics) if controlled else None
+    pieces.append(metrics_table(result, ends.predictability, free))
+    pieces += warning_lines(result.metrics.neglected.checks)
     if warning is not None:
         pieces.append(warning)
     if details:
@@ -53,7 +53,7 @@ def print_run(
 def next_lines(path: str) -> list[Text]:
     """Return the path of the recording and the next command."""
     return [
-        unwrapped("Recording: ", (path, "bold"), ". --details prints all figures."),
+        unwrapped("Recording: ", (path, "bold"), ". --details prints all metrics."),
         unwrapped("Next: ", (shlex.join(["hertzloop", "replay", path]), "bold")),
     ]
 
@@ -94,9 +94,9 @@ def _run_lines(report: RunReport) -> list[Text]:
 
 
 def _details(report: RunReport) -> list[Text | Table]:
-    """Return all impacts, noise figures, properties of the run and neglected effects."""
+    """Return all impacts, noise metrics, properties of the run and neglected effects."""
     result, known = report.assessed.result, report.assessed.assessment.predictability
-    found, free = result.figures, report.assessed.free or result.figures
+    found, free = result.metrics, report.assessed.free or result.metrics
     own, other = known.controlled, known.uncontrolled
     errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
     if result.scene_law != NO_CONTROL:

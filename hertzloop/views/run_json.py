@@ -8,8 +8,8 @@ from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.comparison import Comparison
 from hertzloop.results.effects import EffectState, Neglected
-from hertzloop.results.figures import Figures
 from hertzloop.results.law_accuracy import LawAccuracy
+from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
 from hertzloop.results.run_report import RunReport
@@ -40,10 +40,10 @@ def _plain(found: Any) -> Any:
     return asdict(found) if is_dataclass(found) else found  # type: ignore[arg-type]
 
 
-def figures_as_json(found: Figures) -> dict[str, Any]:
-    """Return the figures of a run as plain data.
+def metrics_as_json(found: Metrics) -> dict[str, Any]:
+    """Return the metrics of a run as plain data.
 
-    Keys are the fields of `Figures`, with `validity` and `warnings` of `effects_as_json` in place
+    Keys are the fields of `Metrics`, with `validity` and `warnings` of `effects_as_json` in place
     of the neglected effects.
     """
     data = {name: _plain(value) for name, value in vars(found).items() if name != "neglected"}
@@ -71,7 +71,7 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
 
 
 def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
-    """Return a dictionary for each figure, with the fields of `Difference`."""
+    """Return a dictionary for each metric, with the fields of `Difference`."""
     return [asdict(row) for row in found.rows]
 
 
@@ -90,7 +90,7 @@ def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
 
 
 def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
-    """Return all figures of a recorded run, their predictability and the verdict."""
+    """Return all metrics of a recorded run, their predictability and the verdict."""
     result, ends = found.result, found.assessment
     data = {
         **asdict(found.law),
@@ -98,11 +98,11 @@ def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
         "yield": _plain(found.yielded),
         "expected_error": ends.stated_error,
         "requested_accuracy": found.requested_accuracy,
-        **figures_as_json(result.figures),
+        **metrics_as_json(result.metrics),
         "pacing": pacing_as_json(found.pacing),
     }
     if found.free is not None:
-        data["uncontrolled"] = figures_as_json(found.free)
+        data["uncontrolled"] = metrics_as_json(found.free)
     law = ends.law_accuracy
     return data | {
         "predictability": predictability_as_json(ends.predictability),
@@ -139,7 +139,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "struck": report.structure,
         "newton_iterations_max": balance.newton_iterations_max,
         "recording": str(report.recording.path),
-        "uncontrolled": figures_as_json(assessed.free or assessed.result.figures),
+        "uncontrolled": metrics_as_json(assessed.free or assessed.result.metrics),
         **assessment_as_json(assessed),
     }
     if report.repeats:

@@ -1,4 +1,4 @@
-"""The verdict on a run as sentences: what control changes, why, and what spoils the figures."""
+"""The verdict on a run as sentences: what control changes, why, and what spoils the metrics."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,9 @@ from rich.text import Text
 
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.cases import IN_WORDS, OTHER, Span
-from hertzloop.results.law_accuracy import LawAccuracy, SensitiveFigure
+from hertzloop.results.law_accuracy import LawAccuracy, SensitiveMetric
 from hertzloop.results.rounding import percent
-from hertzloop.results.span_figures import MUCH_DB
+from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.stability import Stability
 from hertzloop.views.digits import known_digits
 
@@ -23,12 +23,12 @@ _LATER_CONTACTS = {
     ),
 }
 
-_OTHER_FIGURES = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
+_OTHER_METRICS = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 
-_SENSITIVE_FIGURES = {
-    SensitiveFigure.PENETRATION: "penetration",
-    SensitiveFigure.REBOUND_SPEED: "rebound speed",
-    SensitiveFigure.PLATE_ENERGY: "plate energy",
+_SENSITIVE_METRICS = {
+    SensitiveMetric.PENETRATION: "penetration",
+    SensitiveMetric.REBOUND_SPEED: "rebound speed",
+    SensitiveMetric.PLATE_ENERGY: "plate energy",
 }
 
 
@@ -41,17 +41,17 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.
     """
-    sentences, figures = [], found.result.figures
-    stability = figures.stability
+    sentences, metrics = [], found.result.metrics
+    stability = metrics.stability
     if stability.unstable:
         sentences += _unstable(stability)
-    if not stability.unstable and not figures.impacts:
+    if not stability.unstable and not metrics.impacts:
         sentences.append("No impact occurs within the run.")
     if found.control:
         sentences += _control(found.control)
     if stability.pumps and not stability.unstable:
         sentences.append(_pumping(stability))
-    if figures.impacts and not figures.last_contact_ended:
+    if metrics.impacts and not metrics.last_contact_ended:
         sentences.append("The run ends during the last contact. Increase run.duration_s.")
     if saturation := found.result.saturation:
         times = "once" if saturation.times == 1 else f"{saturation.times} times"
@@ -138,9 +138,9 @@ def _control(found: verdicts.Control) -> list[str]:
 
 
 def _change_sentence(found: verdicts.Change) -> str:
-    """Return the name of a figure and its change."""
-    if found.figure in _OTHER_FIGURES:
-        return f"{_OTHER_FIGURES[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
+    """Return the name of a metric and its change."""
+    if found.metric in _OTHER_METRICS:
+        return f"{_OTHER_METRICS[found.metric]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
         return "rebound height, from nearly zero"
     return (
@@ -168,7 +168,7 @@ def _reasons(found: verdicts.Reasons) -> list[str]:
 
 
 def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
-    """State which figure twice the modes change, by how much, and why.
+    """State which metric twice the modes change, by how much, and why.
 
     Args:
         found: Accuracy of a run under its law.
@@ -176,9 +176,9 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     Returns:
         One or two sentences.
     """
-    figure, by_modes = found.most_moved, found.by_modes
+    metric, by_modes = found.most_moved, found.by_modes
     sentences = [
-        f"Accuracy missed: twice the modes change {_SENSITIVE_FIGURES[figure]} "
+        f"Accuracy missed: twice the modes change {_SENSITIVE_METRICS[metric]} "
         f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
     ]
     if found.latches_otherwise:

@@ -303,7 +303,7 @@ def flexibility_m_n(spec: PlantSpec) -> float:
 @lru_cache(maxsize=64)
 def damped_tail(spec: PlantSpec) -> tuple[DampedTail | None, dict[int, float]]:
     """The mode that stands for the modes left out, and what it adds to gains; see `build_tail`.
-    Kept: figures of every impact ask for it."""
+    Kept: metrics of every impact ask for it."""
     left_out = residual_m_n(spec) if spec.damped_tail else 0.0
     if left_out == 0.0:
         return None, {}

@@ -26,7 +26,7 @@ class Scheme:
     # What its samples are.
     records_slope: bool = False  # the contact force changes within a step: truth has its slope
     converges: bool = True  # to the exact motion as steps become shorter
-    conserves: bool = True  # energy and momentum, which the figures of impacts rest on
+    conserves: bool = True  # energy and momentum, which the metrics of impacts rest on
     has_linear_model: bool = False  # of its modes under forces that are held: the margin's
     note: str = ""  # what a reader of results has to know of it
 

@@ -1,6 +1,6 @@
 """Compiled kernels of the scheme `thesis2008`: the published numerics taken literally.
 
-Flaws included, so that published figures can be reproduced (C. Hoever, TU Berlin/Chalmers
+Flaws included, so that published metrics can be reproduced (C. Hoever, TU Berlin/Chalmers
 2008). Samples of an impact are n = 0, 1, ... from xi = 0 on; F = -F_c - F_nu + F_a:
 
 - plate acceleration a_p[n] = -dt sum_{j>=1} g_a[j] F[n-j], with the sampled half-sided

@@ -32,7 +32,7 @@ def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
     for key, values in study.map_axes(named().scene(), 4).items():
         pairs = {(row["controller.latency_us"], row[key]) for row in maps[key]}
         assert len(pairs) == len(maps[key]) == 5 * len(values)
-    study.draw_maps(tmp_path / "m.png", "cheap", maps, study.FIGURES)
+    study.draw_maps(tmp_path / "m.png", "cheap", maps, study.METRICS)
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -21,14 +21,14 @@ def test_a_picture_matches_the_code(name: str) -> None:
     """Mend: python -m benchmarks.pictures --docs -o docs --only NAME, and look at it."""
     now = drawn.note_of(drawn.PICTURES[name])
     assert drawn.differences(drawn.read_notes(DOCS)[name], now) == []
-    assert now["words"] or any(now["figures"].values())
+    assert now["words"] or any(now["metrics"].values())
 
 
-def test_other_figures_and_other_words_are_noticed_and_last_bits_are_not(tmp_path: Path) -> None:
+def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not(tmp_path: Path) -> None:
     picture = drawn.Drawn("make", "x.png", (("aluminium-3mm", ("run.duration_s=0.0016",)),))
     note = json.loads(json.dumps(drawn.note_of(picture)))
     assert drawn.differences(note, drawn.note_of(picture)) == []
-    (case,) = note["figures"].values()
+    (case,) = note["metrics"].values()
     exact = case["peak_force_n"]
     case["peak_force_n"] = exact * (1.0 + 1e-9)
     assert drawn.differences(note, drawn.note_of(picture)) == []

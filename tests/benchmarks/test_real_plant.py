@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import real_plant as study
 from benchmarks.latency import Named, critical
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.studies.sweeps.design import phases
 from hertzloop.studies.sweeps.pool import local_pool
 
@@ -48,7 +48,7 @@ def test_a_real_case_is_the_one_that_its_settings_say(found: list[study.Effect])
     real = next(e for e in found if (e.law, e.plant) == ("slope_threshold", "real"))
     scene = study.plant_of(COARSE, "real")
     again = [
-        figures_of_case(
+        metrics_of_case(
             scene.vary({"sensors.noise_rms": real.noise_rms, "run.touch_phase": phase})
         ).plate_energy_db
         for phase in phases()

@@ -7,12 +7,12 @@ import pytest
 
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
 from hertzloop.recordings.reader import read
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import figures_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.results.recorded import rows_of
 from hertzloop.results.verification import verify
 from hertzloop.scene.build import build_plant
@@ -28,7 +28,7 @@ EARLY = ["run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"]
 
 def plate_energy_db(latency_us: int, *settings: str) -> float:
     latency = f"controller.latency_us={latency_us}"
-    return figures_of_case(load("aluminium-3mm", [*EARLY, latency, *settings])).plate_energy_db
+    return metrics_of_case(load("aluminium-3mm", [*EARLY, latency, *settings])).plate_energy_db
 
 
 def critical_us(*settings: str) -> float:
@@ -106,14 +106,14 @@ def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
 
 def test_demand_of_the_ideal_law() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
-    asked = figures_of(scene, simulate(scene).rows).demand
+    asked = metrics_of(scene, simulate(scene).rows).demand
     assert asked is not None
     assert 65.0 < asked.force_n < 75.0
     assert 5.0 < asked.power_w < 15.0
     assert asked.slew_n_s == pytest.approx(8.4e6, rel=0.05)
     assert asked.delay_s == 0.0
     off = load("aluminium-3mm", ["run.duration_s=0.0013", "controller.law=off"])
-    assert figures_of(off, simulate(off).rows).demand is None
+    assert metrics_of(off, simulate(off).rows).demand is None
 
 
 def test_run_and_inspect_print_the_demand(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Figures of a case: over the length of time that they are said to be over."""
+"""Metrics of a case: over the length of time that they are said to be over."""
 
 import json
 import math
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import SimulatedRun, simulate
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.results import cases
-from hertzloop.results.cases import digest_of, figures_of_case
+from hertzloop.results.cases import digest_of, metrics_of_case
 from hertzloop.results.statistics import ForceTimingAccumulator
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -23,7 +23,7 @@ SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 @pytest.mark.parametrize("latency_us", [90, 120, 300])
 def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: list[str]) -> None:
     scene = load("aluminium-3mm", [*SHORT, *line, f"controller.latency_us={latency_us}"])
-    impact, run = figures_of_case(scene, "impact"), figures_of_case(scene, "run")
+    impact, run = metrics_of_case(scene, "impact"), metrics_of_case(scene, "run")
     assert impact.injected_j > 1e-5
     assert impact.plate_energy_db == pytest.approx(run.plate_energy_db, abs=1e-9)
     assert impact.steps < run.steps
@@ -32,14 +32,14 @@ def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: li
 def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
     keys = ["run.accuracy=0.05", "run.duration_s=0.006", "controller.kappa=0.3"]
     scene = load("aluminium-20mm", [*keys, "controller.law=velocity_feedback"])
-    figures = figures_of_case(scene, "impact")
+    metrics = metrics_of_case(scene, "impact")
     both = (scene, scene.without_control())
     first, free = (impacts_in(each.plant, simulate(each).rows)[0] for each in both)
-    assert figures.contacts == 1
-    assert figures.steps < scene.steps
-    assert figures.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
+    assert metrics.contacts == 1
+    assert metrics.steps < scene.steps
+    assert metrics.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
     change = first.plate_energy_j / free.plate_energy_j
-    assert 10.0 ** (0.1 * figures.plate_energy_db) == pytest.approx(change, rel=1e-9)
+    assert 10.0 ** (0.1 * metrics.plate_energy_db) == pytest.approx(change, rel=1e-9)
 
 
 def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
@@ -67,7 +67,7 @@ def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
     keys: list[str], percent: float
 ) -> None:
     scene = load("aluminium-3mm", [*keys, "run.duration_s=0.002"])
-    found = figures_of_case(scene).rebound_percent
+    found = metrics_of_case(scene).rebound_percent
     assert found == pytest.approx(percent, abs=0.5)
     speeds = [
         impacts_in(s.plant, simulate(s).rows)[0].rebound_speed_m_s
@@ -78,14 +78,14 @@ def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
 
 def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
     """The first impact leaves the heavy sphere falling still."""
-    figures = figures_of_case(load("aluminium-20mm", ["run.duration_s=0.003"]))
-    assert math.isnan(figures.rebound_percent)
+    metrics = metrics_of_case(load("aluminium-20mm", ["run.duration_s=0.003"]))
+    assert math.isnan(metrics.rebound_percent)
 
 
 def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path) -> None:
     settings = ["plate.thickness_m=0.0011", "run.accuracy=0.05", "run.duration_s=0.004"]
     scene = load("aluminium-3mm", settings)
-    assert math.isnan(figures_of_case(scene).rebound_percent)
+    assert math.isnan(metrics_of_case(scene).rebound_percent)
     out, told = tmp_path / "a.mcap", tmp_path / "a.json"
     words = [part for setting in settings for part in ("--set", setting)]
     done = invoke(
@@ -109,7 +109,7 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
     assert "rebound height, from nearly zero" in said
 
 
-def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load("aluminium-3mm", SHORT)
 
     def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> SimulatedRun:
@@ -119,15 +119,15 @@ def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(cases, "simulate", broken)
     with pytest.raises(SceneError, match="not finite"):
-        figures_of_case(scene)
+        metrics_of_case(scene)
 
 
 def test_a_delay_of_zero_is_a_delay() -> None:
     """A threshold below the impact speed is crossed by the first sample in contact."""
     keys = ["run.accuracy=0.1", "run.duration_s=0.0013"]
-    at_once = figures_of_case(load("aluminium-3mm", [*keys, "controller.v_thr_m_s=-2"]))
+    at_once = metrics_of_case(load("aluminium-3mm", [*keys, "controller.v_thr_m_s=-2"]))
     assert at_once.delay_us == 0.0
-    off = figures_of_case(load("aluminium-3mm", [*keys, "controller.law=off"]))
+    off = metrics_of_case(load("aluminium-3mm", [*keys, "controller.law=off"]))
     assert off.delay_us != off.delay_us  # nan
 
 

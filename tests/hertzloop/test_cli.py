@@ -35,7 +35,7 @@ def said(result: Result) -> str:
 
 
 def test_first_run_of_a_new_user(here: Path) -> None:
-    """Real processes, no argument but a shorter run: recording, closing table, all figures."""
+    """Real processes, no argument but a shorter run: recording, closing table, all metrics."""
     done = hertzloop("run", "--set", "run.duration_s=0.02", "--json", "a.json", cwd=here)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
@@ -161,27 +161,27 @@ def test_scene_from_a_file(here: Path) -> None:
     assert "the same: 1,500 steps of truth, 1,500 samples, 1,500 forces" in said(same)
 
 
-def test_compare_shows_figures_of_two_laws(here: Path) -> None:
+def test_compare_shows_metrics_of_two_laws(here: Path) -> None:
     run = ("run", "--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.05", "--transport",
            "compiled", "--overwrite")  # fmt: skip
     for name, law in (("a", "slope_threshold"), ("b", "force_feedback")):
         law_of = ("--set", f"controller.law={law}", "--set", "controller.kappa=0.4")
         done = call(*run, *law_of, "--out", f"{name}.mcap", "--json", f"{name}.json")
         assert done.exit_code == 0, done.output
-    done = call("compare", "a.mcap", "b.mcap", "--figures", "--json", "c.json")
+    done = call("compare", "a.mcap", "b.mcap", "--metrics", "--json", "c.json")
     assert done.exit_code == 0, done.output
     assert "force_feedback" in done.output
     assert "plate energy" in done.output
     a, b, c = (json.loads((here / f"{name}.json").read_text()) for name in "abc")
-    rows = {(row["span"], row["figure"]): row for row in c["figures"]}
-    for (span, figure), row in rows.items():
-        assert (row["a"], row["b"]) == (a[span][figure], b[span][figure])
+    rows = {(row["span"], row["metric"]): row for row in c["metrics"]}
+    for (span, metric), row in rows.items():
+        assert (row["a"], row["b"]) == (a[span][metric], b[span][metric])
     energy = rows["first_impact", "plate_energy_j"]
     assert energy["b_to_a"] == 10.0 * math.log10(energy["b"] / energy["a"])
     assert energy["unit"] == "dB"
     speed = rows["whole_run", "rebound_speed_m_s"]
     assert speed["b_to_a"] == 100.0 * (speed["b"] / speed["a"] - 1.0)
-    for wrong in (["--json", "d.json"], ["--figures", "--tolerance", "1e-9"]):
+    for wrong in (["--json", "d.json"], ["--metrics", "--tolerance", "1e-9"]):
         assert call("compare", "a.mcap", "b.mcap", *wrong).exit_code == 2
 
 

@@ -75,9 +75,9 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
     name: str, modes: Path, tmp_path: Path
 ) -> None:
     settings, base = settings_of(name, modes), ["aluminium-3mm"]
-    file, sweep, figures = tmp_path / "a.mcap", tmp_path / "s.csv", tmp_path / "a.json"
-    text = said(["run", *base, "-o", str(file), "--json", str(figures)], settings)
-    run = json.loads(figures.read_text())
+    file, sweep, metrics = tmp_path / "a.mcap", tmp_path / "s.csv", tmp_path / "a.json"
+    text = said(["run", *base, "-o", str(file), "--json", str(metrics)], settings)
+    run = json.loads(metrics.read_text())
     loop = simulate(load(*base, settings))
     assert abs(loop.balance.energy_residual) < 1e-10
     assert abs(loop.balance.momentum_residual) < 1e-10

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.in_process import record_in_process
-from hertzloop.plant.figures.impacts import modal_displacement
+from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording

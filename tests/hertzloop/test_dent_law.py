@@ -12,7 +12,7 @@ from hertzloop.law import LawContext
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import Limit
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -60,7 +60,7 @@ def test_on_an_elastic_plate_it_is_the_published_law(settings: tuple[str, ...]) 
 def test_what_knowing_the_dent_buys(v_thr: float, published_db: float, knowing_db: float) -> None:
     yields = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9")
     found = [
-        figures_of_case(scene(*yields, f"controller.law={law}", f"controller.v_thr_m_s={v_thr}"))
+        metrics_of_case(scene(*yields, f"controller.law={law}", f"controller.v_thr_m_s={v_thr}"))
         for law in ("slope_threshold", "dent_threshold")
     ]
     assert found[0].plate_energy_db == pytest.approx(published_db, abs=0.03)

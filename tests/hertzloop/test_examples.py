@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.plant.figures.impacts import modal_displacement
+from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import deflection

@@ -66,7 +66,7 @@ def test_the_python_interface_needs_no_extra_until_one_is_asked_for(tmp_path: Pa
     assert "truth" in second
     done = without(NOT_IN_THE_BASE, cwd=tmp_path, code=first + "run.truth")
     assert "us, " in done.stdout
-    assert "Figures of A and B" in done.stdout
+    assert "Metrics of A and B" in done.stdout
     assert done.stderr.splitlines()[-1] == (
         "ModuleNotFoundError: this needs xarray, which is not installed: "
         "pip install 'hertzloop[python]'"

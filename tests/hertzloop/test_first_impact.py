@@ -1,4 +1,4 @@
-"""The first impact is the same span, with the same figures, wherever a figure of it is shown."""
+"""The first impact is the same span, with the same metrics, wherever a metric of it is shown."""
 
 import json
 import math
@@ -14,13 +14,13 @@ from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures import rows_kernels as an
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics import rows_kernels as an
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
-from hertzloop.results.cases import CaseFigures, figures_of_case
+from hertzloop.results.cases import CaseMetrics, metrics_of_case
 from hertzloop.results.impacts import impacts_of_rows
-from hertzloop.results.span_figures import SpanFigures, changes_db
+from hertzloop.results.span_metrics import SpanMetrics, changes_db
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.report.page import page_of
@@ -94,7 +94,7 @@ class Shown:
     scene: Setup
     run: dict[str, Any]
     inspect: dict[str, Any]
-    case: CaseFigures
+    case: CaseMetrics
     python: "list[hertzloop.Run]"
 
 
@@ -119,7 +119,7 @@ def shown(folder: Path, scene: Setup) -> Shown:
     command("inspect", recording, "--json", folder / "i.json")
     run, inspect = (json.loads((folder / name).read_text()) for name in ("r.json", "i.json"))
     python = [hertzloop.simulate(scene.scene), hertzloop.read(recording)]
-    return Shown(scene, run, inspect, figures_of_case(scene), python)
+    return Shown(scene, run, inspect, metrics_of_case(scene), python)
 
 
 @pytest.fixture(scope="module")
@@ -150,13 +150,13 @@ def check(it: Shown, span: str = "first_impact") -> None:
     """Everything says the same of a span."""
     given, free = it.run[span], it.run["uncontrolled"][span]
     assert all(same(given[key], it.inspect[span][key]) for key in given)
-    case = figures_of_case(it.scene, "run") if span == "whole_run" else it.case
+    case = metrics_of_case(it.scene, "run") if span == "whole_run" else it.case
     assert case.contacts == given["contacts"]
     assert case.plate_energy_j == given["plate_energy_j"]
     assert case.rebound_m_s == given["rebound_speed_m_s"]
     assert case.peak_force_n == given["peak_force_n"]
     assert case.contact_us == 1e6 * given["contact_time_s"]
-    change = changes_db(SpanFigures(**given), SpanFigures(**free))
+    change = changes_db(SpanMetrics(**given), SpanMetrics(**free))
     for name, key in (
         ("plate_energy_db", "plate_energy_j"), ("radiated_db", "radiated_j"),
         ("plate_speed_db", "plate_speed_max_m_s"), ("pressure_db", "peak_pressure_pa"),
@@ -202,10 +202,10 @@ def test_laws_push_when_they_are_meant_to(all_shown: dict[str, Shown]) -> None:
 
 
 @pytest.mark.parametrize("law", ["late", "again"])
-def test_a_promise_changes_no_figure(all_shown: dict[str, Shown], law: str) -> None:
+def test_a_promise_changes_no_metric(all_shown: dict[str, Shown], law: str) -> None:
     without, with_ = (all_shown[f"{law}{end}.py"].case for end in ("", "_promise"))
     speed = {"steps", "digest", "energy_residual"}
-    for name in {f.name for f in fields(CaseFigures)} - speed:
+    for name in {f.name for f in fields(CaseMetrics)} - speed:
         assert same(getattr(without, name), getattr(with_, name)), name
     assert with_.steps <= without.steps
 
@@ -231,18 +231,18 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("more", ["run.touch_phase=0.1", "controller.latency_us=3"])
-def test_a_case_on_the_infinite_plate_has_the_figures_of_a_run_on_it(
+def test_a_case_on_the_infinite_plate_has_the_metrics_of_a_run_on_it(
     tmp_path: Path, more: str
 ) -> None:
     scene = load("aluminium-3mm", ["controller.kappa=0.5", "run.duration_s=0.003", more])
-    model = figures_of_case(scene).plate_model
+    model = metrics_of_case(scene).plate_model
     assert model == "infinite"
     it = shown(tmp_path, scene.vary({"run.plate_model": model}))
     check(it)
-    assert asdict(figures_of_case(scene)) == asdict(it.case)
+    assert asdict(metrics_of_case(scene)) == asdict(it.case)
 
 
-def test_sweep_tune_and_charts_have_the_figures_of_the_run(
+def test_sweep_tune_and_charts_have_the_metrics_of_the_run(
     all_shown: dict[str, Shown], folder: Path
 ) -> None:
     it = all_shown["force_feedback"]
@@ -258,13 +258,13 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
         pool, [it.scene], ["force_feedback"], (),
         TuneRequest(("plate_energy_db",), generations=1, population=4),
     )  # fmt: skip
-    best = figures_of_case(it.scene.vary(found[0].values))
-    assert all(getattr(best, name) == value for name, value in found[0].figures.items())
+    best = metrics_of_case(it.scene.vary(found[0].values))
+    assert all(getattr(best, name) == value for name, value in found[0].metrics.items())
     ideal = ("controller.latency_us=0", "run.accuracy=0.05", "run.duration_s=0.004")
     for span in ("impact", "run"):
         named = Named("20mm", "aluminium-20mm", ideal, span)
         law = named.scene().vary({"controller.law": "force_feedback", "controller.kappa": 0.4})
-        wanted = figures_of_case(law, span).plate_energy_db
+        wanted = metrics_of_case(law, span).plate_energy_db
         assert critical(pool, named, "force_feedback", 2).ideal_db == wanted
         assert energies_of(pool, named, "ideal", "force_feedback")([{}]) == [wanted]
 

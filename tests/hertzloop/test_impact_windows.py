@@ -1,4 +1,4 @@
-"""Figures of impacts from rows that come in blocks: the same however they are cut."""
+"""Metrics of impacts from rows that come in blocks: the same however they are cut."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -33,7 +33,7 @@ def in_blocks(rows: np.ndarray, size: int) -> Iterator[Block]:
         yield first, rows[:, first : first + size]
 
 
-def figures(found: list[RowsOfImpact]) -> list[dict[str, float]]:
+def metrics(found: list[RowsOfImpact]) -> list[dict[str, float]]:
     return [asdict(one.impact) | asdict(one.noise) for one in found]
 
 
@@ -45,7 +45,7 @@ def test_blocks_do_not_count(name: str) -> None:
     assert whole
     for size in (1, 7, 1000) if rows.shape[1] < 30_000 else (997,):
         cut = list(impacts_of_blocks(scene, in_blocks(rows, size)))
-        assert figures(cut) == figures(whole)
+        assert metrics(cut) == metrics(whole)
         assert [one.contact_n.tobytes() for one in cut] == [o.contact_n.tobytes() for o in whole]
 
 
@@ -69,7 +69,7 @@ def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) ->
     rows = simulate(scene).rows
     alone, among = first_impact(scene, rows), impacts_of_rows(scene, rows)[0]
     assert alone is not None
-    assert figures([alone]) == figures([among])
+    assert metrics([alone]) == metrics([among])
     assert alone.contact_n.tobytes() == among.contact_n.tobytes()
     assert (alone.start, alone.end, alone.over, alone.ended) == (
         among.start, among.end, among.over, among.ended,
@@ -94,7 +94,7 @@ def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -
     assert [(one.start, one.end, one.ended) for one in cut] == [
         (one.start, one.end, one.ended) for one in whole
     ]
-    for one, other in zip(figures(cut), figures(whole), strict=True):
+    for one, other in zip(metrics(cut), metrics(whole), strict=True):
         assert one == pytest.approx(other, rel=1e-9)
 
 

@@ -96,7 +96,7 @@ def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
     assert memory.samples["time_s"].values[1] == pytest.approx(5e-6)
 
 
-def test_a_run_has_figures_and_a_verdict_those_of_the_command(
+def test_a_run_has_metrics_and_a_verdict_those_of_the_command(
     scene: hertzloop.Scene, tmp_path: Path
 ) -> None:
     told = run_as_json(
@@ -105,16 +105,16 @@ def test_a_run_has_figures_and_a_verdict_those_of_the_command(
     memory, recorded = hertzloop.simulate(scene), hertzloop.read(tmp_path / "a.mcap")
     for one in (memory, recorded):
         assert one.verdict == told["verdict"]
-        assert asdict(one.figures) == {k: told[k] for k in ("first_impact", "whole_run")}
+        assert asdict(one.metrics) == {k: told[k] for k in ("first_impact", "whole_run")}
     free = memory.without_control()
     assert free.verdict == []
     found = hertzloop.compare(free, memory)
-    rows = {(row.span, row.figure): row for row in found.rows}
+    rows = {(row.span, row.metric): row for row in found.rows}
     energy = rows["first_impact", "plate_energy_j"]
     assert (energy.a, energy.b) == tuple(x.impacts[0].plate_energy_j for x in (free, memory))
     assert energy.b_to_a == pytest.approx(-1.49, abs=0.01)
     assert "-1.49 dB" in str(found)
-    assert hertzloop.compare(free.figures, memory.figures) == found
+    assert hertzloop.compare(free.metrics, memory.metrics) == found
 
 
 def test_modes_come_as_a_table_with_units(scene: hertzloop.Scene) -> None:
@@ -169,7 +169,7 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
         scene, ["slope_threshold"], minimise=["plate_energy_db"], generations=3, population=8,
         workers=1,
     )  # fmt: skip
-    assert best[0].figures["plate_energy_db"] < 0.35
+    assert best[0].metrics["plate_energy_db"] < 0.35
 
 
 @pytest.mark.parametrize(

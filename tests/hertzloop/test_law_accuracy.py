@@ -48,9 +48,9 @@ def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
     )
     assert found is not None
     assert true is not None
-    for figure in ("penetration", "rebound_speed", "plate_energy"):
-        one, other = getattr(found.by_modes, figure), getattr(true, figure)
-        assert one == pytest.approx(other, rel=0.1), figure
+    for metric in ("penetration", "rebound_speed", "plate_energy"):
+        one, other = getattr(found.by_modes, metric), getattr(true, metric)
+        assert one == pytest.approx(other, rel=0.1), metric
 
 
 @pytest.mark.full

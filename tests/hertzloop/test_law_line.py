@@ -10,7 +10,7 @@ from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.results.figures import free_figures
+from hertzloop.results.metrics import free_metrics
 from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import law_of
 from hertzloop.results.run_report import RunReport
@@ -56,7 +56,7 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     assert law_line(law_of(recorded)) == "slope_threshold"
     foreign = recorded.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    assessed = assess_recording(SCENE, recorded, free_figures(SCENE))
+    assessed = assess_recording(SCENE, recorded, free_metrics(SCENE))
     assert recorded.balance is not None
     about = recorded.balance, parts_of(SCENE, recorded.balance)
     ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)

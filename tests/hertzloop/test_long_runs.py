@@ -8,30 +8,30 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results import impacts as impact_windows
-from hertzloop.results.figures import figures_of
 from hertzloop.results.impacts import impacts_of_rows, through_first_contact
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
 from tests.hertzloop.test_impact_windows import in_blocks
 
-FIGURES = """
+METRICS = """
 import sys
 from hertzloop.results import impacts as impact_windows
-from hertzloop.results.figures import figures_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.setup import load
 from hertzloop.scene.build import free_series
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
-figures_of(scene, free_series(scene))
+metrics_of(scene, free_series(scene))
 # Of this program alone: `resource` counts what the one before it in this process had.
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 
 
 @pytest.mark.full
-def test_figures_of_a_long_run_take_no_more_memory() -> None:
+def test_metrics_of_a_long_run_take_no_more_memory() -> None:
     def kilobytes(duration_s: float) -> int:
-        words = [sys.executable, "-c", FIGURES, str(duration_s)]
+        words = [sys.executable, "-c", METRICS, str(duration_s)]
         return int(subprocess.check_output(words, text=True, timeout=250))
 
     kilobytes(2.0)  # compiling, also of what joins pieces, takes memory, which is not meant
@@ -49,18 +49,18 @@ def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
 
 @pytest.mark.parametrize("law", ["slope_threshold", "force_feedback", "off"])
 @pytest.mark.parametrize("piece", [5, 700, 20_000])
-def test_figures_of_blocks_are_those_of_the_whole(
+def test_metrics_of_blocks_are_those_of_the_whole(
     law: str, piece: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = "offcentre-6mm" if law == "off" else "aluminium-20mm"
     keys = [f"run.duration_s={0.2 if law == 'off' else 0.012}", "plate.loss_factor=0.01"]
     scene = load(name, [*keys, f"controller.law={law}", "sensors.quantity=auto"])
     rows = simulate(scene).rows
-    whole = figures_of(scene, rows)
+    whole = metrics_of(scene, rows)
     assert len(whole.impacts) > 1
-    assert figures_of(scene, in_blocks(rows, 900)).impacts == whole.impacts
+    assert metrics_of(scene, in_blocks(rows, 900)).impacts == whole.impacts
     monkeypatch.setattr(impact_windows, "PIECE", piece)
-    found = figures_of(scene, in_blocks(rows, 900))
+    found = metrics_of(scene, in_blocks(rows, 900))
     for kind in ("impacts", "noise"):
         ours, others = getattr(found, kind), getattr(whole, kind)
         assert len(ours) == len(others)

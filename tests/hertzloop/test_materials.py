@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.plant.structures.materials import MATERIALS, Material
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load, parse
@@ -81,7 +81,7 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
     own = load(scene_file(tmp_path)).vary({"plate.material.poisson": 0.1})
     assert plate(own) == Material(1e11, 5000.0, 0.1, 1e-3)
     heavier = load("aluminium-3mm", ["sphere.material.density_kg_m3=15000"])
-    assert figures_of_case(heavier).rebound_m_s < figures_of_case(load("aluminium-3mm")).rebound_m_s
+    assert metrics_of_case(heavier).rebound_m_s < metrics_of_case(load("aluminium-3mm")).rebound_m_s
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection, modes_of_scene
 from hertzloop.results.recorded import rows_of
 from hertzloop.results.verification import against, verify
@@ -106,7 +106,7 @@ def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
 def test_the_law_in_three_dimensions() -> None:
     for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
         scene = load("aluminium-3mm", [*settings, "controller.v_thr_m_s=-0.6"])
-        assert figures_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
+        assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
 
 
 def test_one_step_costs_at_most_three_of_kirchhoff() -> None:

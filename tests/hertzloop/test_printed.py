@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.run_report import RunReport
 from hertzloop.scene.setup import load
@@ -83,7 +83,7 @@ def quantities(words: str) -> list[float]:
 
 @pytest.mark.full
 def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(ran.assessed.result.figures.neglected.checks))
+    _, *rows = lines(table_of(ran.assessed.result.metrics.neglected.checks))
     sides = set()
     for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
         words = {"left out": "neglected", "not known": "unknown"}
@@ -104,7 +104,7 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
     assert ran.assessed.free is not None
     cases = [
-        ("with", ran.assessed.result.figures.noise[0]),
+        ("with", ran.assessed.result.metrics.noise[0]),
         ("without", ran.assessed.free.noise[0]),
     ]
     header, *rows = lines(noise_table(cases))
@@ -126,7 +126,7 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
 
 @pytest.mark.full
 def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
-    header, *rows = lines(impacts_table("Impacts", ran.assessed.result.figures.impacts))
+    header, *rows = lines(impacts_table("Impacts", ran.assessed.result.metrics.impacts))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
@@ -148,11 +148,11 @@ def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
 @pytest.mark.full
 def test_energies_of_a_heavy_sphere_need_no_exponent(ran: RunReport) -> None:
     """A narrow terminal cuts an exponent off: "3.164e+..."."""
-    figures = ran.assessed.result.figures
-    impact = replace(figures.impacts[0], plate_energy_j=0.031639)
+    metrics = ran.assessed.result.metrics
+    impact = replace(metrics.impacts[0], plate_energy_j=0.031639)
     header, row = lines(impacts_table("Impacts", [impact]))
     assert dict(zip(header, row, strict=True))["plate energy (mJ)"] == "31.64"
-    heavy = replace(figures.noise[0], transmitted_j=0.031639)
+    heavy = replace(metrics.noise[0], transmitted_j=0.031639)
     rows = {row[0]: row[1] for row in noise_rows([heavy], compare=False)}
     assert rows["transmitted energy, in time"] == "31.64 mJ"
 
@@ -207,8 +207,8 @@ def test_no_cell_of_a_table_is_cut(ran: RunReport, tmp_path: Path) -> None:
         assert max(map(len, ruled)) <= 80, words
     for width in (80, 50, 30):
         for table in (
-            impacts_table("Impacts", ran.assessed.result.figures.impacts), run_table(ran),
-            table_of(ran.assessed.result.figures.neglected.checks),
+            impacts_table("Impacts", ran.assessed.result.metrics.impacts), run_table(ran),
+            table_of(ran.assessed.result.metrics.neglected.checks),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

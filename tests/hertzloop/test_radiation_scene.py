@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.figures import figures_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 
@@ -17,11 +17,11 @@ SHORT = "run.duration_s=0.0016"
 
 def noise_of(*settings: str) -> dict[str, float]:
     scene = load("aluminium-3mm", [SHORT, *settings])
-    return vars(figures_of(scene, simulate(scene).rows).noise[0])
+    return vars(metrics_of(scene, simulate(scene).rows).noise[0])
 
 
-def test_what_is_radiated_beside_the_figure_of_the_study() -> None:
-    """Figure of the study and real energy, without control; change by the default law."""
+def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
+    """Metric of the study and real energy, without control; change by the default law."""
     free, controlled = noise_of("controller.law=off"), noise_of()
     wanted = {
         "radiated_j": (167.0, -1.17), "radiated_maidanik_j": (267.0, -2.18),
@@ -31,7 +31,7 @@ def test_what_is_radiated_beside_the_figure_of_the_study() -> None:
         assert 1e6 * free[key] == pytest.approx(energy_uj, abs=0.6), key
         change = 10.0 * math.log10(controlled[key] / free[key])
         assert change == pytest.approx(change_db, abs=0.01), key
-    # The figure of the study is no energy: there are 209.4 uJ below 20 kHz.
+    # The metric of the study is no energy: there are 209.4 uJ below 20 kHz.
     assert free["radiated_maidanik_j"] > 209.4e-6 > free["sound_maidanik_j"]
 
 

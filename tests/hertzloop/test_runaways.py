@@ -14,7 +14,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
-from hertzloop.results.cases import CaseState, UnstableLoop, figures_of_case
+from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
@@ -29,7 +29,7 @@ AWAY = [("velocity_feedback", 3.0), ("velocity_feedback", -2.0), ("acceleration_
 def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     scene = load("aluminium-3mm", [*RUN, f"controller.law={law}", f"controller.kappa={kappa}"])
     with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
-        figures_of_case(scene, "run")
+        metrics_of_case(scene, "run")
     row = run_case(scene, "run", 0, {})
     assert row["state"] == CaseState.UNSTABLE == older_state(row["status"])
     assert row["status"].startswith("the closed loop is unstable")
@@ -113,10 +113,10 @@ def test_a_search_counts_runaways_as_bad_and_not_as_failed(
 
 @pytest.mark.parametrize("force_n", [-50.0, 50.0])
 def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n: float) -> None:
-    """Its figures stand however much energy it puts in; it has no kappa to change."""
+    """Its metrics stand however much energy it puts in; it has no kappa to change."""
     keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
             "controller.duration_us=2500"]  # fmt: skip
-    found = figures_of_case(load("aluminium-3mm", keys), "run")
+    found = metrics_of_case(load("aluminium-3mm", keys), "run")
     assert found.plate_energy_db > 10.0
     assert not found.pumps
     with pytest.raises(SceneError, match="law = 'constant', whose keys are: delay_us, lead_us"):

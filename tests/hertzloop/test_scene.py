@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.figures import figures_of
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.listening import radiator_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.results.verification import check_verifiable
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
@@ -263,20 +263,20 @@ def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
 
 
 def test_an_infinite_plate_may_be_of_any_size() -> None:
-    """It has no modes; what would sum them is not known, and no other figure differs."""
+    """It has no modes; what would sum them is not known, and no other metric differs."""
     huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
     scene = load("aluminium-3mm", [*huge, *short])
     assert resolve(scene).plant.infinite_plate
-    found = figures_of(resolve(scene), simulate(resolve(scene)).rows)
+    found = metrics_of(resolve(scene), simulate(resolve(scene)).rows)
     usual = load("aluminium-3mm", short)
-    expected = figures_of(resolve(usual), simulate(resolve(usual)).rows)
+    expected = metrics_of(resolve(usual), simulate(resolve(usual)).rows)
     assert found.impacts == expected.impacts
     sums = {name for name, value in vars(found.noise[0]).items() if math.isnan(value)}
     assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",
                     "sound_maidanik_j"}  # fmt: skip
     assert not any(math.isnan(value) for value in vars(expected.noise[0]).values())
-    case = figures_of_case(resolve(scene), "run")
+    case = metrics_of_case(resolve(scene), "run")
     assert expected.whole_run is not None
     assert case.plate_energy_j == expected.whole_run.plate_energy_j
     # Without plate_model it is found to do, and what needs the modes says so.

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.estimates import plate_theory
 from hertzloop.plant.plant import MOST_MODES
-from hertzloop.results.figures import figures_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError, _limits
 from hertzloop.scene.loading import load, parse, shipped
@@ -144,7 +144,7 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
     except SceneError as error:
         said = str(error)
     else:
-        figures_of(resolve(found), run.rows)
+        metrics_of(resolve(found), run.rows)
         return
     assert 0 < len(said) <= LONGEST_SENTENCE, said
 

@@ -6,7 +6,7 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import Contact, Limit
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.controller import law_flight_m
 from hertzloop.scene.setup import load
 
@@ -14,7 +14,7 @@ PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 
 
 def energy(*settings: str) -> float:
-    return figures_of_case(load("aluminium-3mm", [*PREDICTED, *settings])).plate_energy_db
+    return metrics_of_case(load("aluminium-3mm", [*PREDICTED, *settings])).plate_energy_db
 
 
 # Ideal converter: an independent solver's -0.45, -0.50, -0.83 dB.

@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.results.cases import CaseState
-from hertzloop.results.figures import Saturation
+from hertzloop.results.metrics import Saturation
 from hertzloop.results.verdict import saturation_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
@@ -98,7 +98,7 @@ def test_a_sweep_with_other_words_counts_the_same(
     true = SceneError.__str__
     monkeypatch.setattr(SceneError, "__str__", lambda error: replaced(true(error)))
     strange, strangely_read = swept(tmp_path / "b.csv")
-    states = [CaseState.FIGURES, CaseState.UNSTABLE, CaseState.NOT_RUN]
+    states = [CaseState.METRICS, CaseState.UNSTABLE, CaseState.NOT_RUN]
     for outcome, rows in ((usual, read_again), (strange, strangely_read)):
         assert [row["state"] for row in outcome.rows] == [row["state"] for row in rows] == states
         assert (outcome.unstable, len(outcome.not_run)) == (1, 1)

@@ -104,7 +104,7 @@ FIRST_S = 3.0  # of a run, in which it is interrupted
 
 
 def test_the_first_interrupt_ends_a_run_in_a_sentence(tmp_path: Path) -> None:
-    """Whenever it comes: while modules are imported, roles start, the loop runs, or figures are
+    """Whenever it comes: while modules are imported, roles start, the loop runs, or metrics are
     made. Before the first line of the program runs, Python itself reports it."""
     times, done, early = random.Random(1), 0, 0
     wrong: list[str] = []

@@ -9,7 +9,7 @@ import pytest
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
-from hertzloop.results.cases import UnstableLoop, figures_of_case
+from hertzloop.results.cases import UnstableLoop, metrics_of_case
 from hertzloop.results.stability import UNSTABLE, Stability, StabilityAccumulator
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import shipped
@@ -72,7 +72,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
-def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_metrics_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
     scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).rows
@@ -125,15 +125,15 @@ def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
     """More than the sphere brought, in sum, and not by decibels against a run without control."""
     scene = load("aluminium-3mm", ["controller.kappa=2", "controller.latency_us=2", SHORT])
     found = stability_of(scene, simulate(scene).rows)
-    figures = figures_of_case(scene)
+    metrics = metrics_of_case(scene)
     assert found.pumps
     assert not found.unstable
     assert found.fed_in > 1.0
     assert found.since_s is not None
-    assert figures.pumps
-    assert figures.injected_j > figures.impact_energy_j
+    assert metrics.pumps
+    assert metrics.injected_j > metrics.impact_energy_j
     gentle = load("aluminium-3mm", ["controller.latency_us=2", SHORT])
-    assert not figures_of_case(gentle).pumps
+    assert not metrics_of_case(gentle).pumps
 
 
 def test_what_takes_energy_out_does_not_pump() -> None:
@@ -156,7 +156,7 @@ def test_a_sweep_and_a_run_call_the_same_loop_unstable() -> None:
     assert found.pumps
     assert found.most_injected < 1e4  # a sweep once called only such loops unstable
     with pytest.raises(UnstableLoop, match="times the energy of the impact"):
-        figures_of_case(scene, "run")
+        metrics_of_case(scene, "run")
 
 
 def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:

@@ -8,7 +8,7 @@ import pytest
 import hertzloop
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.plant.figures.impacts import modal_displacement
+from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.structure import oscillator_shapes
@@ -16,7 +16,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection, modes_of_scene
 from hertzloop.results.impacts import first_impact
 from hertzloop.results.recorded import rows_of
@@ -129,12 +129,12 @@ def test_before_reflections_return_edges_do_not_matter(edges: str) -> None:
     """The first contact of a thin plate's centre: as on an infinite plate, whatever the edges."""
     settings = [*SHORT, "controller.law=off", "run.accuracy=3e-4"]
     infinite = load("aluminium-3mm", [*settings, "run.plate_model=infinite"])
-    expected = figures_of_case(infinite)
-    figures = figures_of_case(load("aluminium-3mm", [*settings, f"plate.edges={edges}"]))
-    assert figures.plate_model == "modal"
+    expected = metrics_of_case(infinite)
+    metrics = metrics_of_case(load("aluminium-3mm", [*settings, f"plate.edges={edges}"]))
+    assert metrics.plate_model == "modal"
     speed = infinite.plant.sphere.impact_speed_m_s
-    assert abs(figures.rebound_m_s - expected.rebound_m_s) < 3e-4 * speed
-    assert figures.plate_energy_j == pytest.approx(expected.plate_energy_j, rel=3e-4)
+    assert abs(metrics.rebound_m_s - expected.rebound_m_s) < 3e-4 * speed
+    assert metrics.plate_energy_j == pytest.approx(expected.plate_energy_j, rel=3e-4)
 
 
 def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:

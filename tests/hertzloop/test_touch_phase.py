@@ -8,7 +8,7 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 
@@ -20,7 +20,7 @@ PHASES = [(i + 0.5) / 20 for i in range(20)]
 def energies(*settings: str) -> list[float]:
     """Plate energy (dB) of the 3 mm scene over 20 phases."""
     scenes = [load("aluminium-3mm", [*settings, f"run.touch_phase={p}"]) for p in PHASES]
-    return [figures_of_case(scene).plate_energy_db for scene in scenes]
+    return [metrics_of_case(scene).plate_energy_db for scene in scenes]
 
 
 @pytest.mark.parametrize("phase", [0.25, 0.5, 0.9])
@@ -33,11 +33,11 @@ def test_the_touch_comes_that_part_of_a_step_after_a_sample(phase: float) -> Non
 
 def test_without_control_nothing_depends_on_it() -> None:
     found = [
-        figures_of_case(load("aluminium-3mm", ["controller.law=off", f"run.touch_phase={p}"]))
+        metrics_of_case(load("aluminium-3mm", ["controller.law=off", f"run.touch_phase={p}"]))
         for p in (0.05, 0.3, 0.5, 0.95)
     ]
     spread = {
-        name: np.ptp([getattr(figures, name) for figures in found])
+        name: np.ptp([getattr(metrics, name) for metrics in found])
         for name in ("plate_energy_j", "contact_us", "rebound_m_s")
     }
     # The scheme's own error at this step is 5e-7 of the gap.

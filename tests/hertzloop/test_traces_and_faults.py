@@ -15,7 +15,7 @@ from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read as read_recording
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.recorded import rows_of
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.statistics import Extremes
@@ -30,7 +30,7 @@ SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
 
 def digest(*settings):
     """Fingerprint of all samples of a case."""
-    return figures_of_case(load("aluminium-3mm", [*SHORT, *settings])).digest
+    return metrics_of_case(load("aluminium-3mm", [*SHORT, *settings])).digest
 
 
 @pytest.fixture
@@ -73,11 +73,11 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
     setup = load("aluminium-3mm", [*SHORT, trace("2\n6\n")])
     (tmp_path / "trace.csv").unlink()
     again = parse(to_toml(setup.scene))
-    assert figures_of_case(again).digest == figures_of_case(setup).digest
+    assert metrics_of_case(again).digest == metrics_of_case(setup).digest
     assert again.latency_us == 2.0
     assert again.line.most_added_steps == 4
     other = setup.vary({"controller.latency_trace": [3.0]})
-    assert figures_of_case(other).digest == digest("controller.latency_us=3")
+    assert metrics_of_case(other).digest == digest("controller.latency_us=3")
 
 
 @pytest.mark.parametrize(
@@ -219,9 +219,9 @@ def test_the_delay_of_the_loop_counts_a_dead_time() -> None:
 
 
 def test_a_dead_time_acts_like_a_latency_that_the_law_does_not_know():
-    """Force feedback has no model of its latency, so the figures agree."""
+    """Force feedback has no model of its latency, so the metrics agree."""
     late, dead = (
-        figures_of_case(load("aluminium-3mm", [*SHORT, setting]))
+        metrics_of_case(load("aluminium-3mm", [*SHORT, setting]))
         for setting in ("controller.latency_us=3", "actuator.dead_time_us=3")
     )
     assert late.plate_energy_db == dead.plate_energy_db

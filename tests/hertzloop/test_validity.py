@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.effect_rows import ROWS
 from hertzloop.results.effects import neglected_of_scene
 from hertzloop.scene.errors import SceneError
@@ -188,7 +188,7 @@ def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
 
 
 def test_a_case_names_what_it_leaves_out() -> None:
-    case = figures_of_case(load("aluminium-3mm"))
+    case = metrics_of_case(load("aluminium-3mm"))
     assert case.out_of_range == "yield"
     assert "plate theory (energy)" in case.leaves_out.split(", ")
     names = [row.name for row in ROWS]

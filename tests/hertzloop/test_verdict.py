@@ -1,4 +1,4 @@
-"""A run ends in words: whether control helped, in what, why not, and what spoils the figures."""
+"""A run ends in words: whether control helped, in what, why not, and what spoils the metrics."""
 
 import json
 from collections.abc import Sequence
@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus.messages_pb2 import EventKind
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.recordings.recording import Event, EventData
 from hertzloop.results.effects import Neglected
-from hertzloop.results.figures import Figures, RunResult, Saturation
+from hertzloop.results.metrics import Metrics, RunResult, Saturation
 from hertzloop.results.predictability import ImpactErrors, Predictability
 from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.results.stability import Stability
@@ -111,24 +111,24 @@ def noise(radiated_j: float) -> ImpactNoise:
 STABLE = Stability(False, False, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def figures(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: ForceTiming) -> Figures:
-    """Figures of a run of which no more is known than these."""
-    return Figures(
+def metrics(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: ForceTiming) -> Metrics:
+    """Metrics of a run of which no more is known than these."""
+    return Metrics(
         list(impacts), list(sounds), None, None, True, STABLE, None, push, Neglected(None)
     )
 
 
 def said_of(
-    impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Figures,
+    impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Metrics,
     known: Predictability | None = None, saturation: Saturation | None = None,
 ) -> list[str]:  # fmt: skip
     push = ForceTiming(1e-6, 0.0)
-    result = RunResult(figures(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
+    result = RunResult(metrics(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
     return verdict_sentences(verdict(result, free, known))
 
 
-def test_the_words_follow_the_figures() -> None:
-    free = figures([impact(1e-4)], [noise(1e-5)], ForceTiming(1e-6, 0.0))
+def test_the_words_follow_the_metrics() -> None:
+    free = metrics([impact(1e-4)], [noise(1e-5)], ForceTiming(1e-6, 0.0))
     assert said_of([impact(1e-4)], [noise(1e-5)], free) == [
         "Control leaves plate energy nearly unchanged."
     ]
@@ -148,7 +148,7 @@ def test_the_words_follow_the_figures() -> None:
 
 
 def test_what_is_not_predictable_is_not_added_up() -> None:
-    free = figures([impact(1e-4), impact(1e-5)], [], ForceTiming(0.0, 0.0))
+    free = metrics([impact(1e-4), impact(1e-5)], [], ForceTiming(0.0, 0.0))
 
     def known(*errors_j: float) -> list[ImpactErrors]:
         return [ImpactErrors(1.0 if e == 0.0 else 1e3, {"plate_energy_j": e}, {}) for e in errors_j]

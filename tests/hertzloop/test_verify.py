@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import finer_loop, simulate
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, F_C, XI, series_under

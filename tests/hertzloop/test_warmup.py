@@ -146,12 +146,12 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 
 LEAN = """
 import sys
-from hertzloop.results.figures import free_figures
+from hertzloop.results.metrics import free_metrics
 from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import load
 setup = load("aluminium-20mm", ["run.duration_s=0.003"])
 assert simulate(setup).rows.any()
-assert free_figures(setup).impacts
+assert free_metrics(setup).impacts
 late = ("numba.np.linalg", "scipy.linalg", "scipy.special")
 print([name for name in late if name in sys.modules])
 """

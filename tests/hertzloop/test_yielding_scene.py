@@ -1,4 +1,4 @@
-"""A contact that yields, as a scene: figures of the 3 mm ball, what is recorded and refused."""
+"""A contact that yields, as a scene: metrics of the 3 mm ball, what is recorded and refused."""
 
 from pathlib import Path
 
@@ -9,11 +9,11 @@ import hertzloop
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.yielding import strength
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.model import limiting_pressure
 from hertzloop.results.recorded import rows_of
 from hertzloop.results.verification import verify
@@ -58,7 +58,7 @@ def test_the_3_mm_ball_on_a_plate_that_yields(
         balance.modal_j + balance.modal_dissipated_j, rel=1e-4
     )
     if law_db is not None:
-        found = figures_of_case(yielding(pressure_pa, "controller.v_thr_m_s=-0.6"))
+        found = metrics_of_case(yielding(pressure_pa, "controller.v_thr_m_s=-0.6"))
         assert found.plate_energy_db == pytest.approx(law_db, abs=0.02)
 
 

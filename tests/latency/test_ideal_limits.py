@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.time_series import F_A, XI
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
 from tests.latency.modes_alone import modes_alone
 
@@ -129,10 +129,10 @@ def test_finer_converters_tend_to_the_ideal_one(law: str) -> None:
                 "controller.kappa=0.4"]  # fmt: skip
     if law != "velocity_feedback":
         settings.append("controller.v_thr_m_s=-0.6")
-    ideal = figures_of_case(load("aluminium-3mm", settings)).plate_energy_db
+    ideal = metrics_of_case(load("aluminium-3mm", settings)).plate_energy_db
     finest = [
         abs(
-            figures_of_case(
+            metrics_of_case(
                 load("aluminium-3mm", [*settings, f"sensors.bits={bits}", f"controller.bits={bits}",
                                        "controller.full_scale_n=200"])
             ).plate_energy_db

@@ -5,7 +5,7 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
@@ -19,7 +19,7 @@ CHANCE = {
 @pytest.mark.parametrize("name", CHANCE)
 def test_a_seed_repeats_and_another_differs(name: str) -> None:
     digests = [
-        figures_of_case(load("aluminium-3mm", [*KEYS, *CHANCE[name], f"run.seed={seed}"])).digest
+        metrics_of_case(load("aluminium-3mm", [*KEYS, *CHANCE[name], f"run.seed={seed}"])).digest
         for seed in (1, 1, 2, 3)
     ]
     assert digests[0] == digests[1]

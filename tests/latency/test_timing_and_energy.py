@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures.impacts import impacts_in
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, XI_P
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 from tests.latency.modes_alone import modes_alone
 
@@ -70,8 +70,8 @@ def test_plate_sphere_and_actuator_exchange_the_same_energy(law: str, latency_us
 
 def test_a_force_after_the_contact_only_feeds_the_plate() -> None:
     """At 40 us the ball has left: the plate gains what the actuator gives, the ball nothing."""
-    late = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.latency_us=40"]))
-    free = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.law=off"]))
+    late = metrics_of_case(load("aluminium-3mm", [*SHORT, "controller.latency_us=40"]))
+    free = metrics_of_case(load("aluminium-3mm", [*SHORT, "controller.law=off"]))
     assert late.rebound_percent == pytest.approx(100.0, abs=1e-6)
     assert late.injected_j > 0.0
     gained = late.plate_energy_j - free.plate_energy_j
@@ -80,7 +80,7 @@ def test_a_force_after_the_contact_only_feeds_the_plate() -> None:
 
 def test_a_force_in_time_takes_energy_off_the_plate_by_the_ledger() -> None:
     """Early and not late, the plate does work on the actuator."""
-    early = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback",
+    early = metrics_of_case(load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback",
                                                    "controller.kappa=0.4"]))  # fmt: skip
     assert early.injected_j < 0.0
     assert early.plate_energy_db < -1.0

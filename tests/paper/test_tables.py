@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.figures import figures_of
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.setup import load
 from paper import tables
 from tests.benchmarks.programs import called
@@ -45,7 +45,7 @@ def test_parameter_study_rows() -> None:
 
 def test_a_table_has_the_figures_of_its_scene() -> None:
     row = tables.parse_row({"kappa": "0.8", "v_thr_m_s": "-0.25"}, 1)
-    noise = figures_of(*_run("thesis-aluminium")).noise[0]
+    noise = metrics_of(*_run("thesis-aluminium")).noise[0]
     found = tables.noise_of(row, "thesis2008")
     assert found is not None
     assert found == noise

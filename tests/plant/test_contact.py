@@ -15,7 +15,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
     rigid_peak_force_n,
 )
-from hertzloop.plant.figures.impacts import impacts
+from hertzloop.plant.metrics.impacts import impacts
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS

@@ -15,7 +15,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_impact,
     tangent_stiffness_n_m,
 )
-from hertzloop.plant.figures.impacts import impacts
+from hertzloop.plant.metrics.impacts import impacts
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS

@@ -1,4 +1,4 @@
-"""Figures of each impact from rows of truth made by hand, with known crossings."""
+"""Metrics of each impact from rows of truth made by hand, with known crossings."""
 
 import math
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.impacts import Impact, impacts, impacts_in, step_work_j
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
@@ -89,7 +89,7 @@ def test_contact_that_the_end_cuts_off_counts_with_what_there_is() -> None:
 
 
 def test_a_contact_that_begins_in_the_last_step_is_not_one_yet() -> None:
-    # It would have no duration, by which figures divide.
+    # It would have no duration, by which metrics divide.
     found = of([1.0, -3.0, -2.0, 1.0, 2.0, 1.0], [5.0, 9.0, 7.0, 0.0, 0.0, 2.0])
     assert len(found) == 1
     assert of([3.0, 2.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0]) == []

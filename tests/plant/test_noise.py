@@ -1,4 +1,4 @@
-"""Noise figures: closed forms, published constants, and energies that must agree."""
+"""Noise metrics: closed forms, published constants, and energies that must agree."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.plant.figures import noise
+from hertzloop.plant.metrics import noise
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation

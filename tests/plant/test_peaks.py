@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures.impacts import impacts_in, peak_force_n, peak_speed_m_s
-from hertzloop.results.figures import figures_of
+from hertzloop.plant.metrics.impacts import impacts_in, peak_force_n, peak_speed_m_s
+from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.setup import load
 
 FREE = "controller.law=off"
@@ -66,7 +66,7 @@ def test_peak_does_not_depend_on_the_step() -> None:
 def test_plate_speed_is_that_of_each_contact() -> None:
     """Waves from the edges make it larger after the first impact: 0.54 m/s within the run."""
     loaded = load("aluminium-3mm", [FREE, "run.duration_s=0.02"])
-    found = figures_of(loaded, simulate(loaded).rows)
+    found = metrics_of(loaded, simulate(loaded).rows)
     assert found.first_impact is not None
     assert found.whole_run is not None
     assert found.impacts[0].plate_speed_max_m_s == pytest.approx(0.286, abs=2e-3)

@@ -9,7 +9,7 @@ import pytest
 
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
-from hertzloop.plant.figures import noise
+from hertzloop.plant.metrics import noise
 from hertzloop.plant.plant import PlantSpec, air_eta, modes_of
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import step

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.plant.figures import rows_kernels as rows
-from hertzloop.plant.figures.impacts import contacts, peak_force_n, peak_speed_m_s
-from hertzloop.plant.figures.noise import force_spectrum
+from hertzloop.plant.metrics import rows_kernels as rows
+from hertzloop.plant.metrics.impacts import contacts, peak_force_n, peak_speed_m_s
+from hertzloop.plant.metrics.noise import force_spectrum
 
 STEP_S = 1e-6
 
@@ -56,7 +56,7 @@ def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencie
 
 
 def test_a_frequency_has_the_same_bits_alone_and_among_others() -> None:
-    """Figures of a sweep are formed of the audible modes alone, those of a run of all."""
+    """Metrics of a sweep are formed of the audible modes alone, those of a run of all."""
     force = np.random.default_rng(1).normal(size=700)
     hertz = np.linspace(100.0, 3e5, 301)
     every = force_spectrum(force, STEP_S, hertz, force[::-1].copy())

@@ -1,4 +1,4 @@
-"""Contact sequences of whole scenes against figures of an independent implementation.
+"""Contact sequences of whole scenes against metrics of an independent implementation.
 
 Those came from runs that began at first contact, with all modes up to half the sampling
 rate, and count the steps in which a force acted: hence the lead-in of zero here. Their
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.figures.impacts import Impact, impacts
+from hertzloop.plant.metrics.impacts import Impact, impacts
 from hertzloop.scene.setup import load
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
@@ -33,7 +33,7 @@ def rounded(values: list[float], digits: int) -> list[float]:
 
 def test_six_contacts_of_the_heavy_ball_on_aluminium() -> None:
     found, steps = contacts("aluminium-20mm", "run.duration_s=0.012")
-    # The figures count the steps of a force that is constant over each; here it has a slope, and
+    # The metrics count the steps of a force that is constant over each; here it has a slope, and
     # the first and the last step of a contact may count too.
     counted = [1335, 661, 349, 589, 100, 48]
     assert max(abs(a - b) for a, b in zip(steps, counted, strict=True)) <= 1
@@ -70,5 +70,5 @@ def test_light_ball_on_aluminium() -> None:
     found, _ = contacts("aluminium-3mm", "run.duration_s=0.002")
     assert len(found) == 1
     assert round(found[0].peak_force_n) == 88
-    # The figure is 28.8 us; where its ends lie within a step of 1 us was not recorded.
+    # The metric is 28.8 us; where its ends lie within a step of 1 us was not recorded.
     assert found[0].duration_s == pytest.approx(28.8e-6, abs=0.2e-6)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.plant.figures import sound
-from hertzloop.plant.figures.sound import (
+from hertzloop.plant.metrics import sound
+from hertzloop.plant.metrics.sound import (
     Excitation,
     Grid,
     Products,

@@ -19,7 +19,7 @@ from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget import budget as study
-from hertzloop.studies.budget.goal import FIGURES, GoalError, all_met, parse_goal
+from hertzloop.studies.budget.goal import METRICS, GoalError, all_met, parse_goal
 from hertzloop.studies.budget.limits import (
     NAMES,
     Boundary,
@@ -51,9 +51,9 @@ GOAL = parse_goal("plate_energy_db <= -0.1")
 ANSWERS = (Boundary.NEVER, Boundary.IDEAL_ONLY)  # which need no value and no reason
 
 
-def row(value, state=CaseState.FIGURES):
-    """A row of a case with one figure."""
-    bad = state is not CaseState.FIGURES
+def row(value, state=CaseState.METRICS):
+    """A row of a case with one metric."""
+    bad = state is not CaseState.METRICS
     return {"plate_energy_db": None if bad else value, "status": "no" if bad else "",
             "state": state.value}  # fmt: skip
 
@@ -82,8 +82,8 @@ def test_a_goal_is_read_and_says_whether_a_row_meets_it():
     assert parse_goal("plate_energy_db >= 1").met(row(1.5))
     assert not goal.met(row(-9.0, CaseState.UNSTABLE))
     assert goal.excess(row(math.nan)) == math.inf
-    assert "digest" not in FIGURES
-    assert "pumps" not in FIGURES
+    assert "digest" not in METRICS
+    assert "pumps" not in METRICS
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
     quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
 
     def run(cases):
-        return [row(-1.0, CaseState.FIGURES if case["a.b"] <= 62 else CaseState.NOT_RUN)
+        return [row(-1.0, CaseState.METRICS if case["a.b"] <= 62 else CaseState.NOT_RUN)
                 for case in cases]  # fmt: skip
 
     (limit,) = side_by_side([limit_of(quantity, [GOAL], Search((0.5,), (1,), 6))], run)
@@ -225,37 +225,37 @@ def test_a_value_that_fails_at_one_phase_ends_the_tolerated_values():
         assert (limit.value, limit.interval) == (62.0, True)
 
 
-def figure_limit(figure, quantity, search):
-    """The limit where `figure(value, case)` is the plate energy in dB."""
+def metric_limit(metric, quantity, search):
+    """The limit where `metric(value, case)` is the plate energy in dB."""
 
     def run(cases):
-        return [{**row(0.0), "plate_energy_db": figure(case["a.b"], case)} for case in cases]
+        return [{**row(0.0), "plate_energy_db": metric(case["a.b"], case)} for case in cases]
 
     return side_by_side([limit_of(quantity, [GOAL], search)], run)[0]
 
 
 @pytest.mark.parametrize("phase", [None, 0.5])
-def test_a_narrow_gap_at_a_jump_is_found_where_the_figure_bends_towards_it(phase):
+def test_a_narrow_gap_at_a_jump_is_found_where_the_metric_bends_towards_it(phase):
     """Values 44 to 46 fail, perhaps only at the phase at which the scan tries 56."""
 
-    def figure(value, case):
+    def metric(value, case):
         jumps = value >= 44 and phase in (None, case["run.touch_phase"])
         return (0.7 - 0.3 * (value - 44)) if jumps else -6.0
 
     quantity = BudgetQuantity("mass_kg", "a.b", "kg", tuple(range(127)))
-    limit = figure_limit(figure, quantity, Search((0.1, 0.9, 0.5), (1,), 10))
+    limit = metric_limit(metric, quantity, Search((0.1, 0.9, 0.5), (1,), 10))
     assert (limit.value, limit.first_failure) == (43, 44)
 
 
 def test_a_failure_by_chance_just_below_a_jump_is_found():
     """From 92 on all variants fail, at once; one variant fails at 86 and 87 already."""
 
-    def figure(value, case):
+    def metric(value, case):
         alone = value in (86, 87) and case["run.seed"] == 2 and case["run.touch_phase"] == 0.5
         return 1.0 if alone or value >= 92 else -3.0
 
     quantity = BudgetQuantity("noise", "a.b", "rms", tuple(range(121)), by_chance=True, finer=4)
-    limit = figure_limit(figure, quantity, Search((0.1, 0.5, 0.9), (1, 2, 3), 10))
+    limit = metric_limit(metric, quantity, Search((0.1, 0.5, 0.9), (1, 2, 3), 10))
     assert limit.value < 87
 
 
@@ -423,7 +423,7 @@ def test_probability_is_recorded_and_narrow_enough(pool):
     assert 0.5 * (found.interval[1] - found.interval[0]) <= 0.08
     assert len(found.drawn) == found.cases
     again = evaluate(pool, setup, "impact", [found.worst])[0]
-    assert again["plate_energy_db"] == found.worst_figures["plate_energy_db"]
+    assert again["plate_energy_db"] == found.worst_metrics["plate_energy_db"]
     assert found.interval[0] < found.value < found.interval[1]
 
 
@@ -495,7 +495,7 @@ def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path
     assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
 
 
-def test_an_expected_figure_may_differ_by_its_digits_only(pool, tmp_path):
+def test_an_expected_metric_may_differ_by_its_digits_only(pool, tmp_path):
     path = tmp_path / "requirements.toml"
     for value, passes in ((-9.044, True), (-9.08, False)):
         path.write_text(REQUIREMENTS.replace("-9.044", str(value)))
@@ -509,7 +509,7 @@ def test_an_expected_figure_may_differ_by_its_digits_only(pool, tmp_path):
      ("[hertzloop]", "Add at least one"),
      ("[hertzloop]\n[[requirement]]\nname = 'a'", "scene"),
      ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
-     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a figure")],
+     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a metric")],
 )  # fmt: skip
 def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
     path = tmp_path / "requirements.toml"

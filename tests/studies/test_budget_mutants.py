@@ -22,7 +22,7 @@ LAWS = (
     "fade_out",
     "least_squares",
 )
-FIGURES = ("plate_energy_db", "rebound_percent", "peak_force_n", "radiated_db", "contact_us")
+METRICS = ("plate_energy_db", "rebound_percent", "peak_force_n", "radiated_db", "contact_us")
 CASES: tuple[dict[str, object], ...] = (
     {}, {"controller.latency_us": 2}, {"run.touch_phase": 0.1}, {"sensors.bits": 10},
 )  # fmt: skip
@@ -141,7 +141,7 @@ def pool():
 
 @pytest.fixture(scope="module")
 def truths(pool):
-    """Figures of the shipped laws in all cases."""
+    """Metrics of the shipped laws in all cases."""
     return {
         law: evaluate(pool, load("aluminium-3mm", [f"controller.law={law}"]).vary(BASE | GAIN),
                       "impact", [dict(case) for case in CASES])
@@ -150,11 +150,11 @@ def truths(pool):
 
 
 def requirements_of(truth, folder):
-    """Requirements that ask for the figures of a law, for law.py in the same folder."""
+    """Requirements that ask for the metrics of a law, for law.py in the same folder."""
     lines = ["[hertzloop]", 'law = "law.py"']
     for number, (case, row) in enumerate(zip(CASES, truth, strict=True)):
         given = ", ".join(f'"{key}" = {value}' for key, value in (BASE | GAIN | case).items())
-        wanted = ", ".join(f"{figure} = {row[figure]!r}" for figure in FIGURES)
+        wanted = ", ".join(f"{metric} = {row[metric]!r}" for metric in METRICS)
         lines += ["[[requirement]]", f'name = "case {number}"', 'scene = "aluminium-3mm"',
                   f"set = {{ {given} }}", f"expect = {{ {wanted} }}"]  # fmt: skip
     (folder / "requirements.toml").write_text("\n".join(lines))
@@ -170,7 +170,7 @@ def caught(pool, rows):
 
 
 def differs(pool, folder, truth):
-    """Whether a figure of law.py differs by more than its digits, which is worked out apart from
+    """Whether a metric of law.py differs by more than its digits, which is worked out apart from
     the requirements."""
     try:
         setup = load("aluminium-3mm", [f"controller.law={folder / 'law.py'}"]).vary(BASE | GAIN)
@@ -178,9 +178,9 @@ def differs(pool, folder, truth):
     except SceneError:
         return True
     for row, right in zip(rows, truth, strict=True):
-        for figure in FIGURES:
-            if row["status"] or abs(row[figure] - right[figure]) > digits_of(
-                setup, figure, right[figure]
+        for metric in METRICS:
+            if row["status"] or abs(row[metric] - right[metric]) > digits_of(
+                setup, metric, right[metric]
             ):
                 return True
     return False
@@ -198,7 +198,7 @@ def test_mutants_are_caught(pool, truths, tmp_path):
         changing += wrong
         print(number, law, kind, "differs" if wrong else "the same", flush=True)
         assert caught(pool, requirements_of(truths[law], folder)) == wrong, (law, kind)
-    print(f"{len(mutants)} mutants, {changing} change a figure by more than its digits")
+    print(f"{len(mutants)} mutants, {changing} change a metric by more than its digits")
     assert changing >= len(mutants) / 2
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.latency import Named, critical
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 from hertzloop.studies import tuning as tune
 from hertzloop.studies.requests import TuneRequest
@@ -32,7 +32,7 @@ def by_hand(**changes: object) -> list[float]:
     scene = load("aluminium-3mm", EARLY)
     values = {key.replace("__", "."): value for key, value in changes.items()}
     cases = (scene.vary(values | {KEY: phase}) for phase in phases())
-    return [figures_of_case(case).plate_energy_db for case in cases]
+    return [metrics_of_case(case).plate_energy_db for case in cases]
 
 
 def test_phases_are_spread_evenly_about_the_middle() -> None:
@@ -78,7 +78,7 @@ def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
     )  # fmt: skip
     (best,) = tune.with_spreads(pool, [scene], "impact", found[:1], ("plate_energy_db",))
     values = by_hand(controller__v_thr_m_s=best.values["controller.v_thr_m_s"])
-    assert best.figures["plate_energy_db"] == pytest.approx(np.mean(values))
+    assert best.metrics["plate_energy_db"] == pytest.approx(np.mean(values))
     spread = best.spreads["plate_energy_db"]
     assert (spread.least, spread.most) == pytest.approx((min(values), max(values)))
     assert spread.most > spread.least + 0.1

@@ -45,7 +45,7 @@ def test_a_row_of_maps_has_one_round_scale_around_zero(saved: list[Figure]) -> N
     }
     maps["sensors.bits"][3]["plate_energy_db"] = None
     names = ("plate_energy_db", "radiated_db", "rebound_percent")
-    draw_maps(Path("x.png"), "made up", maps, {name: words.FIGURES[name] for name in names})
+    draw_maps(Path("x.png"), "made up", maps, {name: words.METRICS[name] for name in names})
     (figure,) = saved
     bars = [ax for ax in figure.axes if ax.get_label() == "<colorbar>"]
     assert [bar.get_ylabel() for bar in bars] == [

@@ -97,7 +97,7 @@ def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: P
         assert says in result.output
 
 
-def test_a_figure_without_a_value_or_a_change_is_left_out(
+def test_a_metric_without_a_value_or_a_change_is_left_out(
     results: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = results / "grid" / "g.parquet"
@@ -111,4 +111,4 @@ def test_a_figure_without_a_value_or_a_change_is_left_out(
     assert "adiated energy" in said
     assert "no value in any case" in said
     assert ": 0.000 in every case" in said.replace("-0", "?")
-    assert len(re.findall("<th>", text)) == 5 + 6  # least and largest; case, keys, figures, status
+    assert len(re.findall("<th>", text)) == 5 + 6  # least and largest; case, keys, metrics, status

@@ -1,4 +1,4 @@
-"""Sweeps: designs, cases and their figures, same bytes as processes, results, mistakes."""
+"""Sweeps: designs, cases and their metrics, same bytes as processes, results, mistakes."""
 
 import json
 import math
@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.cases import CaseState, figures_of_case
+from hertzloop.results.cases import CaseState, metrics_of_case
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
@@ -106,43 +106,43 @@ def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: 
 
 
 @pytest.mark.parametrize("model", ["modal", "infinite"])
-def test_the_figures_of_a_case_are_those_of_its_run(model: str) -> None:
+def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
     settings = ["run.duration_s=0.0016", "controller.latency_us=3", f"run.plate_model={model}"]
     scene = load("aluminium-3mm", settings)
-    figures = figures_of_case(scene)
-    assert figures.plate_model == model
+    metrics = metrics_of_case(scene)
+    assert metrics.plate_model == model
     mine = first_impact(scene, simulate(scene).rows)
     free_scene = scene.without_control()
     free = first_impact(free_scene, simulate(free_scene).rows)
     assert mine is not None
     assert free is not None
-    assert figures.contacts == 1
-    assert figures.rebound_m_s == mine.impact.rebound_speed_m_s
-    assert 1e-6 * figures.contact_us == pytest.approx(mine.impact.duration_s, rel=1e-12)
+    assert metrics.contacts == 1
+    assert metrics.rebound_m_s == mine.impact.rebound_speed_m_s
+    assert 1e-6 * metrics.contact_us == pytest.approx(mine.impact.duration_s, rel=1e-12)
     # Cut when nothing acts any more: the work on the plate is the same but for rounding.
-    assert figures.plate_energy_j == pytest.approx(mine.impact.plate_energy_j, rel=1e-12)
+    assert metrics.plate_energy_j == pytest.approx(mine.impact.plate_energy_j, rel=1e-12)
     change = 10.0 * np.log10(mine.noise.radiated_j / free.noise.radiated_j)
-    assert figures.radiated_db == pytest.approx(change, abs=1e-9)
-    assert figures.steps < scene.steps
+    assert metrics.radiated_db == pytest.approx(change, abs=1e-9)
+    assert metrics.steps < scene.steps
 
 
 def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None:
     settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
     scene = load("aluminium-3mm", settings)
-    mine, modal = (figures_of_case(scene.vary({"run.plate_model": m})) for m in ("auto", "modal"))
+    mine, modal = (metrics_of_case(scene.vary({"run.plate_model": m})) for m in ("auto", "modal"))
     assert (mine.plate_model, modal.plate_model) == ("infinite", "modal")
     assert mine.digest != modal.digest
     assert mine.rebound_m_s == pytest.approx(modal.rebound_m_s, rel=1e-3)
     assert mine.plate_energy_j == pytest.approx(modal.plate_energy_j, rel=2e-3)
     # Not to the end of the run, by when reflections are back; nor at a tighter accuracy.
-    assert figures_of_case(scene, "run").plate_model == "modal"
-    assert figures_of_case(scene.vary({"run.accuracy": 1e-5})).plate_model == "modal"
+    assert metrics_of_case(scene, "run").plate_model == "modal"
+    assert metrics_of_case(scene.vary({"run.accuracy": 1e-5})).plate_model == "modal"
 
 
 def test_the_span_of_a_run_takes_all_contacts() -> None:
     scene = load("aluminium-20mm", ["run.duration_s=0.006", "controller.law=off", *COARSE])
-    assert figures_of_case(scene, "impact").contacts == 1
-    assert figures_of_case(scene, "run").contacts > 1
+    assert metrics_of_case(scene, "impact").contacts == 1
+    assert metrics_of_case(scene, "run").contacts > 1
 
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
@@ -170,7 +170,7 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     axes = tuple(Axis(key, tuple(values)) for key, values in SETTINGS.items())
     design = Design(axes, "lhs", 24, 5)
     rows = [evaluate.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
-    # Feedback of the velocity 3 us late is unstable on one of the balls, which then has no figures.
+    # Feedback of the velocity 3 us late is unstable on one of the balls, which then has no metrics.
     unstable = [row for row in rows if row["status"]]
     assert len(unstable) == 1
     assert unstable[0]["state"] == CaseState.UNSTABLE
@@ -205,7 +205,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_results_from_before_a_figure_was_added_stay_readable(tmp_path: Path, suffix: str) -> None:
+def test_results_from_before_a_metric_was_added_stay_readable(tmp_path: Path, suffix: str) -> None:
     out, lacking = tmp_path / f"r{suffix}", "radiated_db"
     setup = load("aluminium-3mm", COARSE)
     design = make_design(setup, ["controller.latency_us=0,3"], "grid", 2, 1)
@@ -290,12 +290,12 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     )
     assert again.exit_code == 1, again.stdout
     assert "2 of 2 cases: the same bytes" in again.stdout
-    assert "3 of 5 cases have no figures to verify" in again.stdout
+    assert "3 of 5 cases have no metrics to verify" in again.stdout
     assert "3 of 5 cases failed" in again.stderr
-    assert json.loads(report.read_text())["without_figures"] == 3
+    assert json.loads(report.read_text())["without_metrics"] == 3
 
 
-def test_an_unstable_case_was_run_but_has_no_figures(tmp_path: Path) -> None:
+def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path: Path) -> None:
     report = tmp_path / "r.json"
     words = ["sweep", "aluminium-20mm", "--workers", "1", "--span", "run", "--json", str(report),
              "-o", str(tmp_path / "r.csv"), "--over", "controller.kappa=0.2,1.2"]  # fmt: skip
@@ -304,7 +304,7 @@ def test_an_unstable_case_was_run_but_has_no_figures(tmp_path: Path) -> None:
         words += ["--set", setting]
     done = invoke(words)
     assert done.exit_code == 0, done.stderr
-    assert "1 of 2 cases are unstable and have no figures" in done.stdout
+    assert "1 of 2 cases are unstable and have no metrics" in done.stdout
     told = json.loads(report.read_text())
     assert (told["ran"], told["failed"], told["unstable"]) == (2, 0, 1)
 
@@ -354,7 +354,7 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     study.sweep(scene, Design((Axis("controller.kappa", (0, 1)),)), "impact", out, workers=1)
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
-    assert "no case has figures to verify" in " ".join(found.stderr.split())
+    assert "no case has metrics to verify" in " ".join(found.stderr.split())
 
 
 def test_a_case_is_the_scene_with_its_keys() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.results.cases import figures_of_case
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import tuning as study
 from hertzloop.studies.requests import TuneRequest
@@ -34,7 +34,7 @@ def scene() -> Setup:
 
 def energy(scene: Setup, kappa: float) -> float:
     values = {"controller.law": "force_feedback", "controller.kappa": kappa}
-    return figures_of_case(scene.vary(values)).plate_energy_db
+    return metrics_of_case(scene.vary(values)).plate_energy_db
 
 
 def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> study.Candidate:
@@ -48,23 +48,23 @@ def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Setu
     kappas = np.linspace(-0.5, 1.5, 101)
     grid = [energy(scene, float(kappa)) for kappa in kappas]
     found = best(pool, [scene], {})
-    assert found.figures["plate_energy_db"] <= min(grid) + 0.02
+    assert found.metrics["plate_energy_db"] <= min(grid) + 0.02
     assert abs(found.values["controller.kappa"] - kappas[int(np.argmin(grid))]) < 0.03
 
 
 def test_a_limit_is_kept(pool: Pool, scene: Setup) -> None:
     free, limited = best(pool, [scene], {}), best(pool, [scene], {"rebound_percent": 130.0})
-    rebound = figures_of_case(scene.vary(limited.values)).rebound_percent
+    rebound = metrics_of_case(scene.vary(limited.values)).rebound_percent
     assert rebound <= 130.0
     assert rebound > 120.0  # and used
-    assert limited.figures["plate_energy_db"] > free.figures["plate_energy_db"]
+    assert limited.metrics["plate_energy_db"] > free.metrics["plate_energy_db"]
 
 
 def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Setup) -> None:
     other = scene.vary({"controller.latency_us": 6})
     found = best(pool, [scene, other], {})
-    alone = [figures_of_case(s.vary(found.values)).plate_energy_db for s in (scene, other)]
-    assert found.figures["plate_energy_db"] == pytest.approx(max(alone), abs=1e-12)
+    alone = [metrics_of_case(s.vary(found.values)).plate_energy_db for s in (scene, other)]
+    assert found.metrics["plate_energy_db"] == pytest.approx(max(alone), abs=1e-12)
     assert alone[0] != alone[1]
 
 
@@ -74,7 +74,7 @@ def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> N
         TuneRequest(BOTH, generations=6, population=16, seed=2),
     )  # fmt: skip
     front = study.front(found + found, BOTH)
-    values = np.array([[f.figures[name] for name in BOTH] for f in front])
+    values = np.array([[f.metrics[name] for name in BOTH] for f in front])
     assert len(values) > 3
     for row in values:
         beats = np.all(values <= row, axis=1) & np.any(values < row, axis=1)
@@ -85,7 +85,7 @@ def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> N
     reference = study.published(pool, [scene], "impact", BOTH)
     winner = study.better_than(reference, front, *BOTH)
     assert winner is not None
-    assert winner.figures["rebound_percent"] <= reference.figures["rebound_percent"]
+    assert winner.metrics["rebound_percent"] <= reference.metrics["rebound_percent"]
 
 
 @pytest.mark.parametrize("law", shipped())
@@ -113,7 +113,7 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--minimise", "noise"], "unknown figure"),
+        (["--minimise", "noise"], "unknown metric"),
         (["--law", "magic"], "controller.law = 'magic'"),
         (["--at-most", "rebound_percent<5"], "invalid limit"),
         (["--vary", "controller.kapa=0:1"], "Did you mean kappa"),
@@ -138,6 +138,6 @@ def test_the_command_writes_front_and_picture(tmp_path: Path) -> None:
     assert "published" in result.output
     assert (tmp_path / "tune-aluminium-3mm.png").read_bytes().startswith(b"\x89PNG")
     lines = (tmp_path / "tune-aluminium-3mm.csv").read_text().splitlines()
-    figures = {"plate_energy_db", "rebound_percent", "plate_energy_db_mean", "controller.kappa"}
-    assert figures <= set(lines[0].split(","))
+    metrics = {"plate_energy_db", "rebound_percent", "plate_energy_db_mean", "controller.kappa"}
+    assert metrics <= set(lines[0].split(","))
     assert len(lines) > 2

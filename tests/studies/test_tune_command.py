@@ -22,7 +22,7 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
         (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
         (["--set", "controller.law=off"], "Use one of acceleration_feedback, "),
-        (["--minimise", "nonsense"], "unknown figure"),
+        (["--minimise", "nonsense"], "unknown metric"),
         (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
         (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
         ([*KAPPA, "--over", "controller.kappa=0.8"], "is given to both --vary and --over"),

@@ -10,7 +10,7 @@ from hertzloop.studies import pictures
 
 def draw(found: MeasuredModes, path: Path) -> None:
     """Draw measured and modelled responses of what was held out. Raises NotWritten."""
-    figure, axes = pictures.sheet(len(found.held_out), 1)
+    metric, axes = pictures.sheet(len(found.held_out), 1)
     for one, ax in zip(found.held_out, axes[:, 0], strict=True):
         of_lines = np.iscomplexobj(one.measured)
         for i, what in enumerate(("measured", "modelled")):
@@ -22,4 +22,4 @@ def draw(found: MeasuredModes, path: Path) -> None:
         ax.set_xlabel("frequency, Hz" if of_lines else "time after the hit, ms")
         ax.set_ylabel("response, SI units")
         ax.legend()
-    pictures.save(figure, path)
+    pictures.save(metric, path)

@@ -8,7 +8,7 @@ from hertzloop.results.cases import OTHER, CaseState, Span
 from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
+from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import (
     BudgetLimit,
     Case,
@@ -48,11 +48,11 @@ NOISE = 1e-4  # rms, of the converter's range, in the real plant
 
 @dataclass(frozen=True)
 class Baseline:
-    """What a law does in a scene as it is: figures against no control at the scene's own touch
+    """What a law does in a scene as it is: metrics against no control at the scene's own touch
     phase, their spread over phases, whether the goals are met at every phase, and whether the loop
     was unstable at one of them."""
 
-    figures: dict[str, float]
+    metrics: dict[str, float]
     over_phases: dict[str, Spread]
     met: bool
     unstable: bool
@@ -61,7 +61,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class InPlant:
-    """Effect by figures of a span, and limits, in one plant; `margin`: the linear margin, None for
+    """Effect by metrics of a span, and limits, in one plant; `margin`: the linear margin, None for
     a law that has none; `binds_first`: the quantity whose limit is the nearest, by
     `BudgetLimit.share`, None where no limit was found; `left_out`: keys of the real plant that the
     scene does not accept."""
@@ -85,7 +85,7 @@ class InPlant:
 @dataclass(frozen=True)
 class Budget:
     """The answer of `hertzloop budget`; `real` is None where it was not asked for, and so is
-    `other`, the scene by figures of the other span; `other_db`: its change of the plate energy,
+    `other`, the scene by metrics of the other span; `other_db`: its change of the plate energy,
     None without one."""
 
     scene: str
@@ -165,7 +165,7 @@ def budget(
         pool: Runs cases, see `local_pool`.
         setup: The scene with its law.
         goals: What the law has to do, all of it.
-        request: What to search, how finely, and by the figures of which span.
+        request: What to search, how finely, and by the metrics of which span.
         on_progress: Is told the finished share of the work.
 
     Raises:
@@ -240,10 +240,10 @@ def nominal_of(
             raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Baseline(
-        figures={name: float("nan") if own[name] is None else own[name] for name in FIGURES},
+        metrics={name: float("nan") if own[name] is None else own[name] for name in METRICS},
         over_phases={
             name: spread_of([float("nan") if row[name] is None else row[name] for row in rows])
-            for name in FIGURES
+            for name in METRICS
         },
         met=all(all_met(goals, row) for row in rows),
         unstable=any(row["state"] == CaseState.UNSTABLE for row in (own, *rows)),
@@ -267,11 +267,11 @@ def as_data(found: Budget) -> dict[str, Any]:
         "span": found.span,
         "goal": " and ".join(map(str, found.goals)),
         "goals": [
-            {"figure": g.figure, "relation": g.relation, "limit": g.limit} for g in found.goals
+            {"metric": g.metric, "relation": g.relation, "limit": g.limit} for g in found.goals
         ],
         "met": found.ideal.nominal.met,
         "missed": list(found.ideal.nominal.missed),
-        "nominal": found.ideal.nominal.figures,
+        "nominal": found.ideal.nominal.metrics,
         "nominal_over_phases": _spreads(found.ideal.nominal),
         "limits": {limit.quantity: _limit(limit) for limit in found.ideal.limits},
         "binds_first": found.ideal.binds_first,
@@ -281,7 +281,7 @@ def as_data(found: Budget) -> dict[str, Any]:
         else None,
         "real_plant": {limit.quantity: _limit(limit) for limit in real.limits} if real else None,
         "real_plant_met": real.nominal.met if real else None,
-        "real_plant_nominal": real.nominal.figures if real else None,
+        "real_plant_nominal": real.nominal.metrics if real else None,
         "real_plant_over_phases": _spreads(real.nominal) if real else None,
         "real_plant_binds_first": real.binds_first if real else None,
         "real_plant_left_out": list(real.left_out) if real else None,

@@ -1,4 +1,4 @@
-"""Goals of a law: a figure of a case, a relation, and a limit."""
+"""Goals of a law: a metric of a case, a relation, and a limit."""
 
 import difflib
 import math
@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from hertzloop.results.cases import CaseFigures
+from hertzloop.results.cases import CaseMetrics
 from hertzloop.scene.errors import SceneError, shown
 
 DEFAULT_GOAL = "plate_energy_db <= -0.1"
-# Figures of a case that are numbers, in the order in which a case has them.
-FIGURES = tuple(f.name for f in fields(CaseFigures) if f.type in (float, int))
+# Metrics of a case that are numbers, in the order in which a case has them.
+METRICS = tuple(f.name for f in fields(CaseMetrics) if f.type in (float, int))
 _FORM = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*")
 _SIGN = {"<=": 1.0, "<": 1.0, ">=": -1.0, ">": -1.0}
 
@@ -23,30 +23,30 @@ class GoalError(SceneError):
 
 @dataclass(frozen=True)
 class Goal:
-    """A condition on one figure of a case, such as plate_energy_db <= -3.
+    """A condition on one metric of a case, such as plate_energy_db <= -3.
 
-    `figure`: a field of `CaseFigures`, in its unit; `relation`: <=, <, >= or >; `limit`: in the
-    unit of the figure.
+    `metric`: a field of `CaseMetrics`, in its unit; `relation`: <=, <, >= or >; `limit`: in the
+    unit of the metric.
     """
 
-    figure: str
+    metric: str
     relation: str
     limit: float
 
     def __str__(self) -> str:
-        return f"{self.figure} {self.relation} {self.limit:.12g}"
+        return f"{self.metric} {self.relation} {self.limit:.12g}"
 
     def excess(self, row: Mapping[str, Any]) -> float:
-        """Return by how much a case misses the goal, in the unit of the figure.
+        """Return by how much a case misses the goal, in the unit of the metric.
 
         Args:
             row: A row as of `run_cases`.
 
         Returns:
             A negative number or zero where the goal is met with this margin; inf for a case that
-            is unstable or lacks the figure.
+            is unstable or lacks the metric.
         """
-        value = row[self.figure]
+        value = row[self.metric]
         if row["status"] or value is None or math.isnan(value):
             return math.inf
         return _SIGN[self.relation] * (float(value) - self.limit)
@@ -63,7 +63,7 @@ def parse_goal(text: str) -> Goal:
     """Read a goal, for example 'plate_energy_db <= -3'.
 
     Raises:
-        GoalError: the text is not a goal, or its figure is unknown.
+        GoalError: the text is not a goal, or its metric is unknown.
     """
     found = _FORM.fullmatch(text)
     try:
@@ -72,15 +72,15 @@ def parse_goal(text: str) -> Goal:
         limit = math.nan
     if not found or not math.isfinite(limit):
         raise GoalError(
-            f"--goal = {shown(text)}: must be a figure, one of <=, <, >=, > and a number. "
+            f"--goal = {shown(text)}: must be a metric, one of <=, <, >=, > and a number. "
             f"Write for example '{DEFAULT_GOAL}'"
         )
-    if found[1] not in FIGURES:
-        near = difflib.get_close_matches(found[1], FIGURES, 1)
+    if found[1] not in METRICS:
+        near = difflib.get_close_matches(found[1], METRICS, 1)
         hint = f"Did you mean {near[0]}? " if near else ""
         raise GoalError(
-            f"--goal = {shown(text)}: {found[1]} is not a figure. {hint}"
-            f"Choose one of {', '.join(FIGURES)}"
+            f"--goal = {shown(text)}: {found[1]} is not a metric. {hint}"
+            f"Choose one of {', '.join(METRICS)}"
         )
     return Goal(found[1], found[2], limit)
 

@@ -12,10 +12,10 @@ failed last is tried first, and the others only where it passes. The scan tries 
 value, in turn: many values are worth more than many phases, since a law that misses its goal mostly
 does so at every phase. Bisection, and the value that it ends at, take all variants.
 
-Some tolerated values have narrow gaps, where a figure jumps. Beside a jump it often bends towards
+Some tolerated values have narrow gaps, where a metric jumps. Beside a jump it often bends towards
 the goal: where a straight line through two values tried, of twice their slope, misses the goal
 before the next one, the middle is tried too, in all variants. A quantity that works by chance may
-fail in one variant without such a sign. Where the figure jumps at the limit, some values below are
+fail in one variant without such a sign. Where the metric jumps at the limit, some values below are
 tried as well.
 
 Feedback acts for as long as the plate moves, so that the first impact of a long run has no end.
@@ -376,7 +376,7 @@ class _Known:
         return [place for place in sorted(found) if len(self.tried.get(place, ())) < every]
 
     def _reaches(self, a: int, b: int, c: int) -> bool:
-        """Whether the figure, with twice its slope from place `a` to `b`, misses a goal at `c`."""
+        """Whether the metric, with twice its slope from place `a` to `b`, misses a goal at `c`."""
         slope = (self.excess[b] - self.excess[a]) / (b - a)
         return self.excess[b] + 2.0 * slope * (c - b) > 0.0
 

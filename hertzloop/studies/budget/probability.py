@@ -15,7 +15,7 @@ import numpy as np
 from hertzloop.results.cases import CaseState, Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
+from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.uncertain import UncertainInput, UncertainInputs
 
@@ -44,7 +44,7 @@ class Probability:
     """How likely the goals are met.
 
     `value`: share of the cases that meet them; `interval`: Wilson's, at `confidence`; `quantiles`:
-    of every figure over the cases that have one, by probability; `worst`: varied keys of the case
+    of every metric over the cases that have one, by probability; `worst`: varied keys of the case
     that misses the goals by most, or is nearest to that; `drawn`: of every case, in order.
     """
 
@@ -56,7 +56,7 @@ class Probability:
     unstable: int
     quantiles: dict[str, dict[float, float]]
     worst: dict[str, Any]
-    worst_figures: dict[str, float]
+    worst_metrics: dict[str, float]
     drawn: tuple[dict[str, Any], ...]
 
 
@@ -80,7 +80,7 @@ def probability(
         setup: The scene.
         goals: All have to be met.
         uncertain: The distributions.
-        span: Figures of the first impact, or of the whole run.
+        span: Metrics of the first impact, or of the whole run.
         within: Half the width of the interval that is narrow enough.
         most: Number of cases after which to stop in any event.
 
@@ -111,15 +111,15 @@ def probability(
         cases=len(rows),
         met=met,
         unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows),
-        quantiles={name: _quantiles(rows, name) for name in FIGURES},
+        quantiles={name: _quantiles(rows, name) for name in METRICS},
         worst={key: worst[key] for key in drawn[0]},
-        worst_figures={name: math.nan if worst[name] is None else worst[name] for name in FIGURES},
+        worst_metrics={name: math.nan if worst[name] is None else worst[name] for name in METRICS},
         drawn=tuple(drawn),
     )
 
 
-def _quantiles(rows: Rows, figure: str) -> dict[float, float]:
-    known = [row[figure] for row in rows if row[figure] is not None and row[figure] == row[figure]]
+def _quantiles(rows: Rows, metric: str) -> dict[float, float]:
+    known = [row[metric] for row in rows if row[metric] is not None and row[metric] == row[metric]]
     if not known:
         return dict.fromkeys(QUANTILES, math.nan)
     return {q: float(np.quantile(known, q)) for q in QUANTILES}
@@ -127,11 +127,11 @@ def _quantiles(rows: Rows, figure: str) -> dict[float, float]:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Sobol indices of one uncertain part on one figure, each with half its 95 % interval.
+    """Sobol indices of one uncertain part on one metric, each with half its 95 % interval.
     Correlated keys count as one part."""
 
     keys: tuple[str, ...]
-    figure: str
+    metric: str
     first: float
     first_half: float
     total: float
@@ -140,7 +140,7 @@ class Sensitivity:
 
 def sobol_indices(
     parts: Sequence[UncertainInput],
-    figures: Sequence[str],
+    metrics: Sequence[str],
     base: int,
     run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]],
     seed: int = 1,
@@ -149,14 +149,14 @@ def sobol_indices(
 
     Args:
         parts: The uncertain parts.
-        figures: Names of the figures.
+        metrics: Names of the metrics.
         base: Number of base points, a power of 2; base * (parts + 2) points are run.
-        run: Returns the figures at points of the unit cube, shape (points, keys).
+        run: Returns the metrics at points of the unit cube, shape (points, keys).
         seed: Of the points and of the bootstrap that gives the intervals.
 
     Raises:
         ModuleNotFoundError: SALib is not installed.
-        SceneError: a figure is missing at a point.
+        SceneError: a metric is missing at a point.
     """
     from SALib.analyze import sobol
     from SALib.sample import sobol as sampling
@@ -174,22 +174,22 @@ def sobol_indices(
     inside = np.clip(points, 1e-15, 1.0 - 1e-15)
     rows = run([[float(x) for x in point] for point in inside])
     found = []
-    for figure in figures:
-        values = np.array([row[figure] for row in rows], dtype=float)
+    for metric in metrics:
+        values = np.array([row[metric] for row in rows], dtype=float)
         if not np.isfinite(values).all():
             raise SceneError(
-                f"{figure}: is missing in {np.count_nonzero(~np.isfinite(values))} cases, as their "
+                f"{metric}: is missing in {np.count_nonzero(~np.isfinite(values))} cases, as their "
                 "loop is unstable. Narrow the distributions to get Sobol indices"
             )
         if np.ptp(values) == 0.0:
-            found += [Sensitivity(part.keys, figure, 0.0, 0.0, 0.0, 0.0) for part in parts]
+            found += [Sensitivity(part.keys, metric, 0.0, 0.0, 0.0, 0.0) for part in parts]
             continue
         got = sobol.analyze(
             problem, values, calc_second_order=False, seed=seed, print_to_console=False
         )
         for number, part in enumerate(parts):
             numbers = (float(got[name][number]) for name in ("S1", "S1_conf", "ST", "ST_conf"))
-            found.append(Sensitivity(part.keys, figure, *numbers))
+            found.append(Sensitivity(part.keys, metric, *numbers))
     return found
 
 
@@ -201,13 +201,13 @@ def sensitivities(
     span: Span,
     base: int,
 ) -> list[Sensitivity]:
-    """Return the Sobol indices of the figures of the goals. See `sobol_indices`."""
+    """Return the Sobol indices of the metrics of the goals. See `sobol_indices`."""
 
     def run(points: list[list[float]]) -> Rows:
         rows = evaluate(pool, setup, span, [uncertain.at(point) for point in points])
         return [
-            {name: math.nan if row[name] is None else row[name] for name in FIGURES} for row in rows
+            {name: math.nan if row[name] is None else row[name] for name in METRICS} for row in rows
         ]
 
-    names = list(dict.fromkeys(goal.figure for goal in goals))
+    names = list(dict.fromkeys(goal.metric for goal in goals))
     return sobol_indices(uncertain.parts, names, base, run, setup.seed)

@@ -12,7 +12,7 @@ goal = "plate_energy_db <= -0.1"               # or a list
 phases = 5
 ```
 
-A row may also have `expect` (figures and their values), `limit` (quantities of `hertzloop budget`
+A row may also have `expect` (metrics and their values), `limit` (quantities of `hertzloop budget`
 that must be tolerated), or `probability` with `uncertain`.
 """
 
@@ -35,7 +35,7 @@ from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
-from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
+from hertzloop.studies.budget.goal import METRICS, Goal, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import (
     LEAST,
     Boundary,
@@ -90,9 +90,9 @@ class Requirement(BaseModel):
             raise ValueError("needs probability and uncertain together")
         if self.probability is not None and not self.goal:
             raise ValueError("has a probability, so it needs a goal")
-        for figure in (*self.expect, *self.tolerance):
-            if figure not in FIGURES:
-                raise ValueError(f"{figure} is not a figure; choose from {', '.join(FIGURES)}")
+        for metric in (*self.expect, *self.tolerance):
+            if metric not in METRICS:
+                raise ValueError(f"{metric} is not a metric; choose from {', '.join(METRICS)}")
         _ = self.goals
         return self
 
@@ -199,12 +199,12 @@ def read_requirements(path: Path) -> list[Row]:
     return rows
 
 
-def digits_of(setup: Setup, figure: str, value: float) -> float:
-    """Return the part of a figure that cannot be predicted, in its unit: what the expected error of
+def digits_of(setup: Setup, metric: str, value: float) -> float:
+    """Return the part of a metric that cannot be predicted, in its unit: what the expected error of
     the plate's model makes of it, at least the accuracy of the scene."""
     error = max(setup.accuracy, model_error.expected_error(setup))
-    if figure.endswith("_db"):
-        return (CASE_ROWS[figure].db or 10.0) * math.log10(1.0 + error)
+    if metric.endswith("_db"):
+        return (CASE_ROWS[metric].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
 
 
@@ -237,13 +237,13 @@ def check(pool: Pool, row: Row) -> Checked:
             if each["state"] == CaseState.UNSTABLE and not unstable:
                 unstable, command = True, row.command(case)
                 fails.append("the closed loop is unstable")
-        for figure, value in one.expect.items():
-            got = rows[0][figure]
-            measured[figure] = math.nan if got is None else float(got)
-            allowed = one.tolerance.get(figure, digits_of(setup, figure, value))
-            off = abs(measured[figure] - value)
+        for metric, value in one.expect.items():
+            got = rows[0][metric]
+            measured[metric] = math.nan if got is None else float(got)
+            allowed = one.tolerance.get(metric, digits_of(setup, metric, value))
+            off = abs(measured[metric] - value)
             sentence = (
-                f"{figure} = {measured[figure]:.6g}, expected {value:.6g} within {allowed:.2g}"
+                f"{metric} = {measured[metric]:.6g}, expected {value:.6g} within {allowed:.2g}"
             )
             if off <= allowed:
                 holds.append(sentence)
@@ -253,18 +253,18 @@ def check(pool: Pool, row: Row) -> Checked:
         for goal in one.goals if one.probability is None else ():
             worst = max(range(len(over)), key=lambda i: worst_excess([goal], over[i]))
             excess = goal.excess(over[worst])
-            allowed = one.tolerance.get(goal.figure, digits_of(setup, goal.figure, goal.limit))
+            allowed = one.tolerance.get(goal.metric, digits_of(setup, goal.metric, goal.limit))
             if excess <= allowed:
                 holds.append(f"{goal} with {-excess:.3g} to spare")
             elif math.isfinite(excess):
                 fails.append(
-                    f"{goal} is missed by {excess:.3g}: {goal.figure} = "
-                    f"{over[worst][goal.figure]:.6g} at run.touch_phase = "
+                    f"{goal} is missed by {excess:.3g}: {goal.metric} = "
+                    f"{over[worst][goal.metric]:.6g} at run.touch_phase = "
                     f"{cases[worst]['run.touch_phase']:g}"
                 )
                 command = command or row.command(cases[worst])
             elif not unstable:
-                fails.append(f"{goal}: the figure is not defined in this scene")
+                fails.append(f"{goal}: the metric is not defined in this scene")
                 command = command or row.command(cases[worst])
     if one.limit:
         more, worst_case = _check_limits(pool, setup, one, margin, holds)

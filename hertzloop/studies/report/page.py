@@ -22,8 +22,8 @@ from hertzloop.recordings.replay.plots import Plot, PlotCurve
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.replay.scene3d import with_unit
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.figures import free_figures
 from hertzloop.results.listening import write_sounds
+from hertzloop.results.metrics import free_metrics
 from hertzloop.results.predictability import errors_of
 from hertzloop.results.recorded import law_of
 from hertzloop.results.repeatability import why_not_repeatable
@@ -156,10 +156,10 @@ _LEVELS = 127  # of a deflection, each way
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
-    without = free_figures(setup) if shown.labels.reference is not None else None
+    without = free_metrics(setup) if shown.labels.reference is not None else None
     found = assess_recording(setup, recording, without, why_not_repeatable(recording))
-    figures, verdict = found.result.figures, found.assessment.verdict
-    unstable = figures.stability.unstable
+    metrics, verdict = found.result.metrics, found.assessment.verdict
+    unstable = metrics.stability.unstable
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
     again, commands = _again(recording, setup, bool(law_text))
@@ -170,7 +170,7 @@ def page_of(recording: Recording) -> str:
         problems=recording.problems,
         unstable=unstable,
         verdict=verdict_sentences(verdict),
-        neglected=sentences_of(figures.neglected.checks),
+        neglected=sentences_of(metrics.neglected.checks),
         margin=margin,
         margin_png=margin_png,
         tables=_tables(found, not unstable),
@@ -192,9 +192,9 @@ def page_of(recording: Recording) -> str:
 
 
 def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
-    """Noise figures of the first impact and all impacts as `run` prints them, those without
+    """Noise metrics of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
-    runs = [found.result.figures, *([found.free] if found.free else [])]
+    runs = [found.result.metrics, *([found.free] if found.free else [])]
     if not all(run.noise for run in runs):
         return []
     known = found.assessment.predictability
@@ -206,7 +206,7 @@ def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
         compare,
         [errors_of(each, 0, "noise_errors") for each in digits],
     )
-    columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
+    columns = ["metric of the first impact", *names, *(["change"] if compare else [])]
     tables = [ResultTable("", columns, rows)]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""

@@ -20,7 +20,7 @@ from hertzloop.studies.tuning import Tuned, front_sheet, read_tuned
 from hertzloop.views import provenance
 
 _MOST_KEYS = 6
-_MOST_FIGURES = 3
+_MOST_METRICS = 3
 _MOST_DOTS = 4000  # a panel
 
 
@@ -33,18 +33,18 @@ def key_words(key: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def telling_figures(rows: Rows) -> tuple[list[str], list[str]]:
-    """The figures that differ between cases, all that have a value if none does, and sentences on
+def telling_metrics(rows: Rows) -> tuple[list[str], list[str]]:
+    """The metrics that differ between cases, all that have a value if none does, and sentences on
     those that are left out."""
-    there = [figure for figure in SHOWN if known(rows, figure)]
-    shown = {figure: {_digits(row[figure]) for row in known(rows, figure)} for figure in there}
-    differing = [figure for figure in there if len(shown[figure]) > 1] or there
+    there = [metric for metric in SHOWN if known(rows, metric)]
+    shown = {metric: {_digits(row[metric]) for row in known(rows, metric)} for metric in there}
+    differing = [metric for metric in there if len(shown[metric]) > 1] or there
     sentences = [
-        f"{words.against_none(figure)}: no value in any case"
-        if figure not in there
-        else f"{words.against_none(figure)}: {min(shown[figure])} in every case"
-        for figure in SHOWN
-        if figure not in differing
+        f"{words.against_none(metric)}: no value in any case"
+        if metric not in there
+        else f"{words.against_none(metric)}: {min(shown[metric])} in every case"
+        for metric in SHOWN
+        if metric not in differing
     ]
     return differing, sentences
 
@@ -53,38 +53,38 @@ def _digits(value: float) -> str:
     return f"{value:z.3f}"
 
 
-def shown_figures(rows: Rows) -> list[str]:
+def shown_metrics(rows: Rows) -> list[str]:
     """Those that differ between cases, the first few; the first one if none does."""
-    return telling_figures(rows)[0][:_MOST_FIGURES]
+    return telling_metrics(rows)[0][:_MOST_METRICS]
 
 
 def over_keys(rows: Rows, keys: list[str]) -> Figure:
-    """A row a figure, a column a key: every case a dot, the mean over the other keys a line where
+    """A row a metric, a column a key: every case a dot, the mean over the other keys a line where
     values repeat."""
-    figures, keys = shown_figures(rows), keys[:_MOST_KEYS]
-    sheet, axes = pictures.sheet(len(figures), len(keys), width=10.0, height=2.5)
-    for line, figure in enumerate(figures):
+    metrics, keys = shown_metrics(rows), keys[:_MOST_KEYS]
+    sheet, axes = pictures.sheet(len(metrics), len(keys), width=10.0, height=2.5)
+    for line, metric in enumerate(metrics):
         for column, key in enumerate(keys):
             ax = axes[line, column]
-            _draw(ax, rows, key, figure)
-            ax.axhline(CASE_ROWS[figure].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
+            _draw(ax, rows, key, metric)
+            ax.axhline(CASE_ROWS[metric].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
             if not column:
-                name, _, unit = words.against_none(figure).partition(" against no control ")
+                name, _, unit = words.against_none(metric).partition(" against no control ")
                 ax.set_ylabel(f"{name} {unit}")
-            if line == len(figures) - 1:
+            if line == len(metrics) - 1:
                 ax.set_xlabel(key_words(key))
     return sheet
 
 
-def _draw(ax: Any, rows: Rows, key: str, figure: str) -> None:
-    having = known(rows, figure)
+def _draw(ax: Any, rows: Rows, key: str, metric: str) -> None:
+    having = known(rows, metric)
     numbers = all(isinstance(row[key], int | float) for row in rows)
     numbers = numbers and not any(isinstance(row[key], bool) for row in rows)
     kinds = list(dict.fromkeys(row[key] if numbers else str(row[key]) for row in rows))
     places = np.array(
         [row[key] if numbers else kinds.index(str(row[key])) for row in having], float
     )
-    y = np.array([row[figure] for row in having], float)
+    y = np.array([row[metric] for row in having], float)
     some = slice(None, None, -(-len(y) // _MOST_DOTS))
     ax.plot(places[some], y[some], ".", color=pictures.COLOURS[0], markersize=3, alpha=0.5)
     if len(kinds) < len(rows):
@@ -113,15 +113,15 @@ def map_keys(rows: Rows, keys: list[str], kind: str) -> tuple[str, str] | None:
 
 
 def maps(rows: Rows, x: str, y: str) -> Figure:
-    """A map a figure over two keys, no change in the middle of its colours; grey: no figure."""
-    figures = shown_figures(rows)
-    sheet, axes = pictures.sheet(1, len(figures), width=10.0, height=3.2)
+    """A map a metric over two keys, no change in the middle of its colours; grey: no metric."""
+    metrics = shown_metrics(rows)
+    sheet, axes = pictures.sheet(1, len(metrics), width=10.0, height=3.2)
     across, up = (sorted({row[key] for row in rows}) for key in (x, y))
-    for ax, figure in zip(axes[0], figures, strict=True):
+    for ax, metric in zip(axes[0], metrics, strict=True):
         z = np.full((len(up), len(across)), np.nan)
-        for row in known(rows, figure):
-            z[up.index(row[y]), across.index(row[x])] = row[figure]
-        z -= CASE_ROWS[figure].without
+        for row in known(rows, metric):
+            z[up.index(row[y]), across.index(row[x])] = row[metric]
+        z -= CASE_ROWS[metric].without
         largest = float(np.nanmax(np.abs(z)))
         reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
@@ -136,8 +136,8 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
             rasterized=True,
         )
         ax.grid(False)
-        name, _, unit = words.against_none(figure).partition(" against no control ")
-        unit = "points" if CASE_ROWS[figure].without else unit.strip("()")
+        name, _, unit = words.against_none(metric).partition(" against no control ")
+        unit = "points" if CASE_ROWS[metric].without else unit.strip("()")
         sheet.colorbar(shown, ax=ax, label=f"change ({unit})", ticks=np.linspace(-reach, reach, 5))
         ax.set(title=name, xlabel=key_words(x), ylabel=key_words(y))
     return sheet
@@ -184,12 +184,12 @@ def _page_of_sweep(path: Path) -> str:
     setup = parse(header["scene_toml"], recorded=True)
     design = header["design"]
     keys = keys_of(design)
-    figures, constant = telling_figures(rows)
+    metrics, constant = telling_metrics(rows)
     lacking = not_run(rows)
     unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
     warnings = [f"{len(lacking)} cases could not be run: {lacking[0]['status']}"] if lacking else []
     if unstable:
-        warnings.append(f"{unstable} of {len(rows)} cases are unstable and have no figures")
+        warnings.append(f"{unstable} of {len(rows)} cases are unstable and have no metrics")
     beyond = counted(rows, "out_of_range")
     if beyond:
         names = ", ".join(
@@ -197,26 +197,26 @@ def _page_of_sweep(path: Path) -> str:
         )
         warnings.append(f"Out of range: {names}")
     drawn: list[ResultChart] = []
-    if shown_figures(rows):
+    if shown_metrics(rows):
         dots = "One dot per case; orange: mean where values repeat; dashed: without control."
         drawn.append(ResultChart("Over each key", svg(over_keys(rows, keys)), dots))
         grid = map_keys(rows, keys, design["kind"])
         if grid:
-            what = "Blue: less than without control. Grey: no figure."
+            what = "Blue: less than without control. Grey: no metric."
             drawn.append(ResultChart("Over both keys", svg(maps(rows, *grid)), what))
-    ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys, figures)]
-    tables = [ResultTable("Least and largest", ("figure", "least", "at", "largest", "at"), ends)]
+    ends = [[words.against_none(metric), *rest] for metric, *rest in extremes(rows, keys, metrics)]
+    tables = [ResultTable("Least and largest", ("metric", "least", "at", "largest", "at"), ends)]
     listed = [
         [
             str(row["case"]),
             *(short(row[key]) for key in keys),
-            *(_digits(row[f]) if known([row], f) else "" for f in figures),
+            *(_digits(row[f]) if known([row], f) else "" for f in metrics),
             row["status"] or "",
         ]
         for row in rows[:_MOST_ROWS]
     ]
     more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
-    headings = ("case", *map(key_words, keys), *(words.FIGURES[f] for f in figures), "")
+    headings = ("case", *map(key_words, keys), *(words.METRICS[f] for f in metrics), "")
     sort = f"Click on a heading to sort.{more}"
     tables.append(ResultTable("Cases", headings, listed, sort, sorts=True))
     kinds = {"grid": "a grid", "lhs": "a Latin hypercube", "sobol": "Sobol points"}
@@ -224,9 +224,9 @@ def _page_of_sweep(path: Path) -> str:
         title=f"Sweep of {setup.name}",
         lines=[
             _ran(setup),
-            f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; figures of "
+            f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; metrics of "
             f"{_SPANS[header['span']]}, against the same scene without control.",
-            *([f"Left out: {'; '.join(constant)}."] if constant and figures else []),
+            *([f"Left out: {'; '.join(constant)}."] if constant and metrics else []),
         ],
         warnings=warnings,
         charts=drawn,
@@ -259,7 +259,7 @@ def _page_of_tuned(tuned: Tuned) -> str:
     for found in [*tuned.front, tuned.published]:
         law = words.law(str(found.values["controller.law"]))
         cells = [law + (" (published)" if found is tuned.published else "")]
-        cells += [f"{found.figures[name]:z.3f}" for name in objectives]
+        cells += [f"{found.metrics[name]:z.3f}" for name in objectives]
         cells += [str(found.spreads[name]) if name in found.spreads else "" for name in objectives]
         rows.append([*cells, *(short(found.values.get(key, "")) for key in keys)])
     headings = (
@@ -274,7 +274,7 @@ def _page_of_tuned(tuned: Tuned) -> str:
     worst = "; the worst of the scenes counts" if len(scenes) > 1 else ""
     lines = [
         *(_ran(setup) for setup, _ in scenes),
-        f"Minimised: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
+        f"Minimised: {', '.join(names)}{limits}; metrics of {_SPANS[tuned.span]}{worst}.",
         *tuned.verdict,
     ]
     picture = front_sheet("", tuned.front, tuned.published, objectives)

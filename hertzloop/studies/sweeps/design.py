@@ -271,9 +271,9 @@ def _check_ends(setup: Setup, design: Design) -> None:
                     raise SceneError(f"{where}: {error}") from error
 
 
-# Figures over the phase of the first touch within a sample, which nobody controls.
+# Metrics over the phase of the first touch within a sample, which nobody controls.
 #
-# A law that counts samples answers as on a staircase with one step a sample, so a figure at one
+# A law that counts samples answers as on a staircase with one step a sample, so a metric at one
 # phase tells one of two values. Mean and range are taken over phases spread evenly.
 
 KEY = "run.touch_phase"
@@ -287,7 +287,7 @@ def phases(count: int = _FEW) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, least and largest value of a figure; nan where a phase has none."""
+    """Mean, least and largest value of a metric; nan where a phase has none."""
 
     mean: float
     least: float
@@ -298,7 +298,7 @@ class Spread:
 
 
 def spread_of(values: Any) -> Spread:
-    """Of one figure at all phases."""
+    """Of one metric at all phases."""
     found = np.asarray(values, dtype=float)
     with np.errstate(invalid="ignore"):
         return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
@@ -310,29 +310,29 @@ def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
 
 
 def spread_over(
-    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...]
+    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], metrics: tuple[str, ...]
 ) -> list[dict[str, Spread]]:
-    """The spread of some figures of cases."""
+    """The spread of some metrics of cases."""
     rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case)])
     groups = [rows[i : i + _FEW] for i in range(0, len(rows), _FEW)]
-    return [_spreads(group, figures) for group in groups]
+    return [_spreads(group, metrics) for group in groups]
 
 
-def _spreads(rows: Rows, figures: tuple[str, ...]) -> dict[str, Spread]:
+def _spreads(rows: Rows, metrics: tuple[str, ...]) -> dict[str, Spread]:
     def value(row: dict[str, Any], name: str) -> float:
         return np.nan if row["status"] or row[name] is None else float(row[name])
 
-    return {name: spread_of([value(row, name) for row in rows]) for name in figures}
+    return {name: spread_of([value(row, name) for row in rows]) for name in metrics}
 
 
-def grouped(rows: Rows, keys: list[str], figures: tuple[str, ...]) -> list[dict[str, Any]]:
+def grouped(rows: Rows, keys: list[str], metrics: tuple[str, ...]) -> list[dict[str, Any]]:
     """Rows of a sweep that differ in phase only, taken together: the other `keys`, and the spread
-    of `figures`, in the order in which they come."""
+    of `metrics`, in the order in which they come."""
     others = [key for key in keys if key != KEY]
     found: dict[str, Rows] = {}
     for row in rows:
         found.setdefault(repr([row[key] for key in others]), []).append(row)
     return [
-        {key: group[0][key] for key in others} | _spreads(group, figures)
+        {key: group[0][key] for key in others} | _spreads(group, metrics)
         for group in found.values()
     ]

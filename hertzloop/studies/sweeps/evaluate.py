@@ -41,7 +41,7 @@ def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
 
 
 def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
-    """Rows of cases as they come: their number, the varied keys, the figures, `status`, a sentence
+    """Rows of cases as they come: their number, the varied keys, the metrics, `status`, a sentence
     on why there are none, empty if all is well, and `state`, as in `CaseState`."""
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
     some = _CHUNK if alike else 1  # plants of several cases would not all be kept
@@ -54,8 +54,8 @@ def _row(
 ) -> Generator[None, None, dict[str, Any]]:
     row: dict[str, Any] = {"case": number, **values}
     try:
-        figures = yield from case_in_parts(setup.vary(values), span)
-        return row | vars(figures) | {"status": "", "state": CaseState.FIGURES.value}
+        metrics = yield from case_in_parts(setup.vary(values), span)
+        return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
@@ -69,14 +69,14 @@ def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> d
 
 
 def not_run(rows: Rows) -> Rows:
-    """Rows of cases that could not be run; one that is unstable was, though it has no figures."""
+    """Rows of cases that could not be run; one that is unstable was, though it has no metrics."""
     return [row for row in rows if row["state"] == CaseState.NOT_RUN]
 
 
 def older_state(status: str | None) -> str:
     """The state of a case from results of a version that wrote `status` alone."""
     if not status:
-        return CaseState.FIGURES.value
+        return CaseState.METRICS.value
     unstable = status.startswith("the closed loop is unstable")
     return (CaseState.UNSTABLE if unstable else CaseState.NOT_RUN).value
 

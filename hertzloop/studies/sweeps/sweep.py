@@ -66,17 +66,17 @@ class SweepResults:
 
     @property
     def growing(self) -> list[float]:
-        """Growth of the linear loop, 1/s, in each case that has figures although its loop is
+        """Growth of the linear loop, 1/s, in each case that has metrics although its loop is
         unstable; nan where undecided."""
         return [
             row["growth_per_s"]
             for row in self.rows
-            if row["state"] == CaseState.FIGURES and row["growth_per_s"]
+            if row["state"] == CaseState.METRICS and row["growth_per_s"]
         ]
 
     @property
     def unstable(self) -> int:
-        """Number of cases that were run but have no figures, since the loop explodes."""
+        """Number of cases that were run but have no metrics, since the loop explodes."""
         return sum(row["state"] == CaseState.UNSTABLE for row in self.rows)
 
 
@@ -394,8 +394,8 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         keys = keys_of(header["design"])
         names = ["case", *keys, *CASE_ROWS, "status", "state", "growth_per_s"]
         if not {*CASE_ROWS} & {*table.column_names}:
-            raise KeyError("column of figures")
-        # A version before may not have had a figure, but every case has its keys.
+            raise KeyError("column of metrics")
+        # A version before may not have had a metric, but every case has its keys.
         later = {*CASE_ROWS} - {*table.column_names}
         columns = [name for name in names if name in table.column_names or name in keys]
         rows = [
@@ -417,30 +417,30 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:
-    """How many cases have each of the names in a column of `CaseFigures`."""
+    """How many cases have each of the names in a column of `CaseMetrics`."""
     names = (name for row in rows for name in (row[column] or "").split(", ") if name)
     return dict(Counter(names).most_common())
 
 
-def known(rows: Rows, figure: str) -> Rows:
-    """The cases that have a figure."""
-    return [row for row in rows if row[figure] is not None and row[figure] == row[figure]]
+def known(rows: Rows, metric: str) -> Rows:
+    """The cases that have a metric."""
+    return [row for row in rows if row[metric] is not None and row[metric] == row[metric]]
 
 
-def extremes(rows: Rows, keys: list[str], figures: Sequence[str] = SHOWN) -> list[list[str]]:
-    """Where each figure is least and largest: its name, the least, its keys, the largest, its
+def extremes(rows: Rows, keys: list[str], metrics: Sequence[str] = SHOWN) -> list[list[str]]:
+    """Where each metric is least and largest: its name, the least, its keys, the largest, its
     keys, in words."""
     found = []
-    for figure in figures:
-        having = known(rows, figure)
+    for metric in metrics:
+        having = known(rows, metric)
         if not having:
             continue
-        ends = [pick(having, key=lambda row: row[figure]) for pick in (min, max)]
+        ends = [pick(having, key=lambda row: row[metric]) for pick in (min, max)]
         where = [
             ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
         ]
-        least, most = (f"{row[figure]:z.2f}" for row in ends)
-        found.append([figure, least, where[0], most, where[1]])
+        least, most = (f"{row[metric]:z.2f}" for row in ends)
+        found.append([metric, least, where[0], most, where[1]])
     return found
 
 

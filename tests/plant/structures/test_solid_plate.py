@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
-from hertzloop.plant.figures.impacts import Impact, impacts_in
+from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures import solid_plate as lamb

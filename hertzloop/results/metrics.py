@@ -1,4 +1,4 @@
-"""Figures of a run, from its time series."""
+"""Metrics of a run, from its time series."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from threading import Event
 
 import numpy as np
 
-from hertzloop.plant.figures.impacts import Impact
-from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import Neglected, neglected
 from hertzloop.results.impacts import Block, impacts_of_blocks
-from hertzloop.results.span_figures import SpanFigures, of_impact
+from hertzloop.results.span_metrics import SpanMetrics, of_impact
 from hertzloop.results.stability import Stability, StabilityAccumulator
 from hertzloop.results.statistics import (
     ActuatorDemand,
@@ -27,14 +27,14 @@ from hertzloop.scene.setup import Setup
 
 
 @dataclass(frozen=True)
-class Figures:
-    """Figures of a run.
+class Metrics:
+    """Metrics of a run.
 
     Attributes:
         impacts: the impacts, in order.
-        noise: noise figures of each impact.
-        first_impact: figures of the first impact; None without a contact.
-        whole_run: figures of all contacts; None without one, and for the published scheme.
+        noise: noise metrics of each impact.
+        first_impact: metrics of the first impact; None without a contact.
+        whole_run: metrics of all contacts; None without one, and for the published scheme.
         last_contact_ended: whether the last contact ended within the run.
         stability: stability of the loop.
         demand: demand on the actuator; None if it never acts.
@@ -44,8 +44,8 @@ class Figures:
 
     impacts: list[Impact]
     noise: list[ImpactNoise]
-    first_impact: SpanFigures | None
-    whole_run: SpanFigures | None
+    first_impact: SpanMetrics | None
+    whole_run: SpanMetrics | None
     last_contact_ended: bool
     stability: Stability
     demand: ActuatorDemand | None
@@ -66,7 +66,7 @@ class RunResult:
     """The result of a run, to be assessed.
 
     Attributes:
-        figures: the figures of the run.
+        metrics: the metrics of the run.
         scene_law: the law that the scene names; None if it is not known.
         expected_error: expected model error, relative; None if it is not known.
         injected_j: work of the actuator on the plate, J.
@@ -76,7 +76,7 @@ class RunResult:
         law_models_yield: whether the law declares that it allows for a permanent indentation.
     """
 
-    figures: Figures
+    metrics: Metrics
     scene_law: str | None
     expected_error: float | None
     injected_j: float = 0.0
@@ -86,8 +86,8 @@ class RunResult:
     law_models_yield: bool = False
 
 
-def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
-    """Compute the figures of a run from its time series, shape (10, steps), or from its blocks."""
+def metrics_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Metrics:
+    """Compute the metrics of a run from its time series, shape (10, steps), or from its blocks."""
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
     spec = setup.plant
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
@@ -110,7 +110,7 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     demand, pushed = asked.result(), push.result()
     if not stability.unstable:
         effects = neglected(setup, extremes.result(impacts))
-    return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
+    return Metrics(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
 # Cleared while the processes of a run need the cores: a simulation in the background then waits.
@@ -119,10 +119,10 @@ no_loop.set()
 
 
 @lru_cache(maxsize=4)
-def free_figures(setup: Setup) -> Figures | None:
+def free_metrics(setup: Setup) -> Metrics | None:
     """Simulate the same run without control, on the same plate model; None without a law."""
     if not setup.has_law:
         return None
     without = setup.without_control(same_plate=True)
     # `wait` returns True, when it does.
-    return figures_of(without, (block for block in free_series(without) if no_loop.wait()))
+    return metrics_of(without, (block for block in free_series(without) if no_loop.wait()))

@@ -1,4 +1,4 @@
-"""Impacts of a run, from its rows of truth: the figures that `run` and `inspect` print."""
+"""Impacts of a run, from its rows of truth: the metrics that `run` and `inspect` print."""
 
 import math
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.figures import rows_kernels
-from hertzloop.plant.figures.noise import spectra_of
-from hertzloop.plant.figures.rows_kernels import FIGURES
+from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics.noise import spectra_of
+from hertzloop.plant.metrics.rows_kernels import METRICS
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
@@ -150,10 +150,10 @@ def impacts(
         xi_a is None,
         mobility_m_ns,
     )
-    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(FIGURES), []
+    dents, metrics, found = np.zeros(0) if dent_m is None else dent_m, np.empty(METRICS), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
-        if rows_kernels.contact_figures(
+        if rows_kernels.contact_metrics(
             xi,
             xi_s,
             f_c,
@@ -167,16 +167,16 @@ def impacts(
             gravity_m_s2,
             step_s,
             TO_CUBIC,
-            figures,
+            metrics,
         ):
             until = starts[i + 1] if i + 1 < len(starts) else len(xi)
-            found.append(impact_of(figures, step_s, float(work[start:until].sum())))
+            found.append(impact_of(metrics, step_s, float(work[start:until].sum())))
     return found
 
 
-def impact_of(figures: np.ndarray, step_s: float, work_j: float) -> Impact:
-    """The impact whose contact has some `contact_figures`, and that takes `work_j` (J)."""
-    began, ended, speed_in, speed_out, peak_n, fastest = figures.tolist()
+def impact_of(metrics: np.ndarray, step_s: float, work_j: float) -> Impact:
+    """The impact whose contact has some `contact_metrics`, and that takes `work_j` (J)."""
+    began, ended, speed_in, speed_out, peak_n, fastest = metrics.tolist()
     return Impact(
         start_s=began * step_s,
         duration_s=(ended - began) * step_s,
@@ -224,13 +224,13 @@ class ImpactPart(NamedTuple):
     until: int
     touching: int
     speed_max_m_s: float
-    figures: np.ndarray
+    metrics: np.ndarray
     work_j: np.ndarray
     drive: np.ndarray
 
     def impact(self, step_s: float) -> Impact:
         """The contact that is known, with the work on the plate that belongs to it."""
-        return impact_of(self.figures, step_s, float(self.work_j[self.start : self.until].sum()))
+        return impact_of(self.metrics, step_s, float(self.work_j[self.start : self.until].sum()))
 
 
 def part_of(
@@ -244,7 +244,7 @@ def part_of(
 ) -> ImpactPart:
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(FIGURES), np.empty(len(modes.omega), complex)
+    metrics, drive = np.empty(METRICS), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
     known, start, until, touching, speed_max = rows_kernels.read_impact(
@@ -263,12 +263,12 @@ def part_of(
         work[:0] if dents is None else dents,
         first_step,
         _reading(spec, modes),
-        figures,
+        metrics,
         work,
         speeds,
         drive,
     )
-    return ImpactPart(known, start, until, touching, speed_max, figures, work, drive)
+    return ImpactPart(known, start, until, touching, speed_max, metrics, work, drive)
 
 
 def _answers_at_once(spec: PlantSpec) -> tuple[float, float]:
@@ -309,7 +309,7 @@ def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
 
 
 def impacts_in(spec: PlantSpec, rows: np.ndarray) -> list[Impact]:
-    """Contact figures of every impact from rows of truth (10, steps) alone, each to the start of
+    """Contact metrics of every impact from rows of truth (10, steps) alone, each to the start of
     the next one or the end of the rows."""
     mobility, impedance = _answers_at_once(spec)
     return impacts(

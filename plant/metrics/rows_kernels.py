@@ -1,4 +1,4 @@
-"""Compiled passes over a run's samples: arrays (steps,), for the figures of impacts and spectra."""
+"""Compiled passes over a run's samples: arrays (steps,), for the metrics of impacts and spectra."""
 
 import math
 from typing import NamedTuple
@@ -111,7 +111,7 @@ def _gradient(values, at, step_s):
 
 @kernel
 def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance, same_point, work):
-    """See plant.figures.impacts.step_work_j; `impedance` is nan, and arrays that are not known are
+    """See plant.metrics.impacts.step_work_j; `impedance` is nan, and arrays that are not known are
     empty."""
     if work.size == 0:
         return
@@ -273,7 +273,7 @@ def _of_two(to_cubic, row, m0, s0, m1, s1):
 
 @kernel
 def peak_force(mean, slope, to_cubic):
-    """See plant.figures.impacts.peak_force_n; `to_cubic`: coefficients from F_0, F_1 of two steps
+    """See plant.metrics.impacts.peak_force_n; `to_cubic`: coefficients from F_0, F_1 of two steps
     beside each other, shape (4, 4)."""
     highest, at, top, sloped = _highest(mean, slope)
     if not sloped or math.isnan(highest):
@@ -297,7 +297,7 @@ def peak_force(mean, slope, to_cubic):
 
 @kernel
 def peak_size(values):
-    """See hertzloop.plant.figures.impacts.peak_speed_m_s."""
+    """See hertzloop.plant.metrics.impacts.peak_speed_m_s."""
     at = fastest(values)
     size = abs(values[at])
     if not 0 < at < values.size - 1:
@@ -308,10 +308,10 @@ def peak_size(values):
     return middle - (right - left) ** 2 / (8.0 * bend) if bend < 0.0 else size
 
 
-# Indices into the figures of a contact: its ends (steps of the run), speeds of the sphere before
+# Indices into the metrics of a contact: its ends (steps of the run), speeds of the sphere before
 # and after it (m/s, towards the plate and away), largest force (N) and speed of the plate (m/s).
 BEGAN, ENDED, SPEED_IN, SPEED_OUT, PEAK, FASTEST = range(6)
-FIGURES = 6
+METRICS = 6
 
 
 @kernel(inline=True)
@@ -330,7 +330,7 @@ def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
 
 
 @kernel
-def contact_figures(
+def contact_metrics(
     xi,
     xi_s,
     f_c,
@@ -344,10 +344,10 @@ def contact_figures(
     gravity,
     step_s,
     to_cubic,
-    figures,
+    metrics,
 ):
-    """Figures of the contact from row `start` to before `end`, which is -1 of one without an end;
-    returns whether it has any. `dents` may be empty. See plant.figures.impacts.impacts."""
+    """Metrics of the contact from row `start` to before `end`, which is -1 of one without an end;
+    returns whether it has any. `dents` may be empty. See plant.metrics.impacts.impacts."""
     last, ends = xi.size - 1, end >= 0
     if not ends:
         end = last
@@ -364,12 +364,12 @@ def contact_figures(
         ended = (first_step + end - 1) + _crossing(xi, end - 1, after)
     if ended <= began:
         return False  # began in the very last step of the run
-    figures[BEGAN], figures[ENDED] = began, ended
-    figures[SPEED_IN] = -_sphere_speed(xi_s, f_c, f_c1, min(start, last - 1), mass, gravity, step_s)
-    figures[SPEED_OUT] = _sphere_speed(xi_s, f_c, f_c1, min(end, last - 1), mass, gravity, step_s)
+    metrics[BEGAN], metrics[ENDED] = began, ended
+    metrics[SPEED_IN] = -_sphere_speed(xi_s, f_c, f_c1, min(start, last - 1), mass, gravity, step_s)
+    metrics[SPEED_OUT] = _sphere_speed(xi_s, f_c, f_c1, min(end, last - 1), mass, gravity, step_s)
     until = end + 1 if cut_off else end
-    figures[PEAK] = peak_force(f_c[start:until], f_c1[start:until], to_cubic)
-    figures[FASTEST] = peak_size(v_p[start : end + 1])
+    metrics[PEAK] = peak_force(f_c[start:until], f_c1[start:until], to_cubic)
+    metrics[FASTEST] = peak_size(v_p[start : end + 1])
     return True
 
 
@@ -439,7 +439,7 @@ def add_spectrum(force, sign, powers, factor, found):
 @kernel(allocates=True)
 def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
     """Phi_c F_c + Phi_a F_a of every oscillator into `found`; the contact's force is `sign` times
-    what is given. See plant.figures.noise.modal_drive."""
+    what is given. See plant.metrics.noise.modal_drive."""
     part = np.zeros(found.size, np.complex128)
     add_spectrum(contact_n, sign, by.powers, by.held, part)
     add_spectrum(slope_n, sign, by.powers, by.tilted, part)
@@ -483,14 +483,14 @@ def read_impact(
     dents,
     first_step,
     by,
-    figures,
+    metrics,
     work,
     speeds,
     found,
 ):
     """Read `count` rows of an impact, those after the first `lead`; some more may follow.
 
-    Writes the `contact_figures` of the first contact, or of its part where it is `continued`, the
+    Writes the `contact_metrics` of the first contact, or of its part where it is `continued`, the
     `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Without
     what was there before, a part begins at its own first row. Returns whether there is such a
     contact, the rows of `work` that belong to it, how many rows begin in contact, and the largest
@@ -526,7 +526,7 @@ def read_impact(
     known = (
         start < size
         and size - part.start > 2
-        and contact_figures(
+        and contact_metrics(
             xi[part],
             xi_s[part],
             f_c[part],
@@ -540,7 +540,7 @@ def read_impact(
             by.gravity_m_s2,
             by.step_s,
             by.to_cubic,
-            figures,
+            metrics,
         )
     )
     touching = 0
@@ -585,7 +585,7 @@ def fingerprint(rows, samples):
     return _fold(_fold(a, b), _fold(c, d)), _fold(_fold(b, c), _fold(d, a))
 
 
-# When an impact is over: the definition that all figures of an impact rest on.
+# When an impact is over: the definition that all metrics of an impact rest on.
 #
 # An impact lasts from the first touch until the sphere has left and no force of the law's answer
 # remains, at the latest until the next contact, or the end of the run.

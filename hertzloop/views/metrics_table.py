@@ -1,17 +1,17 @@
-"""The table of at most ten figures that ends a run."""
+"""The table of at most ten metrics that ends a run."""
 
 import math
 from collections.abc import Sequence
 
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.results.figures import Figures, RunResult
+from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
-from hertzloop.results.span_figures import DECIBELS, SPAN_ROWS, change_db
+from hertzloop.results.span_metrics import DECIBELS, SPAN_ROWS, change_db
 from hertzloop.views.digits import cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
-# Label, span, key and format of a figure.
-_FIGURES: tuple[tuple[str, str, str, str], ...] = (
+# Label, span, key and format of a metric.
+_METRICS: tuple[tuple[str, str, str, str], ...] = (
     ("contacts, whole run", "whole_run", "contacts", ".0f"),
     ("contact time, first contact", "first_impact", "contact_time_s", ".4g"),
     ("peak contact force", "first_impact", "peak_force_n", ".4g"),
@@ -27,35 +27,35 @@ _FIGURES: tuple[tuple[str, str, str, str], ...] = (
 _IN_DB = {*DECIBELS} - {"peak_force_n"}
 
 
-def figures_table(result: RunResult, known: Predictability, free: Figures | None = None) -> Table:
-    """Return the table of at most ten figures that ends a run.
+def metrics_table(result: RunResult, known: Predictability, free: Metrics | None = None) -> Table:
+    """Return the table of at most ten metrics that ends a run.
 
     Args:
         result: The run.
-        known: How well its figures, and those without control, can be known.
-        free: The figures of the same run without control. None if there is no comparison.
+        known: How well its metrics, and those without control, can be known.
+        free: The metrics of the same run without control. None if there is no comparison.
 
     Returns:
-        One row for each figure: with control, without control, and the change, in dB for energies
+        One row for each metric: with control, without control, and the change, in dB for energies
         and amplitudes, and in per cent of the value without control otherwise.
     """
-    compare = free is not None and not result.figures.stability.unstable
-    cases = [(result.figures, known.controlled), *([(free, known.uncontrolled)] if free else [])]
+    compare = free is not None and not result.metrics.stability.unstable
+    cases = [(result.metrics, known.controlled), *([(free, known.uncontrolled)] if free else [])]
     own = "no control" if result.scene_law == NO_CONTROL else "with control"
     right = [own, "without"][: len(cases)] + ["change"] * compare
-    table = Table("figure", right=right, title="Figures of the first impact")
-    for label, span, key, form in _FIGURES:
-        found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]
+    table = Table("metric", right=right, title="Metrics of the first impact")
+    for label, span, key, form in _METRICS:
+        found = [getattr(getattr(metrics, span), key, math.nan) for metrics, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
         row = cells(SPAN_ROWS[key], found, wrong, form, "-")
         if compare:
-            row.append("" if key == "contacts" else _change_of_figure(key, *found, *wrong))
+            row.append("" if key == "contacts" else _change_of_metric(key, *found, *wrong))
         table.add_row(label, *(cell.strip() for cell in row))
     return table
 
 
 def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
-    """Return the largest absolute error of a figure; 0 if all its digits are predictable."""
+    """Return the largest absolute error of a metric; 0 if all its digits are predictable."""
     if span == "first_impact":
         errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
         return errors.get(key, 0.0)
@@ -64,7 +64,7 @@ def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> flo
     return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
 
 
-def _change_of_figure(
+def _change_of_metric(
     key: str, value: float, reference: float, error: float, reference_error: float
 ) -> str:
     """Return the change that control makes; empty if it has no meaning."""

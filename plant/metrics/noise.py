@@ -1,4 +1,4 @@
-"""Noise and vibration figures of an impact, as pure functions.
+"""Noise and vibration metrics of an impact, as pure functions.
 
 Forces are those on the plate, up positive: F = -F_c + F_a (N), one value a step, held over
 the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Sphere
-from hertzloop.plant.figures import rows_kernels
+from hertzloop.plant.metrics import rows_kernels
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -35,9 +35,9 @@ _EFFICIENCIES: dict[str, Efficiency] = {"": efficiency_fahy, "_maidanik": effici
 
 @dataclass(frozen=True)
 class ImpactNoise:
-    """Noise figures of one impact.
+    """Noise metrics of one impact.
 
-    The functions of this module define each figure. Radiated energies are summed up to 20 kHz,
+    The functions of this module define each metric. Radiated energies are summed up to 20 kHz,
     with the efficiency of eq. 3.12 (Fahy) or of eq. 3.13 (Maidanik 1962).
 
     Attributes:
@@ -51,7 +51,7 @@ class ImpactNoise:
         transmitted_j: work on the plate, from the time series, J.
         transmitted_spectrum_j: work on the plate, from the spectrum of the force, J.
         plate_speed_max_m_s: largest plate speed at the contact point, m/s.
-        radiated_j: figure of the study, sum of sigma E over the modes (eq. 3.12), J. It ranks
+        radiated_j: metric of the study, sum of sigma E over the modes (eq. 3.12), J. It ranks
             impacts, but it can exceed the energy in the plate.
         radiated_maidanik_j: `radiated_j` with eq. 3.13, J.
         sound_j: energy that the plate radiates until rest (eq. 3.12), J.
@@ -315,7 +315,7 @@ def impact_noise(
     impact_speed_m_s: float,
     rebound_speed_m_s: float,
 ) -> ImpactNoise:
-    """Figures of an impact of the consistent scheme.
+    """Metrics of an impact of the consistent scheme.
 
     `drive`: of every oscillator (see `modal_drive`) by the forces at contact and actuator from the
     contact's start until the impact is over, `work_j` their work on the plate,
@@ -384,7 +384,7 @@ def published_noise(
     impact_speed_m_s: float,
     relative_speed_m_s: float,
 ) -> ImpactNoise:
-    """Figures of an impact as the published study formed them.
+    """Metrics of an impact as the published study formed them.
 
     `elastic_n` (contact force without damping) and `f_a` from the sample of the start to the
     first one after the end, `relative_speed_m_s` there. F = -F_c + F_a without damping; v_p

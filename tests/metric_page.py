@@ -1,11 +1,11 @@
-"""The reference page of all figures, made of their rows."""
+"""The reference page of all metrics, made of their rows."""
 
 from hertzloop.results.cases import CASE_ROWS
-from hertzloop.results.span_figures import SPAN_ROWS
+from hertzloop.results.span_metrics import SPAN_ROWS
 
 _TABLES = {
-    "Figures of a run": ("`run`, `inspect` and `compare` print them.", SPAN_ROWS),
-    "Figures of a case": (
+    "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_ROWS),
+    "Metrics of a case": (
         "Columns of `sweep`, goals of `tune` and `budget`.",
         CASE_ROWS,
     ),
@@ -13,14 +13,14 @@ _TABLES = {
 
 
 def page() -> str:
-    """The figures as a page in Markdown."""
+    """The metrics as a page in Markdown."""
     lines = [
-        "# Figures",
+        "# Metrics",
         "",
         "The names are those of `--json`, of files and of Python.",
         "",
     ]
     for heading, (where, rows) in _TABLES.items():
-        lines += [f"## {heading}", "", where, "", "| figure | means |", "|---|---|"]
+        lines += [f"## {heading}", "", where, "", "| metric | means |", "|---|---|"]
         lines += [f"| `{name}` | {row.meaning} |" for name, row in rows.items()] + [""]
     return "\n".join(lines[:-1]) + "\n"

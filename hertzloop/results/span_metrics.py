@@ -1,65 +1,65 @@
-"""Figures of the first impact or of the whole run, and their change in dB."""
+"""Metrics of the first impact or of the whole run, and their change in dB."""
 
 import math
 from dataclasses import dataclass, fields
 
-from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.results.figure_rows import described, figure, rows_of
+from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.impacts import RowsOfImpact
+from hertzloop.results.metric_fields import described, metric, rows_of
 
 
 @described
 @dataclass(frozen=True)
-class SpanFigures:
-    """Figures of the first impact, or of the whole run.
+class SpanMetrics:
+    """Metrics of the first impact, or of the whole run.
 
-    `plant.figures.rows_kernels` defines the first impact. The whole run lasts from the first touch
+    `plant.metrics.rows_kernels` defines the first impact. The whole run lasts from the first touch
     to its end. Radiated energies are nan unless the structure is a simply supported plate.
     """
 
     # fmt: off
-    contacts: int = figure("number of contacts", "contacts")
-    contact_time_s: float = figure("duration of the first contact, s",
+    contacts: int = metric("number of contacts", "contacts")
+    contact_time_s: float = metric("duration of the first contact, s",
                                    "contact time, first contact", "us", 1e6)
-    impact_speed_m_s: float = figure("speed of the striker before the first contact, m/s",
+    impact_speed_m_s: float = metric("speed of the striker before the first contact, m/s",
                                      "impact speed", "m/s")
-    rebound_speed_m_s: float = figure("speed of the striker after the last contact, m/s",
+    rebound_speed_m_s: float = metric("speed of the striker after the last contact, m/s",
                                       "rebound speed", "m/s")
-    rebound_height_m: float = figure("height of a sphere after the last contact, by energy, m",
+    rebound_height_m: float = metric("height of a sphere after the last contact, by energy, m",
                                      "rebound height", "mm", 1e3)
-    peak_force_n: float = figure("largest contact force, N", "peak force", "N", db=20.0)
-    plate_energy_j: float = figure("work of contact force and actuator force on the plate, J",
+    peak_force_n: float = metric("largest contact force, N", "peak force", "N", db=20.0)
+    plate_energy_j: float = metric("work of contact force and actuator force on the plate, J",
                                    "plate energy", "uJ", 1e6, db=10.0)
-    plate_speed_max_m_s: float = figure("largest plate speed at the contact point, m/s",
+    plate_speed_max_m_s: float = metric("largest plate speed at the contact point, m/s",
                                         "largest plate speed", "m/s", db=20.0)
-    radiated_j: float = figure("figure of the study, sum of sigma E up to 20 kHz, J",
+    radiated_j: float = metric("metric of the study, sum of sigma E up to 20 kHz, J",
                                "sigma E to 20 kHz, eq. 3.12 (study)", "uJ", 1e6, db=10.0)
-    sound_j: float = figure("energy that the plate radiates up to 20 kHz, J",
+    sound_j: float = metric("energy that the plate radiates up to 20 kHz, J",
                             "radiated to 20 kHz, eq. 3.12", "uJ", 1e6, db=10.0)
-    longhorn_j: float = figure("acceleration noise energy (Longhorn 1952), J",
+    longhorn_j: float = metric("acceleration noise energy (Longhorn 1952), J",
                                "acceleration noise, Longhorn", "uJ", 1e6, db=10.0)
-    holmes_j: float = figure("acceleration noise energy (Holmes 1974), J",
+    holmes_j: float = metric("acceleration noise energy (Holmes 1974), J",
                              "acceleration noise, Holmes", "uJ", 1e6, db=10.0)
-    peak_pressure_pa: float = figure("bound of the sound pressure at 1 m, Pa",
+    peak_pressure_pa: float = metric("bound of the sound pressure at 1 m, Pa",
                                      "peak pressure bound at 1 m", "Pa", db=20.0)
 
 
 @dataclass(frozen=True)
-class RunFigures:
-    """Figures of a run.
+class RunMetrics:
+    """Metrics of a run.
 
     Attributes:
-        first_impact: figures of the first impact; None without a contact.
-        whole_run: figures of all contacts; None without a contact and for the published scheme.
+        first_impact: metrics of the first impact; None without a contact.
+        whole_run: metrics of all contacts; None without a contact and for the published scheme.
     """
 
-    first_impact: SpanFigures | None
-    whole_run: SpanFigures | None
+    first_impact: SpanMetrics | None
+    whole_run: SpanMetrics | None
 
 
 MUCH_DB = 0.5  # between the change in the first impact and that over all contacts
 
-SPAN_ROWS = rows_of(SpanFigures)
+SPAN_ROWS = rows_of(SpanMetrics)
 
 # Factor of the logarithm of a ratio: of energies, and of amplitudes.
 DECIBELS = {name: row.db for name, row in SPAN_ROWS.items() if row.db}
@@ -67,13 +67,13 @@ DECIBELS = {name: row.db for name, row in SPAN_ROWS.items() if row.db}
 _SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_ROWS}
 
 
-def of_impact(found: RowsOfImpact) -> SpanFigures:
-    """Figures of one impact."""
-    return span_figures(1, found.impact.peak_force_n, found.noise)
+def of_impact(found: RowsOfImpact) -> SpanMetrics:
+    """Metrics of one impact."""
+    return span_metrics(1, found.impact.peak_force_n, found.noise)
 
 
-def span_figures(contacts: int, peak_force_n: float, noise: ImpactNoise) -> SpanFigures:
-    return SpanFigures(
+def span_metrics(contacts: int, peak_force_n: float, noise: ImpactNoise) -> SpanMetrics:
+    return SpanMetrics(
         contacts=contacts,
         rebound_speed_m_s=noise.next_impact_speed_m_s,
         peak_force_n=peak_force_n,
@@ -88,8 +88,8 @@ def decibels(value: float, reference: float, factor: float = 10.0) -> float:
     return factor * math.log10(ratio) if ratio > 0.0 else math.nan
 
 
-def changes_db(value: SpanFigures, reference: SpanFigures) -> dict[str, float]:
-    """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the figures' names."""
+def changes_db(value: SpanMetrics, reference: SpanMetrics) -> dict[str, float]:
+    """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the metrics' names."""
     ours, theirs = vars(value), vars(reference)
     return {name: decibels(ours[name], theirs[name], by) for name, by in DECIBELS.items()}
 

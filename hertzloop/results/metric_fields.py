@@ -1,16 +1,16 @@
-"""A figure is one row, from which tables, pictures, JSON, files and the reference page are made."""
+"""A metric is one row, from which tables, pictures, JSON, files and the reference page are made."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
-# A figure is one row: tables, pictures, JSON, files and the reference page are made of it.
+# A metric is one row: tables, pictures, JSON, files and the reference page are made of it.
 Kind = TypeVar("Kind", bound=type)
 
 
 @dataclass(frozen=True)
-class FigureRow:
-    """A figure.
+class MetricField:
+    """A metric.
 
     Attributes:
         meaning: what it is, with its unit.
@@ -18,7 +18,7 @@ class FigureRow:
         unit: the unit there.
         factor: from the value to that unit.
         db: factor of the logarithm of its ratio in dB, 0 of one that is compared in per cent.
-        of: what makes the value of what the figures are taken from, or the path of an attribute.
+        of: what makes the value of what the metrics are taken from, or the path of an attribute.
         shown: whether the command and the report show it without being asked.
         without: the value without control.
     """
@@ -33,18 +33,18 @@ class FigureRow:
     without: float = 0.0
 
 
-def figure(*about: Any, **more: Any) -> Any:
-    """A field of a dataclass of figures; arguments as in `FigureRow`."""
-    return field(metadata={"figure": FigureRow(*about, **more)})
+def metric(*about: Any, **more: Any) -> Any:
+    """A field of a dataclass of metrics; arguments as in `MetricField`."""
+    return field(metadata={"metric": MetricField(*about, **more)})
 
 
-def rows_of(kind: type) -> dict[str, FigureRow]:
-    """The figures of a dataclass by name."""
-    return {one.name: one.metadata["figure"] for one in fields(kind)}
+def rows_of(kind: type) -> dict[str, MetricField]:
+    """The metrics of a dataclass by name."""
+    return {one.name: one.metadata["metric"] for one in fields(kind)}
 
 
 def described(kind: Kind) -> Kind:
-    """A dataclass of figures whose docstring says what each is."""
+    """A dataclass of metrics whose docstring says what each is."""
     told = (f"        {name}: {row.meaning}." for name, row in rows_of(kind).items())
     kind.__doc__ = f"{kind.__doc__}\n    Attributes:\n" + "\n".join(told) + "\n    "
     return kind

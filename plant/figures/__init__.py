@@ -1,1 +1,0 @@
-"""Figures of impacts: times, speeds, forces and noise."""

@@ -1,0 +1,1 @@
+"""Metrics of impacts: times, speeds, forces and noise."""
