@@ -90,13 +90,13 @@ def same_bytes(loop: SimulatedRun, driven: Driven) -> bool:
     every = -(-len(loop.forces) // len(loop.values))
     seen = driven.values["sample"][:-1:every]
     return seen.tobytes() == loop.values.tobytes() and all(
-        values.tobytes() == loop.rows[row].tobytes() for row, values in driven.rows().items()
+        values.tobytes() == loop.truth[row].tobytes() for row, values in driven.rows().items()
     )
 
 
 def _differences(loop: SimulatedRun, driven: Driven) -> tuple[float, float]:
     """Of the contact force, relative: until the first impact is over, and at all."""
-    force = loop.rows[F_C]
+    force = loop.truth[F_C]
     apart = np.abs(driven.rows()[F_C] - force) / np.max(np.abs(force))
     touching = np.flatnonzero(force)
     over = touching[np.flatnonzero(np.diff(touching) > 1)[:1]]

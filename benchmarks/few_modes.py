@@ -39,7 +39,7 @@ from hertzloop.scene import model_error
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
 
-_TAIL = "infinite plate"
+_TRUNCATED = "infinite plate"
 _SPARSE = 0.5  # of the frequency that a contact reaches, up to which modes are drawn
 _QUICK = 4
 
@@ -85,7 +85,7 @@ class FewModes:
     modes: int
     highest_hz: float
     contact_us: float
-    tail: str
+    truncated: str
     force: float
     rebound: float
     energy: float
@@ -99,7 +99,7 @@ class FewModes:
 
 
 def _first(setup: Setup) -> np.ndarray:
-    found = impacts_in(setup.plant, simulate(setup).rows)[0]
+    found = impacts_in(setup.plant, simulate(setup).truth)[0]
     scale = setup.sphere.impact_speed_m_s
     energy = 0.5 * setup.sphere.mass_kg * scale**2
     return np.array([found.peak_force_n, found.rebound_speed_m_s / scale,
@@ -107,14 +107,16 @@ def _first(setup: Setup) -> np.ndarray:
 
 
 def few_modes(
-    of: Plate, counts: Sequence[int] | float, tails: Sequence[str] = (_TAIL, "spring", "nothing")
+    of: Plate,
+    counts: Sequence[int] | float,
+    truncated: Sequence[str] = (_TRUNCATED, "spring", "nothing"),
 ) -> Iterator[FewModes]:
     """Impacts on the lowest modes of a plate, against all of them.
 
     Args:
         of: the plate.
         counts: numbers of modes, or one number as a share, 0 to 1, of the logarithm of the largest.
-        tails: what stands for the rest.
+        truncated: what stands for the rest.
     """
     point = [f"plate.size_m={list(of.size_m)}", f"plate.contact_point_m={list(of.point_m)}",
              f"plate.loss_factor={of.loss_factor!r}"]  # fmt: skip
@@ -135,16 +137,16 @@ def few_modes(
             beyond = shape[count:] ** 2 * per_mass[count:] / omega[count:] ** 2
             spring = float(np.sum(beyond)) + (known.residual_flexibility_m_n or 0.0)
             settings = {
-                name: ["plate.tail=spring", f"plate.residual_flexibility_m_n={value!r}"]
+                name: ["plate.truncated_modes=spring", f"plate.residual_flexibility_m_n={value!r}"]
                 for name, value in (("spring", spring), ("nothing", 0.0))
-            } | {_TAIL: ["plate.tail=damped"]}
-            for tail in tails:
-                words = [*of.striker, *settings[tail], f"plate.modes={file}"]
+            } | {_TRUNCATED: ["plate.truncated_modes=damped"]}
+            for model in truncated:
+                words = [*of.striker, *settings[model], f"plate.modes={file}"]
                 setup = load("aluminium-3mm", words)
                 error = np.abs(_first(setup) - true) / np.where([1, 0, 1, 1], true, 1.0)
                 yield FewModes(
                     of.material, of.sphere_mm, of.plate_mm, count,
-                    float(omega[count - 1] / (2.0 * np.pi)), 1e6 * contact_s, tail,
+                    float(omega[count - 1] / (2.0 * np.pi)), 1e6 * contact_s, model,
                     float(error[0]), float(error[1]), float(error[2]), float(error[3]),
                     model_error.expected_error(setup),
                 )  # fmt: skip
@@ -169,7 +171,7 @@ def random_plates(seed: int, count: int) -> Iterator[tuple[Plate, float]]:
 
 
 def _row(one: FewModes) -> tuple[str, ...]:
-    return (f"{one.sphere_mm:g}/{one.plate_mm:g} {one.material}", str(one.modes), one.tail,
+    return (f"{one.sphere_mm:g}/{one.plate_mm:g} {one.material}", str(one.modes), one.truncated,
             *(f"{100 * x:.2g}" for x in (one.error, one.length, one.expected)))  # fmt: skip
 
 
@@ -196,7 +198,7 @@ def main(
         found = [
             one
             for plate, share in tracked("random plates", drawn)
-            for one in few_modes(plate, share, [_TAIL])
+            for one in few_modes(plate, share, [_TRUNCATED])
         ]
         ratios = [one.error / one.expected for one in found]
         beyond = [one for one, ratio in zip(found, ratios, strict=True) if ratio > 1.0]

@@ -83,7 +83,7 @@ with tempfile.TemporaryDirectory() as folder:
         record_in_process(scene, Path(folder, f"{compiled}.mcap"), compiled=compiled)
 chosen_model(scene)
 metrics_of(scene, free_series(scene))
-metrics_of(scene, simulate(scene).rows)
+metrics_of(scene, simulate(scene).truth)
 print(json.dumps(Own.seconds))
 """
 

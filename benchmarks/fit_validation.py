@@ -71,7 +71,7 @@ def _impact(setup: Setup) -> tuple[float, float, float]:
     run = model.run({}, 2.5 * lasts)
     fine = np.linspace(0.0, 2.4 * lasts, 20_001)
     touching = fine[run.force_n(fine) > 0.0]
-    speed = float(np.diff(run.rows[ts.XI_S])[-1]) / run.step_s
+    speed = float(np.diff(run.truth[ts.XI_S])[-1]) / run.step_s
     time_s = float(touching[-1])
     speed += 9.81 * (float(run.time_s[-1]) - time_s)  # gravity since the end of contact
     e = speed / run.speed_m_s

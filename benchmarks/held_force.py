@@ -138,7 +138,7 @@ def outcome(theory: str, law: str, accuracy: float, random: np.random.Generator)
 
 def _error(setup: Setup, limit_hz: float) -> float | None:
     fine = replace(setup.plant, step_s=setup.step_s / 2, frequency_limit_hz=limit_hz)
-    found = against(setup, simulate(setup).rows, fine)
+    found = against(setup, simulate(setup).truth, fine)
     return found.largest if found else None
 
 

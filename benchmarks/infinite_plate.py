@@ -118,7 +118,7 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     if lasts_s == 0.0:
         return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
     setup = setup.with_steps(steps).with_plate_model("infinite")
-    rows = simulate(setup).rows
+    rows = simulate(setup).truth
     spec = setup.plant
     fine = replace(
         spec, step_s=spec.step_s / 2, frequency_limit_hz=1.0 / spec.step_s,

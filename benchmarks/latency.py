@@ -38,7 +38,7 @@ from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.results.cases import CASE_ROWS, Span, metrics_of_case
+from hertzloop.results.cases import CASE_METRICS, Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
@@ -367,7 +367,9 @@ def run(
     return found
 
 
-_CHANGES = {name: words for name, words in METRICS.items() if CASE_ROWS[name].unit in ("dB", "%")}
+_CHANGES = {
+    name: words for name, words in METRICS.items() if CASE_METRICS[name].unit in ("dB", "%")
+}
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
 _LEAST_DB = 0.05
 _COLOURS = "RdBu_r"
@@ -418,7 +420,7 @@ def _grid(rows: list[dict[str, Any]], key: str, metric: str) -> tuple[list[Any],
     latencies = sorted({row["controller.latency_us"] for row in rows})
     values = sorted({row[key] for row in rows})
     z = np.array([np.nan if row[metric] is None else row[metric] for row in rows], float)
-    z = z.reshape(len(latencies), len(values)).T - CASE_ROWS[metric].without
+    z = z.reshape(len(latencies), len(values)).T - CASE_METRICS[metric].without
     return latencies, values, z
 
 

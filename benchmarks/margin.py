@@ -228,7 +228,7 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[STEP] = 0
-    rows = simulate(setup, own_plant=plant).rows
+    rows = simulate(setup, own_plant=plant).truth
     if rows[ts.F_C].any():
         raise ValueError("the sphere touched the plate within the flight")
     return growth_of_rows(rows, setup.step_s)
@@ -327,7 +327,7 @@ def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
         run = setup.vary({"run.duration_s": max(lasts_s, setup.first_touch_s + 2e-3)})
         run = run.with_plate_model("modal")
         try:
-            rows = simulate(run).rows
+            rows = simulate(run).truth
         except SceneError as error:
             # The law commands no number any more: it has run away.
             yield Check("impacts", case, predicted, math.inf, True, str(error)[:60])

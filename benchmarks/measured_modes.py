@@ -232,7 +232,7 @@ def by_universal_file() -> Iterator[ByFile]:
             (Path(folder) / "modes.npz").write_bytes(write_modes(".npz", table))
             flexibility = f"plate.residual_flexibility_m_n={known.residual_flexibility_m_n!r}"
             modes = [f"plate.modes={Path(folder) / 'modes.npz'}", flexibility]
-            return np.asarray(simulate(load(_FILED, [*modes, *_SHORT])).rows)
+            return np.asarray(simulate(load(_FILED, [*modes, *_SHORT])).truth)
 
         ours, whole = recorded(found), rows(*exact)
         largest = np.maximum(np.abs(whole).max(axis=1, keepdims=True), 1e-300)

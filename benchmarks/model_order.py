@@ -107,7 +107,7 @@ def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impac
 def _limited(spec: PlantSpec, limit_hz: float) -> PlantSpec:
     """With modes up to a limit, and what a run takes for those beyond."""
     away = spec.simply_supported.wavelengths_to_edge(spec.contact_point_m, limit_hz)
-    return replace(spec, frequency_limit_hz=limit_hz, damped_tail=away >= NEAREST)
+    return replace(spec, frequency_limit_hz=limit_hz, damped_residual=away >= NEAREST)
 
 
 def _errors(
@@ -249,7 +249,7 @@ def main(
 
     scenes = 4 if quick else scenes
     with results_in(folder, "model_order", "modal") as made:
-        compile_first(load(DEFAULT, ["plate.tail=spring"]))
+        compile_first(load(DEFAULT, ["plate.truncated_modes=spring"]))
         found = run(made, scenes, seed)
         whole = closed_loop.run(made, scenes, seed)
     headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",

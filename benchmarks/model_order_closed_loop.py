@@ -52,7 +52,7 @@ class Outcome:
     law: str
     request: float
     limit_khz: float
-    tail: str
+    truncated: str
     gap: float
     rebound: float
     energy: float
@@ -143,7 +143,7 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
     m, s, v = spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
     steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.step_s)
     short = setup.with_steps(min(steps, setup.steps))
-    return against(short, simulate(short).rows, best)
+    return against(short, simulate(short).truth, best)
 
 
 def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
@@ -156,7 +156,7 @@ def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verificatio
         law=setup.law_reference,
         request=setup.accuracy,
         limit_khz=spec.frequency_limit_hz / 1e3,
-        tail="damped" if spec.damped_tail else "spring",
+        truncated="damped" if spec.damped_residual else "spring",
         gap=found.penetration,
         rebound=found.rebound_speed,
         energy=found.plate_energy,

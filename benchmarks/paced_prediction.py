@@ -38,7 +38,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
@@ -76,8 +76,8 @@ def paced(setup: Setup, path: Path, pace: float) -> tuple[list[float], bool]:
     recording = read(path)
     latencies = [float(x) for x in latencies_of(recording)]
     again = setup.vary({_TRACE: latencies})
-    repeated = simulate(again.with_plate_model(setup.plate_model)).rows
-    return latencies, np.array_equal(repeated, rows_of(recording))
+    repeated = simulate(again.with_plate_model(setup.plate_model)).truth
+    return latencies, np.array_equal(repeated, truth_of(recording))
 
 
 def predict(pool: Pool, setup: Setup, traces: list[list[float]], known: int, draws: int) \

@@ -192,7 +192,7 @@ def _metrics(case: Case) -> dict[str, float]:
     """Of the first impact; nothing without one."""
     with known_to_scenes():
         scene = load(*case)
-        impact = first_impact(scene, simulate(scene).rows)
+        impact = first_impact(scene, simulate(scene).truth)
     if impact is None:
         return {}
     found = impact.impact

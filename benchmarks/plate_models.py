@@ -1,4 +1,4 @@
-"""First impacts of scenes on plates with other limits, tails and theories, and what steps cost."""
+"""First impacts of scenes on plates with other limits and theories, and what steps cost."""
 
 import math
 import time
@@ -38,11 +38,11 @@ _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 
 @dataclass(frozen=True)
 class Run:
-    """First impact of a run, what its tail took (J), the largest residual of its balance, and the
-    number of frequencies."""
+    """First impact of a run, what its truncated modes took (J), the largest residual of its
+    balance, and the number of frequencies."""
 
     impact: Impact
-    tail_j: float
+    truncated_j: float
     residual: float
     frequencies: int
 
@@ -54,8 +54,8 @@ def run(setup: Setup, **changes: Any) -> Run:
     done = simulate(setup, own_plant=plant)
     balance = done.balance
     residual = max(abs(balance.energy_residual), abs(balance.momentum_residual))
-    found = impacts_in(spec, done.rows)[0]
-    return Run(found, balance.tail_dissipated_j, residual, len(plant.modes.omega))
+    found = impacts_in(spec, done.truth)[0]
+    return Run(found, balance.truncated_dissipated_j, residual, len(plant.modes.omega))
 
 
 def changes(run: Impact, best: Impact) -> tuple[float, float, float, float]:
@@ -123,7 +123,7 @@ _FINE = ["run.step_ns=250", "sensors.every_steps=4", "controller.latency_us=0.75
 
 
 @dataclass(frozen=True)
-class Tail:
+class Truncation:
     """Errors of plate energy and of rebound over impact speed with a spring and with a damped mode,
     the share of the plate energy that the mode took, and the largest residual of the balance."""
 
@@ -133,31 +133,32 @@ class Tail:
     spring_rebound: float
     damped_energy: float
     damped_rebound: float
-    tail_share: float
+    residual_share: float
     residual: float
 
 
-def errors(names: tuple[str, ...] | None = None) -> list[Tail]:
+def errors(names: tuple[str, ...] | None = None) -> list[Truncation]:
     """All cases, or those named, against modes up to 16 times their limit or more."""
     found = []
     for name in tracked("omitted modes", names or tuple(_TAIL_CASES)):
         source, settings, limits, highest = _TAIL_CASES[name]
         fine = _FINE if source == "aluminium-3mm" else []
         setup = first_contact(source, [*settings, *fine])
-        best = run(setup, frequency_limit_hz=highest, damped_tail=True)
+        best = run(setup, frequency_limit_hz=highest, damped_residual=True)
         for limit in limits:
             spring, damped = (
-                run(setup, frequency_limit_hz=limit, damped_tail=tail) for tail in (False, True)
+                run(setup, frequency_limit_hz=limit, damped_residual=truncation)
+                for truncation in (False, True)
             )
             by_spring = changes(spring.impact, best.impact)
             by_mode = changes(damped.impact, best.impact)
             found.append(
-                Tail(
+                Truncation(
                     name,
                     limit / 1e3,
                     *by_spring[:2],
                     *by_mode[:2],
-                    damped.tail_j / damped.impact.plate_energy_j,
+                    damped.truncated_j / damped.impact.plate_energy_j,
                     max(spring.residual, damped.residual),
                 )
             )
@@ -173,8 +174,10 @@ def cost() -> list[tuple[str, float, float]]:
             settings.append("contact.restitution=0.7")
         setup = first_contact("aluminium-20mm", [*settings, "run.duration_s=1e-3"])
         plants = []
-        for tail in ("spring", "damped"):
-            spec = replace(setup.plant, frequency_limit_hz=191e3, damped_tail=tail == "damped")
+        for truncation in ("spring", "damped"):
+            spec = replace(
+                setup.plant, frequency_limit_hz=191e3, damped_residual=truncation == "damped"
+            )
             plants.append(CollocationPlant(spec))
         name = f"damped mode against spring, contact.damping = '{damping}'"
         found.append((name, *cost_ratios(*plants)))
@@ -262,7 +265,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
     return found
 
 
-_QUICK_THEORY, _QUICK_TAIL = ("h 3, R 3 mm",), ("3 mm, e 0.7", "3 mm, no damper, no law")
+_QUICK_THEORY, _QUICK_TRUNCATION = ("h 3, R 3 mm",), ("3 mm, e 0.7", "3 mm, no damper, no law")
 
 
 def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
@@ -275,17 +278,17 @@ def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
     """
     with results_in(folder, "plate_models", "modal") as made:
         theory = effects(_QUICK_THEORY if quick else None)
-        tails = errors(_QUICK_TAIL if quick else None)
+        truncations = errors(_QUICK_TRUNCATION if quick else None)
         costs = cost()
         write_records(made / "plate_theory.csv", theory)
-        write_records(made / "plate_tail.csv", tails)
+        write_records(made / "plate_truncation.csv", truncations)
         shares = [
             (f"{t.case}, {t.limit_khz:g} kHz, {what}", abs(value))
-            for t in tails
+            for t in truncations
             for what, value in (("spring", t.spring_energy), ("damped mode", t.damped_energy))
         ]
         title = "Omitted modes: error of the plate energy"
-        bars(made / "plate_tail.png", title, "relative error", shares, log=True)
+        bars(made / "plate_truncation.png", title, "relative error", shares, log=True)
     out.print(number_table(
         "Three dimensions against Kirchhoff: changes, the most expected, modes, us a step",
         ("impact", "kh", "lambda", "energy", "rebound", "peak", "time", "most",
@@ -298,20 +301,21 @@ def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
         "Modes left out: error of plate energy (of rebound)",
         ("impact", "limit kHz", "spring", "damped mode", "it took"),
         ((t.case, f"{t.limit_khz:g}", f"{shown(t.spring_energy)} ({shown(t.spring_rebound)})",
-          f"{shown(t.damped_energy)} ({shown(t.damped_rebound)})", f"{t.tail_share:.1e}")
-         for t in tails),
+          f"{shown(t.damped_energy)} ({shown(t.damped_rebound)})", f"{t.residual_share:.1e}")
+         for t in truncations),
     ))  # fmt: skip
     for name, step_us, ratio in costs:
         out.print(f"{name}: a step of {step_us:.3g} us takes {ratio:.3f} times as long")
-    residual = max(*(e.residual for e in theory), *(t.residual for t in tails))
+    residual = max(*(e.residual for e in theory), *(t.residual for t in truncations))
     out.print(f"energy and momentum balance: residual {residual:.1e} at most")
-    written(made, "plate_theory.csv", "plate_tail.csv", "plate_tail.png")
+    written(made, "plate_theory.csv", "plate_truncation.csv", "plate_truncation.png")
     by_spring, by_mode = (
-        max(abs(getattr(t, field)) for t in tails) for field in ("spring_energy", "damped_energy")
+        max(abs(getattr(t, field)) for t in truncations)
+        for field in ("spring_energy", "damped_energy")
     )
     conclude(
         f"In the place of the omitted modes, a damped mode leaves an error of the plate energy of "
-        f"{by_mode:.1e} at most and a spring {by_spring:.1e}, over {len(tails)} cases."
+        f"{by_mode:.1e} at most and a spring {by_spring:.1e}, over {len(truncations)} cases."
     )
 
 

@@ -140,7 +140,7 @@ def _errors(setup: Setup, limit_hz: float, parts: int) -> tuple[float, float, fl
     `parts` steps in each step."""
     fine = replace(setup.plant, step_s=setup.step_s / parts, frequency_limit_hz=limit_hz)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = against(setup, simulate(setup).rows, fine)
+        found = against(setup, simulate(setup).truth, fine)
     return (found.penetration, found.rebound_speed, found.plate_energy) if found else None
 
 

@@ -633,13 +633,13 @@ def loop_map(name: str = "aluminium-3mm", every: int = 1) -> Iterator[LoopPoint]
     and latency only."""
     lasts = "run.duration_s=0.0016"
     off = load(name, [lasts, "controller.law=off"])
-    free = impacts_in(off.plant, simulate(off).rows)[0]
+    free = impacts_in(off.plant, simulate(off).truth)[0]
     for kappa in _KAPPAS[::every]:
         for latency_us in _LATENCIES_US[::every]:
             keys = [f"controller.kappa={kappa:.3f}", f"controller.latency_us={latency_us}"]
             setup = load(name, [lasts, *keys])
             truth = simulate(setup)
-            first = impacts_in(setup.plant, truth.rows)[0]
+            first = impacts_in(setup.plant, truth.truth)[0]
             yield LoopPoint(
                 float(kappa),
                 float(latency_us),

@@ -49,8 +49,8 @@ def _late(event: Event) -> str:
     count = event.last_number - event.number + 1
     return (
         f"late forces {event.number} to {event.last_number}: {count} of the steps {first} to "
-        f"{last} used an older force, in {event.late_rows} sequences of at most "
-        f"{event.longest_row} steps; the oldest force was {oldest} steps old"
+        f"{last} used an older force, in {event.late_sequences} sequences of at most "
+        f"{event.longest_sequence} steps; the oldest force was {oldest} steps old"
     )
 
 

@@ -179,7 +179,7 @@ class TruthBlock(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ..., f_c1_n: _Optional[_Iterable[float]] = ..., f_a1_n: _Optional[_Iterable[float]] = ..., deepest_m: _Optional[_Iterable[float]] = ..., held_steps: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Event(_message.Message):
-    __slots__ = ("timestamp", "level", "message", "name", "file", "line", "kind", "number", "last_number", "quantity", "mode_before", "mode", "delay_ns", "from_step", "to_step", "late_rows", "longest_row", "oldest_steps")
+    __slots__ = ("timestamp", "level", "message", "name", "file", "line", "kind", "number", "last_number", "quantity", "mode_before", "mode", "delay_ns", "from_step", "to_step", "late_sequences", "longest_sequence", "oldest_steps")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     LEVEL_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
@@ -195,8 +195,8 @@ class Event(_message.Message):
     DELAY_NS_FIELD_NUMBER: _ClassVar[int]
     FROM_STEP_FIELD_NUMBER: _ClassVar[int]
     TO_STEP_FIELD_NUMBER: _ClassVar[int]
-    LATE_ROWS_FIELD_NUMBER: _ClassVar[int]
-    LONGEST_ROW_FIELD_NUMBER: _ClassVar[int]
+    LATE_SEQUENCES_FIELD_NUMBER: _ClassVar[int]
+    LONGEST_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     OLDEST_STEPS_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     level: int
@@ -213,13 +213,13 @@ class Event(_message.Message):
     delay_ns: int
     from_step: int
     to_step: int
-    late_rows: int
-    longest_row: int
+    late_sequences: int
+    longest_sequence: int
     oldest_steps: int
-    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., last_number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ..., from_step: _Optional[int] = ..., to_step: _Optional[int] = ..., late_rows: _Optional[int] = ..., longest_row: _Optional[int] = ..., oldest_steps: _Optional[int] = ...) -> None: ...
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., last_number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ..., from_step: _Optional[int] = ..., to_step: _Optional[int] = ..., late_sequences: _Optional[int] = ..., longest_sequence: _Optional[int] = ..., oldest_steps: _Optional[int] = ...) -> None: ...
 
 class EnergyBalance(_message.Message):
-    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "air_dissipated_j", "tail_dissipated_j")
+    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "air_dissipated_j", "truncated_dissipated_j")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ENERGY_START_J_FIELD_NUMBER: _ClassVar[int]
     KINETIC_J_FIELD_NUMBER: _ClassVar[int]
@@ -243,7 +243,7 @@ class EnergyBalance(_message.Message):
     PLASTIC_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
     DENT_M_FIELD_NUMBER: _ClassVar[int]
     AIR_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
-    TAIL_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    TRUNCATED_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     energy_start_j: float
     kinetic_j: float
@@ -267,8 +267,8 @@ class EnergyBalance(_message.Message):
     plastic_dissipated_j: float
     dent_m: float
     air_dissipated_j: float
-    tail_dissipated_j: float
-    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ..., plastic_dissipated_j: _Optional[float] = ..., dent_m: _Optional[float] = ..., air_dissipated_j: _Optional[float] = ..., tail_dissipated_j: _Optional[float] = ...) -> None: ...
+    truncated_dissipated_j: float
+    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ..., plastic_dissipated_j: _Optional[float] = ..., dent_m: _Optional[float] = ..., air_dissipated_j: _Optional[float] = ..., truncated_dissipated_j: _Optional[float] = ...) -> None: ...
 
 class StreamCount(_message.Message):
     __slots__ = ("stream", "messages", "samples")

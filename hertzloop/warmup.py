@@ -195,22 +195,22 @@ def _compile_beside(parent: int) -> None:
 
 
 def _made_up_contact(setup: "Setup") -> np.ndarray:
-    """Rows of truth, shape (10, steps), of a contact that no plant has made."""
+    """Truth, shape (10, steps), of a contact that no plant has made."""
     from hertzloop.plant import time_series as ts
 
-    rows = np.zeros((ts.COLUMNS, _ROWS))
+    truth = np.zeros((ts.COLUMNS, _ROWS))
     during = slice(_BEFORE, _BEFORE + _CONTACT)
     push = np.sin(np.pi * (np.arange(_CONTACT) + 0.5) / _CONTACT)
     speed_m_s = setup.sphere.impact_speed_m_s
     steps_away = np.arange(_ROWS) - _BEFORE
     steps_away = np.where(steps_away < 0, -steps_away, np.maximum(steps_away - _CONTACT, 0))
-    rows[ts.XI] = rows[ts.XI_S] = speed_m_s * setup.step_s * steps_away
-    rows[ts.XI, during] = rows[ts.XI_S, during] = -1e-6 * push
-    rows[ts.F_C, during] = _FORCE_N * push
-    rows[ts.F_C1, during] = 1.0
-    rows[ts.V_P, during] = -1e-3 * push
-    rows[ts.XI_P, during] = -1e-8 * push
-    return rows
+    truth[ts.XI] = truth[ts.XI_S] = speed_m_s * setup.step_s * steps_away
+    truth[ts.XI, during] = truth[ts.XI_S, during] = -1e-6 * push
+    truth[ts.F_C, during] = _FORCE_N * push
+    truth[ts.F_C1, during] = 1.0
+    truth[ts.V_P, during] = -1e-3 * push
+    truth[ts.XI_P, during] = -1e-8 * push
+    return truth
 
 
 def _run(setup: "Setup", folder: Path) -> None:
@@ -224,7 +224,7 @@ def _run(setup: "Setup", folder: Path) -> None:
     record_in_process(setup, folder / "b.mcap", compiled=True)
     chosen_model(setup)
     metrics_of(setup, free_series(setup))
-    metrics_of(setup, simulate(setup).rows)
+    metrics_of(setup, simulate(setup).truth)
 
 
 def _run_paced(setup: "Setup", folder: Path) -> None:

@@ -106,7 +106,7 @@ def lines(setup: Setup) -> list[Line]:
     """Eq. 3.1, 3.3, 3.8b, and the limits of 3.13. Raises SceneError without an impact that ends."""
     setup = setup.without_control()
     spec = setup.plant
-    impact = first_impact(setup, simulate(setup).rows)
+    impact = first_impact(setup, simulate(setup).truth)
     if impact is None or not impact.ended:
         raise SceneError("no impact ends within run.duration_s; take more")
     noise, sphere = impact.noise, spec.sphere

@@ -45,7 +45,7 @@ _BOUNCES_S = 0.35
 def _run(source: str, *settings: str) -> tuple[Setup, np.ndarray]:
     """A scene and its rows of truth."""
     setup = load(source, list(settings))
-    return setup, simulate(setup).rows
+    return setup, simulate(setup).truth
 
 
 def _pair(plate: str) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -331,7 +331,7 @@ def _run_scene(curve: Curve, column: str, lasts_s: float) -> tuple[Setup, np.nda
     source, settings = COLUMNS[column]
     lasts = (f"run.duration_s={lasts_s}",) if lasts_s else ()
     setup = load(source.format(curve.plate), [*settings, *curve.settings, *lasts])
-    return setup, simulate(setup).rows
+    return setup, simulate(setup).truth
 
 
 def _series(curve: Curve, column: str, lasts_s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -65,7 +65,7 @@ def model(scheme: str) -> Model:
     """The aluminium plate without control. Raises ValueError without an impact."""
     row = Row("aluminium", 0.05, ("controller.law=off",), True)
     setup = scene_of(row, scheme)
-    impact = first_impact(setup, simulate(setup).rows)
+    impact = first_impact(setup, simulate(setup).truth)
     if impact is None:
         raise ValueError(f"{setup.name}: no impact")
     about = setup.about_mechanics

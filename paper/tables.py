@@ -172,7 +172,7 @@ def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     steps = _SHORTEST_STEPS if published else setup.steps
     while steps <= longest:
         setup = scene_of(row, scheme, [f"run.duration_s={steps * setup.step_s!r}"])
-        impact = first_impact(setup, simulate(setup).rows)
+        impact = first_impact(setup, simulate(setup).truth)
         if impact is not None and impact.ended:
             counted_less = published and row.parameter_study
             return _one_step_less(impact.noise, setup) if counted_less else impact.noise

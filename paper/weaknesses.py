@@ -108,14 +108,14 @@ def law_effects() -> list[LawEffect]:
 
 
 def _published(setup: Setup) -> tuple[float, float]:
-    impact = first_impact(setup, simulate(setup).rows)
+    impact = first_impact(setup, simulate(setup).truth)
     if impact is None or not impact.ended:
         raise ValueError(f"{setup.name}: the first contact does not end within the run")
     return impact.noise.next_impact_speed_m_s, impact.noise.transmitted_j
 
 
 def _consistent(setup: Setup) -> tuple[float, float]:
-    found = impacts_in(setup.plant, simulate(setup).rows)
+    found = impacts_in(setup.plant, simulate(setup).truth)
     return found[-1].rebound_speed_m_s, sum(impact.plate_energy_j for impact in found)
 
 
@@ -251,7 +251,7 @@ def momentum() -> list[Momentum]:
     for name in MATERIALS:
         for source in (f"thesis-{name}", f"{name}-20mm"):
             scene = load(source, ["controller.law=off"])
-            rows = simulate(scene).rows
+            rows = simulate(scene).truth
             impact = first_impact(scene, rows)
             if impact is None:
                 raise ValueError(f"{source}: no impact")
@@ -293,7 +293,7 @@ def _published_contact(step_us: float) -> tuple[float, float]:
         "thesis-aluminium", ["controller.law=off", "controller.lead_us=0",
         f"run.step_ns={round(step_us * 1000)}"],
     )  # fmt: skip
-    impact = first_impact(scene, simulate(scene).rows)
+    impact = first_impact(scene, simulate(scene).truth)
     if impact is None or not impact.ended:
         raise ValueError(f"the published contact does not end at a step of {step_us} us")
     return impact.noise.contact_time_s * 1e6, impact.noise.next_impact_speed_m_s

@@ -33,7 +33,7 @@ from hertzloop.plant.structures.structure import Structure, oscillators
 @dataclass(frozen=True)
 class Balance:
     """Energy (J) and momentum (N s) of a run; residuals are relative, see `balance`.
-    `tail_dissipated_j` went to the modes left out, where they are a damped mode."""
+    `truncated_dissipated_j` went to the modes left out, where they are a damped mode."""
 
     energy_start_j: float
     kinetic_j: float
@@ -45,7 +45,7 @@ class Balance:
     contact_dissipated_j: float
     injected_j: float
     plastic_dissipated_j: float
-    tail_dissipated_j: float
+    truncated_dissipated_j: float
     dent_m: float
     energy_residual: float
     momentum_change_n_s: float
@@ -75,9 +75,11 @@ def balance(
     energy = m * g * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
     gravity = m * g * float(state.body[XI_S])
-    lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = state.balance.tolist()
+    lost_modal, lost_contact, injected, impulse, yielded, air, lost_truncated = (
+        state.balance.tolist()
+    )
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
-    gap = gap + lost_tail - injected - energy
+    gap = gap + lost_truncated - injected - energy
     change = m * (speed_m_s - v0)
     weight = -m * g * float(state.counts[STEP]) * model.step_s
     return Balance(
@@ -91,7 +93,7 @@ def balance(
         contact_dissipated_j=lost_contact,
         injected_j=injected,
         plastic_dissipated_j=yielded,
-        tail_dissipated_j=lost_tail,
+        truncated_dissipated_j=lost_truncated,
         dent_m=float(state.body[DENT]),
         energy_residual=gap / (energy + abs(injected)),
         momentum_change_n_s=change,
@@ -123,13 +125,13 @@ class PlantSpec:
     frequency_limit_hz: float
     lead_in_s: float
     residual_flexibility: bool = False  # of the modes left out, as a spring at the contact
-    damped_tail: bool = False  # that as a damped mode in place of the spring
+    damped_residual: bool = False  # that as a damped mode in place of the spring
     infinite_plate: bool = False  # no modes: a dashpot, until reflections return
     actuator: Actuator = IDEAL
     radiating_faces: int = 0  # of a plate whose modes are damped by air
     sensor_point_m: tuple[float, float] | None = None  # None: at the contact
     sensor_mass_kg: float = 0.0  # that moves with the plate there
-    tail_asked: bool = False  # for what stands for the modes left out, however few there are
+    truncation_asked: bool = False  # for what stands for the modes left out, however few there are
 
     @cached_property
     def same_point(self) -> bool:

@@ -16,15 +16,17 @@ from hertzloop.common.jit.by_type import by_type, no, nothing
 XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
 # DEEPEST: penetration so far of a contact that yields, REACHED: in this step; CURVE (N/m^1.5)
 # and DENT: see hertzloop.plant.contact.yielding_kernels.
-# TAIL: state of the modes left out (m), see hertzloop.plant.contact.tail_kernels.
-F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, TAIL_RE, TAIL_IM = range(12, 21)
+# RESIDUAL: state of the modes left out (m), see hertzloop.plant.contact.residual_mode_kernels.
+F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, RESIDUAL_RE, RESIDUAL_IM = range(
+    12, 21
+)
 # V_S, A_S: as V_P and A_P, where a sensor elsewhere is.
 V_S, A_S = range(21, 23)
 BODY_SIZE = 23
 # Indices into a state's balance (J, N s).
 # AIR: the part of MODAL_DISSIPATED that is radiated.
 MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED, AIR = range(6)
-TAIL_DISSIPATED = 6
+TRUNCATED_DISSIPATED = 6
 BALANCE_SIZE = 7
 # Indices into a state's counts.
 # AWAKE: number of modes, from the lowest on, that have not died away. WITHDRAWN: whether a hand has

@@ -59,14 +59,14 @@ def plant_alone(plant, plant_state, forces, truth):
 
 
 def series_under(plant: Any, forces: np.ndarray) -> np.ndarray:
-    """Step a plant under commanded forces (N), one a step; its rows, shape (COLUMNS, steps)."""
+    """Step a plant under commanded forces (N), one a step; its steps, shape (COLUMNS, steps)."""
     truth = np.zeros((COLUMNS, len(forces)))
     plant_alone(plant.model, plant.state, forces, truth)
     return truth
 
 
 def free_series(plant: Any, steps: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Step a plant without any force of the actuator; blocks of its rows: the first step, and an
+    """Step a plant without any force of the actuator; blocks of its steps: the first step, and an
     array of shape (COLUMNS, steps of the block)."""
     no_force = np.zeros(_PIECE_STEPS)
     for first in range(0, steps, _PIECE_STEPS):

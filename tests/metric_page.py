@@ -1,13 +1,13 @@
 """The reference page of all metrics, made of their rows."""
 
-from hertzloop.results.cases import CASE_ROWS
-from hertzloop.results.span_metrics import SPAN_ROWS
+from hertzloop.results.cases import CASE_METRICS
+from hertzloop.results.span_metrics import SPAN_METRICS
 
 _TABLES = {
-    "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_ROWS),
+    "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_METRICS),
     "Metrics of a case": (
         "Columns of `sweep`, goals of `tune` and `budget`.",
-        CASE_ROWS,
+        CASE_METRICS,
     ),
 }
 

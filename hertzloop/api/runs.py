@@ -179,8 +179,8 @@ def simulate(scene: AnyScene) -> Run:
 
     setup = resolved(scene)
     found = simulate_setup(setup)
-    columns = truth_columns(found.rows, setup, setup.plant.same_point)
-    return _run_from(setup, found.rows, columns, found.values, None, found.balance)
+    columns = truth_columns(found.truth, setup, setup.plant.same_point)
+    return _run_from(setup, found.truth, columns, found.values, None, found.balance)
 
 
 def run(
@@ -269,7 +269,7 @@ def read(recording: str | Path) -> Run:
     """
     from hertzloop.recordings.reader import read as read_recording
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.results.recorded import rows_of
+    from hertzloop.results.recorded import truth_of
 
     found = read_recording(Path(recording))
     if found.problems or found.balance is None:
@@ -283,18 +283,18 @@ def read(recording: str | Path) -> Run:
         raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     kept = {name: found.truth.arrays[name] for name in names}
-    return _run_from(resolve(scene), rows_of(found), kept, found.daq_values, found, found.balance)
+    return _run_from(resolve(scene), truth_of(found), kept, found.daq_values, found, found.balance)
 
 
 def _run_from(
     setup: Setup,
-    rows: np.ndarray,
+    truth: np.ndarray,
     columns: Mapping[str, np.ndarray],
     values: np.ndarray,
     recording: "Recording | None",
     balance: "Balance | EnergyBalance",
 ) -> Run:
-    from hertzloop.results.impacts import impacts_of_rows
+    from hertzloop.results.impacts import impacts_of_truth
     from hertzloop.results.metrics import RunResult, metrics_of
     from hertzloop.results.recorded import law_of, pacing_of, stacked
     from hertzloop.results.repeatability import why_not_repeatable
@@ -302,7 +302,7 @@ def _run_from(
     from hertzloop.views.run_json import pacing_as_json
 
     step_s = setup.step_s
-    found = impacts_of_rows(setup, rows)
+    found = impacts_of_truth(setup, truth)
     law, not_repeatable, saturation, pacing = setup.law_reference, None, None, None
     if recording is not None:
         law, not_repeatable = law_of(recording).scene_law or "", why_not_repeatable(recording)

@@ -80,7 +80,7 @@ def variables(image: Image) -> list[Variable]:
         Variable("injected_energy", "J", f"given by the actuator, {so_far}"),
         Variable("modal_lost_energy", "J", f"lost in the plate, {so_far}"),
         Variable("air_lost_energy", "J", f"radiated, {so_far}"),
-        Variable("tail_lost_energy", "J", f"energy of the truncated modes, {so_far}"),
+        Variable("truncated_lost_energy", "J", f"energy of the truncated modes, {so_far}"),
         Variable("contact_lost_energy", "J", f"lost in the contact, {so_far}"),
         Variable("plastic_lost_energy", "J", f"lost by yielding, {so_far}"),
         Variable("energy_residual", "", "relative residual of the energy balance"),
@@ -264,6 +264,6 @@ VALUES = np.dtype(
 
 ENERGIES = (
     "kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j", "modal_dissipated_j",
-    "air_dissipated_j", "tail_dissipated_j", "contact_dissipated_j", "plastic_dissipated_j",
+    "air_dissipated_j", "truncated_dissipated_j", "contact_dissipated_j", "plastic_dissipated_j",
     "residual",
 )  # fmt: skip

@@ -20,7 +20,7 @@ from hertzloop.plant.state_kernels import (
     GRAVITY_M_S2,
     MODAL_DISSIPATED,
     PLASTIC_DISSIPATED,
-    TAIL_DISSIPATED,
+    TRUNCATED_DISSIPATED,
     XI,
     XI_S,
 )
@@ -83,12 +83,12 @@ def balance(unit):
     energies[INJECTED] = balance[state_kernels.INJECTED]
     energies[MODAL_LOST] = balance[MODAL_DISSIPATED] - balance[AIR]
     energies[AIR_LOST] = balance[AIR]
-    energies[TAIL_LOST] = balance[TAIL_DISSIPATED]
+    energies[TAIL_LOST] = balance[TRUNCATED_DISSIPATED]
     energies[CONTACT_LOST] = balance[CONTACT_DISSIPATED]
     energies[PLASTIC_LOST] = balance[PLASTIC_DISSIPATED]
     begun = mass * gravity * unit.start[0] + 0.5 * mass * unit.start[1] * unit.start[1]
     gap = energies[KINETIC] + energies[GRAVITY] + energies[MODAL] + energies[CONTACT]
     gap += balance[MODAL_DISSIPATED] + balance[CONTACT_DISSIPATED]
     gap += balance[PLASTIC_DISSIPATED]
-    gap += balance[TAIL_DISSIPATED] - balance[state_kernels.INJECTED] - begun
+    gap += balance[TRUNCATED_DISSIPATED] - balance[state_kernels.INJECTED] - begun
     energies[RESIDUAL] = gap / (begun + abs(balance[state_kernels.INJECTED]))

@@ -59,8 +59,8 @@ class LateForces:
                 "last_number": self._numbered,
                 "from_step": first + int(late[0]) if alone else first,
                 "to_step": first + int(late[0]) if alone else last,
-                "late_rows": len(rows),
-                "longest_row": max(map(len, rows)),
+                "late_sequences": len(rows),
+                "longest_sequence": max(map(len, rows)),
                 "oldest_steps": int(np.max(held)),
             },
         )

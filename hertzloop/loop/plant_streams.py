@@ -35,15 +35,15 @@ ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block a
 EVERY_S = 0.01  # least time between two blocks; a message costs as much as hundreds of steps
 
 
-def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str, np.ndarray]:
+def truth_columns(truth: np.ndarray, setup: Setup, same_point: bool) -> dict[str, np.ndarray]:
     """Return time series by the fields of a TruthBlock, as far as the scene has them.
 
     Args:
-        rows: Time series, shape (10, steps).
+        truth: Time series, shape (10, steps).
         setup: Setup of the run.
         same_point: The actuator acts at the contact point; its displacement is omitted then.
     """
-    arrays = dict(zip(TRUTH, rows, strict=True))
+    arrays = dict(zip(TRUTH, truth, strict=True))
     if same_point:
         del arrays["xi_a_m"]
     if not SCHEMES[setup.scheme].records_slope:
@@ -174,8 +174,8 @@ class PlantStreams:
         end = taken if until is None else until
         if first == end:
             return
-        rows = self.window.truth[:, : end - first]
-        arrays = truth_columns(rows, self.setup, self.plant.spec.same_point)
+        truth = self.window.truth[:, : end - first]
+        arrays = truth_columns(truth, self.setup, self.plant.spec.same_point)
         held = None
         if self._held_steps is not None:
             arrays["held_steps"] = held = self._held_steps[first:end]
@@ -186,7 +186,7 @@ class PlantStreams:
         share = -(-end // self.sensor.spec.every_steps) - self._flags_first
         for found in self._events.of(
             first,
-            above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
+            above_dent_m(self.plant.spec.contact, truth[0], truth[9]),
             self._flags_first,
             flags[:share],
             held,

@@ -14,7 +14,7 @@ from hertzloop.loop.impact_end import impact_follower_of_loop
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.loop.watchdog import watching
-from hertzloop.plant.metrics.rows_kernels import NEVER
+from hertzloop.plant.metrics.truth_kernels import NEVER
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.state_kernels import FLIGHT_V
 from hertzloop.plant.time_series import COLUMNS
@@ -31,12 +31,12 @@ class LawStopped(SceneError):
     """The law has failed in a simulated run.
 
     Attributes:
-        rows: Time series until then, shape (10, steps).
+        truth: Time series until then, shape (10, steps).
     """
 
-    def __init__(self, message: str, rows: np.ndarray) -> None:
+    def __init__(self, message: str, truth: np.ndarray) -> None:
         super().__init__(message)
-        self.rows = rows
+        self.truth = truth
 
 
 class LoopTimer:
@@ -58,7 +58,7 @@ class SimulatedRun:
     """A simulated run in memory.
 
     Attributes:
-        rows: Time series of the plant, shape (10, steps), ordered as `plant.time_series.TRUTH`.
+        truth: Time series of the plant, shape (10, steps), ordered as `plant.time_series.TRUTH`.
         samples: Samples as they would be sent: values, or codes of the converter.
         values: Values of the samples, in the unit of the sensed quantity.
         forces: Commanded forces, N, shape (steps,).
@@ -68,7 +68,7 @@ class SimulatedRun:
         over: Whether the run ended early because its first impact was over.
     """
 
-    rows: np.ndarray
+    truth: np.ndarray
     samples: np.ndarray
     values: np.ndarray
     forces: np.ndarray
@@ -127,7 +127,7 @@ def simulate(
     )
 
 
-def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the time series of a scene with its law, in blocks.
 
     Args:

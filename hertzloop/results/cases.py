@@ -15,10 +15,10 @@ from hertzloop.controller.law import ACTING
 from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
 from hertzloop.plant.metrics.impacts import Impact
-from hertzloop.plant.metrics.rows_kernels import all_finite, fingerprint, first_of
+from hertzloop.plant.metrics.truth_kernels import all_finite, fingerprint, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.impacts import first_impact, impacts_of_rows
-from hertzloop.results.metric_fields import described, metric, rows_of
+from hertzloop.results.impacts import first_impact, impacts_of_truth
+from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
 from hertzloop.results.stability import Stability, StabilityAccumulator
@@ -40,7 +40,7 @@ Result = TypeVar("Result")
 _FIRST_STEPS = 512
 _SLOWER = 4.0  # than on a rigid plate: as long as most contacts last
 _SOON = 2.0  # times the silence that ends an impact: until then most are over
-_FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
+_FEW_BYTES = 1 << 18  # of truth, of which several cases fit a cache
 
 
 class CaseState(StrEnum):
@@ -128,25 +128,25 @@ class CaseMetrics:
                              of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
     out_of_range: str = metric("names of indicators beyond the range of the model",
                                of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
-    steps: int = metric("number of simulated steps", of=lambda case: case.run.rows.shape[1])
+    steps: int = metric("number of simulated steps", of=lambda case: case.run.truth.shape[1])
     digest: str = metric("digest of all samples and states of these steps",
-                         of=lambda case: digest_of(case.run.rows, case.run.samples))
+                         of=lambda case: digest_of(case.run.truth, case.run.samples))
     # fmt: on
 
 
-CASE_ROWS = rows_of(CaseMetrics)
+CASE_METRICS = fields_of(CaseMetrics)
 _TAKEN = [
     attrgetter(row.of or f"metrics.{name}") if isinstance(row.of, str) else row.of
-    for name, row in CASE_ROWS.items()
+    for name, row in CASE_METRICS.items()
 ]
-SHOWN = tuple(name for name, row in CASE_ROWS.items() if row.shown)
-OBJECTIVES = tuple(name for name, row in CASE_ROWS.items() if row.words)
+SHOWN = tuple(name for name, row in CASE_METRICS.items() if row.shown)
+OBJECTIVES = tuple(name for name, row in CASE_METRICS.items() if row.words)
 
 
-def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
-    """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes): 32 hex
+def digest_of(truth: np.ndarray, samples: np.ndarray) -> str:
+    """Fingerprint of truth, shape (10, steps), and samples (values, or codes): 32 hex
     digits, the same for the same bits."""
-    first, second = fingerprint(rows.view(np.uint64), samples.view(np.uint64))
+    first, second = fingerprint(truth.view(np.uint64), samples.view(np.uint64))
     return f"{first:016x}{second:016x}"
 
 
@@ -212,7 +212,7 @@ def latched_us(setup: Setup, run: SimulatedRun) -> float:
 def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" for the first impact (see `plant.metrics.rows_kernels`), "run" for all.
+    `span`: "impact" for the first impact (see `plant.metrics.truth_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """
@@ -234,24 +234,24 @@ def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
 
 
 def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics]:
-    """`metrics_of_case`, which pauses between its parts unless its rows are many."""
+    """`metrics_of_case`, which pauses between its parts unless its steps are many."""
     check_conserves(setup.scheme)
     try:
         setup, run = _follow(setup, span)
     except LawStopped as error:
         # A loop that has run away for long enough commands what is no number any more.
-        _bounded(setup, error.rows)
+        _bounded(setup, error.truth)
         raise
-    few = run.rows.nbytes <= _FEW_BYTES
+    few = run.truth.nbytes <= _FEW_BYTES
     if few:
         yield
-    found = _bounded(setup, run.rows)
-    if not (all_finite(run.rows) and math.isfinite(run.balance.energy_residual)):
+    found = _bounded(setup, run.truth)
+    if not (all_finite(run.truth) and math.isfinite(run.balance.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its metrics would say nothing")
-    metrics, impacts, end = _metrics(setup, span, run.rows)
+    metrics, impacts, end = _metrics(setup, span, run.truth)
     if few:
         yield
-    left_out = _left_out(setup, run.rows[:, :end], impacts)
+    left_out = _left_out(setup, run.truth[:, :end], impacts)
     free = uncontrolled(setup, span)
     if few:
         yield
@@ -260,10 +260,10 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics
     return CaseMetrics(*(take(case) for take in _TAKEN))
 
 
-def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
-    """What rows of truth say of the closed loop. Raises UnstableLoop."""
+def _bounded(setup: Setup, truth: np.ndarray) -> Stability:
+    """What truth say of the closed loop. Raises UnstableLoop."""
     accumulator = StabilityAccumulator(setup)
-    accumulator.feed(0, rows)
+    accumulator.feed(0, truth)
     found = accumulator.result()
     if found.unstable:
         times = found.most_injected
@@ -283,27 +283,27 @@ def uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
 @lru_cache(maxsize=64)
 def _uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
     setup, run = _follow(setup, span)
-    return _metrics(setup, span, run.rows)[0]
+    return _metrics(setup, span, run.truth)[0]
 
 
-def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
+def _left_out(setup: Setup, truth: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
     spec = setup.plant
     accumulator = ExtremesAccumulator(spec)
-    accumulator.feed(0, rows)
+    accumulator.feed(0, truth)
     return names_by_state(
-        RunContext(setup, accumulator.result(impacts), rows.shape[1] * setup.step_s)
+        RunContext(setup, accumulator.result(impacts), truth.shape[1] * setup.step_s)
     )
 
 
-def _metrics(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanMetrics, list[Impact], int]:
+def _metrics(setup: Setup, span: Span, truth: np.ndarray) -> tuple[SpanMetrics, list[Impact], int]:
     """Metrics of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
     what is audible counts alone: no metric of a case asks for more."""
     spec, modes = setup.plant, audible_modes(setup.plant)
     if span == "impact":
-        first = first_impact(setup, rows, modes)
+        first = first_impact(setup, truth, modes)
         found = [first] if first else []
     else:
-        found = impacts_of_rows(setup, rows, modes)
+        found = impacts_of_truth(setup, truth, modes)
     if not found:
         raise SceneError(
             f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "
@@ -313,7 +313,7 @@ def _metrics(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanMetrics, l
     if span == "impact":
         return of_impact(found[0]), impacts, found[0].over
     accumulator = WholeRunAccumulator(spec)
-    accumulator.feed(0, rows)
+    accumulator.feed(0, truth)
     whole = accumulator.result(impacts)
     assert whole is not None
-    return whole, impacts, rows.shape[1]
+    return whole, impacts, truth.shape[1]

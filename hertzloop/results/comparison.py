@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
-from hertzloop.results.span_metrics import DECIBELS, SPAN_ROWS, RunMetrics, decibels
+from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS, RunMetrics, decibels
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def _rows(a: RunMetrics, b: RunMetrics) -> Iterator[Difference]:
         one, other = getattr(a, span), getattr(b, span)
         if one is None or other is None:
             continue
-        for name in SPAN_ROWS:
+        for name in SPAN_METRICS:
             yield _difference(span, name, getattr(one, name), getattr(other, name))
 
 

@@ -1,4 +1,4 @@
-"""Curves of a run for a replay, thinned while its rows arrive."""
+"""Curves of a run for a replay, thinned while its steps arrive."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ def overlay(
 
     Args:
         setup: the setup of the run.
-        blocks: its rows of truth.
+        blocks: its truth.
         names: the wanted curves: "xi", "F_c", "F_a", "v_p", "sphere", "plate", "contact", "fed".
         steps: number of steps of the run. The curves of a short run are complete.
         spans: steps where the curves of a longer run are complete; by default around the first
@@ -55,23 +55,23 @@ def overlay(
     touched, start_j = None, 0.0
     speed: list[np.ndarray] = []
     left = FULL_RATE_SAMPLES
-    for first, rows, energies in energy_histories(setup, blocks):
-        touching = np.flatnonzero(rows[XI] < 0.0)
+    for first, truth, energies in energy_histories(setup, blocks):
+        touching = np.flatnonzero(truth[XI] < 0.0)
         if touched is None:
             start_j = start_j or float(energies.sphere[0])
             touched = first + int(touching[0]) if len(touching) else None
         if first < SPECTRUM_STEPS:
-            speed.append(rows[V_P, : SPECTRUM_STEPS - first].copy())
+            speed.append(truth[V_P, : SPECTRUM_STEPS - first].copy())
         if spans is not None:
-            near = within(spans, first, rows.shape[1])
+            near = within(spans, first, truth.shape[1])
         else:
             # A sphere that comes to rest touches for ever: the first contacts are shown in full.
-            near = _around(touching, rows.shape[1])
+            near = _around(touching, truth.shape[1])
             if left <= 0:
                 near[:] = False
             left -= int(np.count_nonzero(near))
         for name, decimator in decimators.items():
-            values = rows[_ROWS[name]] if name in _ROWS else getattr(energies, name)
+            values = truth[_ROWS[name]] if name in _ROWS else getattr(energies, name)
             decimator.feed(first, values, near)
     lines = {name: decimator.line() for name, decimator in decimators.items()}
     return Overlay(lines, touched, np.concatenate(speed) if speed else np.empty(0), start_j)

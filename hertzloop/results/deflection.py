@@ -200,29 +200,29 @@ def _turned(modes: PlateModes, z: np.ndarray, steps: int) -> np.ndarray:
     return np.asarray(z * np.exp(steps * modes.s_step))
 
 
-def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
-    """Forces up on the plate by rows of truth, shape (4, steps): at the contact, at the actuator,
+def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
+    """Forces up on the plate by truth, shape (4, steps): at the contact, at the actuator,
     each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
-    forces = np.stack([-rows[F_C], -rows[F_C1], rows[F_A], rows[F_A1]])
+    forces = np.stack([-truth[F_C], -truth[F_C1], truth[F_A], truth[F_A1]])
     mass_kg = spec.masses[0]  # one at a third point is left out, which the page says
-    if mass_kg > 0.0 and rows.shape[1] > 1:
+    if mass_kg > 0.0 and truth.shape[1] > 1:
         same = spec.same_point
-        speed = rows[V_P] if same else np.gradient(rows[XI_A], spec.step_s)
+        speed = truth[V_P] if same else np.gradient(truth[XI_A], spec.step_s)
         forces[2, :-1] -= mass_kg * np.diff(speed) / spec.step_s
     return forces
 
 
 def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
     """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
-    plate is accelerated by the difference to the rows around: two rows wait for those that
+    plate is accelerated by the difference to the steps around: two steps wait for those that
     follow, one before them is kept."""
     if not spec.masses[0] > 0.0:
-        for first, rows in blocks:
-            yield first, forces_on_plate(spec, rows)
+        for first, truth in blocks:
+            yield first, forces_on_plate(spec, truth)
         return
-    held, at, told = None, 0, 0  # rows, the step of their first one, steps already told
-    for first, rows in blocks:
-        held, at = (rows, first) if held is None else (np.concatenate([held, rows], axis=1), at)
+    held, at, told = None, 0, 0  # truth, its first step, steps already told
+    for first, truth in blocks:
+        held, at = (truth, first) if held is None else (np.concatenate([held, truth], axis=1), at)
         end = at + held.shape[1] - 2
         if end > told:
             yield told, forces_on_plate(spec, held)[:, told - at : end - at]
@@ -369,7 +369,7 @@ def deflection(
         else:
             modes = separable_modes(spec, x, y, per_axis)
     begin = int(recording.truth.step_at(0))
-    blocks = ((first - begin, rows) for first, rows in pieces_of(recording))
+    blocks = ((first - begin, truth) for first, truth in pieces_of(recording))
     states = _states(modes, force_blocks(spec, blocks), frames)
     if len(modes.shapes) == 2:
         w = modes.shapes[0] @ states @ modes.shapes[1]

@@ -96,7 +96,9 @@ def _modes_end(f: RunContext) -> float | None:
     if spec.plate.mode_table is None or spec.plate.solid or is_rigid(spec.plate):
         return None
     if spec.frequency_limit_hz <= least_limit_hz(*parts, spec.frequency_limit_hz):
-        return expected_error(*parts, spec.frequency_limit_hz, spring=True, damped=spec.damped_tail)
+        return expected_error(
+            *parts, spec.frequency_limit_hz, spring=True, damped=spec.damped_residual
+        )
     if f.beyond_m_n != 0.0:
         return None
     rise = rigid_impact(spec.sphere, spec.contact).rise
@@ -110,7 +112,7 @@ def _modes_end_words(f: RunContext, x: float) -> str:
         f"the modes end at {last_hz:,.4g} Hz, and a contact of {1e6 * lasts_s:.3g} us reaches "
         f"{1.0 / lasts_s:,.3g} Hz: "
     )
-    if spec.damped_tail:
+    if spec.damped_residual:
         lost = energy_beyond(last_hz * lasts_s)
         return (
             f"{ends}an infinite plate stands for the rest. Peak force, rebound speed and plate "
@@ -151,11 +153,11 @@ def _flight(f: RunContext) -> float | None:
     return flight_m / limits[1] if limits[1] > 0.0 else math.inf
 
 
-def _damped_tail(f: RunContext) -> float | None:
+def _damped_residual(f: RunContext) -> float | None:
     damper, run = f.spec.contact.hunt_crossley_s_m, f.run
     if not damper:
         return None
-    return criteria.tail_share(damper, f.static.flexibility_m_n, run.force_n, run.contact_s)
+    return criteria.residual_share(damper, f.static.flexibility_m_n, run.force_n, run.contact_s)
 
 
 def _of_ball(f: RunContext, value: float) -> float | None:
@@ -328,19 +330,19 @@ ROWS = (
         "law needs {x:.2g} times the sensor range", "sensors.full_scale",
     ),
     EffectRow(
-        "damper behind a spring", "2.5 d R_0 F/T", None, 0.1, _damped_tail,
+        "damper behind a spring", "2.5 d R_0 F/T", None, 0.1, _damped_residual,
         lambda f, x: (
             "the contact damper ignores the deflection rate of the truncated modes: "
             f"plate energy may be off by {percent(x)} (requested: {percent(f.setup.accuracy)})"
         ),
         "energy error of contact damping is {p}", "",
-        lambda f: "plate.tail, a damped mode" if f.spec.damped_tail else "",
+        lambda f: "plate.truncated_modes, a damped mode" if f.spec.damped_residual else "",
     ),
     EffectRow(
         "modes end below the impact", "expected error of the first impact", None, _NOTHING_LEFT,
         _modes_end, _modes_end_words,
         "the modes end below the impact: its metrics are within {p}, later ones unknown",
-        "plate.tail",
+        "plate.truncated_modes",
     ),
     EffectRow(
         "edge refocusing", "time after the touch / revival of a square plate", 1.0, math.nan,

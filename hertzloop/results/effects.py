@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.effect_rows import ROWS, WITHOUT_PLATE, EffectRow
-from hertzloop.results.impacts import impacts_of_rows
+from hertzloop.results.impacts import impacts_of_truth
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.results.statistics import Extremes, ExtremesAccumulator
@@ -86,14 +86,14 @@ def neglected(setup: Setup, run: Extremes) -> Neglected:
 def neglected_of_scene(setup: Setup) -> Neglected:
     """Simulate a scene and evaluate all effects; of a very long scene, only the beginning."""
     setup = setup.with_steps(min(setup.steps, _MOST_STEPS))
-    rows = simulate(setup).rows
+    truth = simulate(setup).truth
     stability, extremes = StabilityAccumulator(setup), ExtremesAccumulator(setup.plant)
-    stability.feed(0, rows)
-    extremes.feed(0, rows)
+    stability.feed(0, truth)
+    extremes.feed(0, truth)
     if stability.result().unstable:
         return Neglected(None, stable=False)
     with np.errstate(over="ignore", invalid="ignore"):
-        impacts = [found.impact for found in impacts_of_rows(setup, rows)]
+        impacts = [found.impact for found in impacts_of_truth(setup, truth)]
     return neglected(setup, extremes.result(impacts))
 
 

@@ -33,7 +33,7 @@ class EnergyHistory:
 def energy_histories(
     setup: Setup, blocks: Iterable[Block]
 ) -> Iterator[tuple[int, np.ndarray, EnergyHistory]]:
-    """Yield the blocks of a run, rows of truth (10, steps), each with its energies.
+    """Yield the blocks of a run, truth (10, steps), each with its energies.
 
     Forces are held over a step here. That is accurate enough for a picture; the energy balance of a
     run is exact.
@@ -43,8 +43,8 @@ def energy_histories(
     fed_j = pushed_j = start_j = 0.0
     last: np.ndarray | None = None
     touched, left_j = False, None
-    for first, rows in blocks:
-        joined = rows if last is None else np.concatenate([last, rows], axis=1)
+    for first, truth in blocks:
+        joined = truth if last is None else np.concatenate([last, truth], axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
             fed = fed_j + _work(joined[F_A], joined[place])
             pushed = pushed_j + _work(joined[F_C], joined[XI_P])
@@ -52,10 +52,10 @@ def energy_histories(
             speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
             sphere = 0.5 * mass * speed**2 + mass * spec.sphere.gravity_m_s2 * joined[XI_S]
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])
-            new = slice(-rows.shape[1], None)
+            new = slice(-truth.shape[1], None)
             fed, plate, sphere = fed[new], (fed - pushed)[new], sphere[new]
             if spec.sphere.hand is not None:
-                apart = rows[XI] >= 0.0
+                apart = truth[XI] >= 0.0
                 began = np.logical_or.accumulate(~apart) | touched
                 touched, left = bool(began[-1]), began & apart
                 if left_j is None and np.any(left):
@@ -64,8 +64,8 @@ def energy_histories(
             if last is None:
                 start_j = float(sphere[0])
             contact = start_j + fed - plate - sphere
-        last = rows[:, -1:]
-        yield first, rows, EnergyHistory(sphere, plate, np.asarray(contact), fed)
+        last = truth[:, -1:]
+        yield first, truth, EnergyHistory(sphere, plate, np.asarray(contact), fed)
 
 
 def _work(force_n: np.ndarray, place_m: np.ndarray) -> np.ndarray:

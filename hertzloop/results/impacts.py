@@ -1,6 +1,6 @@
-"""Impacts cut out of a run's rows of truth as they come, with their noise metrics.
+"""Impacts cut out of a run's truth as they come, with their noise metrics.
 
-The metrics of an impact reach as far as `plant.metrics.rows_kernels` says; they are summed over
+The metrics of an impact reach as far as `plant.metrics.truth_kernels` says; they are summed over
 pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
 blocks nor what follows the impact counts.
 """
@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.impacts import (
     Impact,
     ImpactPart,
@@ -23,7 +23,7 @@ from hertzloop.plant.metrics.impacts import (
     peak_speed_m_s,
 )
 from hertzloop.plant.metrics.noise import ImpactNoise, impact_noise, published_noise, turned
-from hertzloop.plant.metrics.rows_kernels import END, OVER
+from hertzloop.plant.metrics.truth_kernels import END, OVER
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -31,14 +31,14 @@ from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import COLUMNS, F_A, F_C, F_C1, V_P, XI
 from hertzloop.scene.setup import Setup
 
-# Rows of truth, shape (10, steps).
-PIECE = 1 << 19  # steps; 32 MB of rows
-_BEHIND = 2  # rows after an impact, in which the rebound is seen
-Block = tuple[int, np.ndarray]  # first step, rows of truth from there on, shape (10, steps)
+# Truth, shape (10, steps).
+PIECE = 1 << 19  # steps; 32 MB of steps
+_BEHIND = 2  # steps after an impact, in which the rebound is seen
+Block = tuple[int, np.ndarray]  # first step, truth from there on, shape (10, steps)
 
 
 @dataclass(frozen=True)
-class RowsOfImpact:
+class ImpactMetrics:
     """One impact: first step in contact, first step after it, first step after the impact, contact
     force until `end` (N, its elastic part in the published scheme), whether the contact ended
     within the run, and metrics; those of the published scheme are the study's: contact time by
@@ -54,13 +54,13 @@ class RowsOfImpact:
 
 
 class ImpactWindow(Protocol):
-    """Takes the rows from the start of one impact to that of the next; its metrics are of as many
+    """Takes the steps from the start of one impact to that of the next; its metrics are of as many
     of them as belong to the impact."""
 
-    def feed(self, rows: np.ndarray) -> None:
-        """The rows that follow, shape (10, steps)."""
+    def feed(self, truth: np.ndarray) -> None:
+        """The steps that follow, shape (10, steps)."""
 
-    def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
+    def close(self, following: np.ndarray | None) -> ImpactMetrics | None:
         """Its metrics, with the first row of the next impact, shape (10, 1), or None at the end of
         the run; None if there is too little of it."""
 
@@ -69,38 +69,38 @@ def cut(
     blocks: Iterable[Block],
     touching: Callable[[np.ndarray], np.ndarray],
     opened: Callable[[int, np.ndarray | None], ImpactWindow],
-) -> Iterator[RowsOfImpact]:
-    """Impacts of a run from its rows in blocks; where steps are missing, it begins anew.
+) -> Iterator[ImpactMetrics]:
+    """Impacts of a run from its truth in blocks; where steps are missing, it begins anew.
 
-    `touching` makes of rows (10, steps) values that are zero where there is no contact; `opened`
+    `touching` makes of steps (10, steps) values that are zero where there is no contact; `opened`
     makes the window of an impact from its first step and the row before, shape (10, 1), None at
     the beginning.
     """
     window: ImpactWindow | None = None
     before: np.ndarray | None = None
     expected = 0
-    for first, rows in blocks:
-        if not rows.shape[1]:
+    for first, truth in blocks:
+        if not truth.shape[1]:
             continue
         if first != expected:
             yield from _closed(window, None)
             window = before = None
-        at, starts = 0, contacts(touching(rows))[0]
+        at, starts = 0, contacts(touching(truth))[0]
         if starts[:1] == [0] and before is not None and touching(before)[0]:
             del starts[0]
         for start in starts:
             if window:
-                window.feed(rows[:, at:start])
-                yield from _closed(window, rows[:, start : start + 1])
-            window = opened(first + start, rows[:, start - 1 : start] if start else before)
+                window.feed(truth[:, at:start])
+                yield from _closed(window, truth[:, start : start + 1])
+            window = opened(first + start, truth[:, start - 1 : start] if start else before)
             at = start
         if window:
-            window.feed(rows[:, at:])
-        before, expected = rows[:, -1:].copy(), first + rows.shape[1]
+            window.feed(truth[:, at:])
+        before, expected = truth[:, -1:].copy(), first + truth.shape[1]
     yield from _closed(window, None)
 
 
-def _closed(window: ImpactWindow | None, following: np.ndarray | None) -> Iterator[RowsOfImpact]:
+def _closed(window: ImpactWindow | None, following: np.ndarray | None) -> Iterator[ImpactMetrics]:
     found = window.close(following) if window else None
     if found:
         yield found
@@ -113,7 +113,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: rows_kernels.ImpactFollower,
+        lasts: truth_kernels.ImpactFollower,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -129,19 +129,19 @@ class ConsistentWindow:
         # The largest speed of the plate until now, and since the last step that belongs here.
         self._speed_max = self._silent_max = 0.0
 
-    def feed(self, rows: np.ndarray) -> None:
-        """The rows that follow, shape (10, steps)."""
-        self._parts.append(rows)
-        self._held += rows.shape[1]
+    def feed(self, truth: np.ndarray) -> None:
+        """The steps that follow, shape (10, steps)."""
+        self._parts.append(truth)
+        self._held += truth.shape[1]
         while self._held > PIECE + 2:  # never leave less than a step with both its ends
-            rows = _joined(self._parts)
+            truth = _joined(self._parts)
             # The rebound is seen in the step after a contact: it must be in the same piece.
-            ends_here = rows[F_C, PIECE - 1] != 0.0 and rows[F_C, PIECE] == 0.0
+            ends_here = truth[F_C, PIECE - 1] != 0.0 and truth[F_C, PIECE] == 0.0
             count = PIECE + int(ends_here)
-            self._take(rows[:, :count], rows[:, count : count + 1])
-            self._parts, self._held = [rows[:, count:]], rows.shape[1] - count
+            self._take(truth[:, :count], truth[:, count : count + 1])
+            self._parts, self._held = [truth[:, count:]], truth.shape[1] - count
 
-    def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
+    def close(self, following: np.ndarray | None) -> ImpactMetrics | None:
         """See ImpactWindow."""
         last = _joined(self._parts)
         self._take(last, np.zeros((COLUMNS, 0)) if following is None else following)
@@ -166,11 +166,11 @@ class ConsistentWindow:
             impact.rebound_speed_m_s,
         )
         end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[END])
-        return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
+        return ImpactMetrics(self.start, end, over, contact_n, self._ended, impact, noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        rows_kernels.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        truth_kernels.follow_steps(self._lasts, piece[F_C], piece[F_A], piece[XI])
         count = max(int(self._lasts.counts[END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
@@ -187,9 +187,9 @@ class ConsistentWindow:
         own = piece[:, : count + _BEHIND]
         parts = [self._before, own, following[:, : count + _BEHIND - own.shape[1]]]
         room = np.empty((COLUMNS, sum(part.shape[1] for part in parts)))
-        rows = np.concatenate(parts, axis=1, out=room)
+        truth = np.concatenate(parts, axis=1, out=room)
         part = part_of(
-            spec, self.modes, rows, lead, count, continued, 0 if continued else self.start - lead
+            spec, self.modes, truth, lead, count, continued, 0 if continued else self.start - lead
         )
         if continued:
             self._continue(part, float(part.work_j[lead:].sum()))
@@ -208,7 +208,7 @@ class ConsistentWindow:
         self._silent_max = 0.0
 
     def _continue(self, part: ImpactPart, work_j: float) -> None:
-        """Carry the impact on over further rows, which take `work_j` in all, J."""
+        """Carry the impact on over further steps, which take `work_j` in all, J."""
         impact = self._impact
         if impact is None:
             return
@@ -237,7 +237,7 @@ class _Highest:
         self.around = np.zeros((2, 0))
 
     def follow(self, value: np.ndarray, columns: np.ndarray) -> None:
-        """Take the next values, shape (steps,), and their columns, shape (rows, steps)."""
+        """Take the next values, shape (steps,), and their columns, shape (columns, steps)."""
         kept = 0
         if self._last is not None:
             kept = self._last[0].size
@@ -265,22 +265,22 @@ _GREEN_STEPS = 1 << 17  # Green's functions of longer runs are sampled as far as
 
 
 def first_impact(
-    setup: Setup, rows: np.ndarray, modes: Oscillators | None = None
-) -> RowsOfImpact | None:
-    """The first of `impacts_of_rows`, to the bit, in a fraction of the time; None without one."""
+    setup: Setup, truth: np.ndarray, modes: Oscillators | None = None
+) -> ImpactMetrics | None:
+    """The first of `impacts_of_truth`, to the bit, in a fraction of the time; None without one."""
     if not SCHEMES[setup.scheme].conserves:
-        return next(_published(setup, [(0, rows)]), None)
+        return next(_published(setup, [(0, truth)]), None)
     lasts = impact_follower(setup)
-    start = rows_kernels.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
+    start = truth_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
     count = int(lasts.counts[END])
     if start < 0:
         return None
     if count > PIECE:
-        return next(impacts_of_blocks(setup, [(0, rows)], modes), None)
+        return next(impacts_of_blocks(setup, [(0, truth)], modes), None)
     spec, lead = setup.plant, min(start, 1)
     modes = modes or modes_of(spec)
-    rows = rows[:, start - lead : start + count + _BEHIND]
-    part = part_of(spec, modes, rows, lead, count, first_step=start - lead)
+    truth = truth[:, start - lead : start + count + _BEHIND]
+    part = part_of(spec, modes, truth, lead, count, first_step=start - lead)
     if not part.known:
         return None
     impact, end = part.impact(spec.step_s), lead + part.touching
@@ -294,31 +294,31 @@ def first_impact(
         impact.impact_speed_m_s,
         impact.rebound_speed_m_s,
     )
-    return RowsOfImpact(
+    return ImpactMetrics(
         start,
         start + part.touching,
         start + count,
-        rows[F_C, lead:end],
-        end < rows.shape[1],
+        truth[F_C, lead:end],
+        end < truth.shape[1],
         impact,
         noise,
     )
 
 
-def impacts_of_rows(
-    setup: Setup, rows: np.ndarray, modes: Oscillators | None = None
-) -> list[RowsOfImpact]:
-    """Impacts of a run from its rows of truth, shape (10, steps).
+def impacts_of_truth(
+    setup: Setup, truth: np.ndarray, modes: Oscillators | None = None
+) -> list[ImpactMetrics]:
+    """Impacts of a run from its truth, shape (10, steps).
 
     A contact that the run's end cuts off has the metrics of its part.
     """
-    return list(impacts_of_blocks(setup, [(0, rows)], modes))
+    return list(impacts_of_blocks(setup, [(0, truth)], modes))
 
 
 def impacts_of_blocks(
     setup: Setup, blocks: Iterable[Block], modes: Oscillators | None = None
-) -> Iterator[RowsOfImpact]:
-    """The same from rows that come in blocks, in the order of their steps; each impact as soon as
+) -> Iterator[ImpactMetrics]:
+    """The same from steps that come in blocks, in the order of their steps; each impact as soon as
     the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
     among which the energy is divided, if not all of the plate."""
     if not SCHEMES[setup.scheme].conserves:
@@ -330,29 +330,29 @@ def impacts_of_blocks(
             spec, modes or modes_of(spec), impact_follower(setup), start, before
         )
 
-    return cut(blocks, lambda rows: rows[F_C], opened)
+    return cut(blocks, lambda truth: truth[F_C], opened)
 
 
 def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
-    """Rows of truth, shape (10, steps), from the start of a run without holes to some steps after
+    """Truth, shape (10, steps), from the start of a run without holes to some steps after
     its first contact."""
     taken = [np.zeros((COLUMNS, 0))]
     touched = over = False
-    for _, rows in blocks:
-        taken.append(rows)
+    for _, truth in blocks:
+        taken.append(truth)
         if over:
             break
-        touched = touched or bool(np.any(rows[F_C]))
-        over = touched and rows[F_C, -1] == 0.0
+        touched = touched or bool(np.any(truth[F_C]))
+        over = touched and truth[F_C, -1] == 0.0
     return np.concatenate(taken, axis=1)
 
 
-def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
+def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[ImpactMetrics]:
     speeds = [setup.plant.sphere.impact_speed_m_s]
     # The published scheme starts a contact at xi = 0, where its force is still zero.
     return cut(
         blocks,
-        lambda rows: (rows[XI] <= 0.0).astype(float),
+        lambda truth: (truth[XI] <= 0.0).astype(float),
         lambda start, _: _PublishedWindow(setup, speeds, start),
     )
 
@@ -368,15 +368,15 @@ class _PublishedWindow:
         self._parts: list[np.ndarray] = []
         self._ended = False
 
-    def feed(self, rows: np.ndarray) -> None:
+    def feed(self, truth: np.ndarray) -> None:
         """Keep what belongs to the contact."""
         if self._ended:
             return
-        apart = np.flatnonzero(rows[XI] > 0.0)
+        apart = np.flatnonzero(truth[XI] > 0.0)
         self._ended = bool(len(apart))
-        self._parts.append(rows[[XI, F_A, F_C], : apart[0] + 1 if len(apart) else None])
+        self._parts.append(truth[[XI, F_A, F_C], : apart[0] + 1 if len(apart) else None])
 
-    def close(self, following: np.ndarray | None) -> RowsOfImpact:
+    def close(self, following: np.ndarray | None) -> ImpactMetrics:
         """See ImpactWindow."""
         from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled  # seldom: 1 ms
 
@@ -414,4 +414,4 @@ class _PublishedWindow:
         speed = noise.next_impact_speed_m_s  # of a loop that explodes its square may be infinite
         self.speeds.append(math.sqrt(speed * speed + fall))
         end = self.start + touched
-        return RowsOfImpact(self.start, end, end, elastic[:touched], self._ended, impact, noise)
+        return ImpactMetrics(self.start, end, end, elastic[:touched], self._ended, impact, noise)

@@ -85,13 +85,13 @@ def simulated_law_accuracy(setup: Setup, until_s: float) -> LawAccuracy | None:
     short = setup.with_plate_model(setup.plate_model).with_steps(steps)
     try:
         run = simulate(short)
-        until = past_first_impact(short, run.rows)
+        until = past_first_impact(short, run.truth)
         if until is None:
             return None
         other = simulate(short.with_steps(until), own_plant=started_as(short, finer))
     except LawStopped:
         return None
-    found = changes(short, run.rows[:, :until], other.rows, finer)
+    found = changes(short, run.truth[:, :until], other.truth, finer)
     if found is None:
         return None
     return LawAccuracy(

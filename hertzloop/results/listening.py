@@ -159,7 +159,7 @@ def _widths(x: np.ndarray) -> np.ndarray:
 
 
 def drive_of(setup: Setup, blocks: Iterable[Block]) -> Excitation:
-    """Forces on the plate from rows of truth in blocks. Raises SceneError for a run that
+    """Forces on the plate from truth in blocks. Raises SceneError for a run that
     explodes, and for a mass at a point that is neither the contact's nor the actuator's."""
     refuse_third_mass(setup.plant, "what the plate radiates is not known")
     contact, actuator = np.zeros(setup.steps), np.zeros(setup.steps)

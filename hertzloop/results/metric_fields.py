@@ -38,13 +38,13 @@ def metric(*about: Any, **more: Any) -> Any:
     return field(metadata={"metric": MetricField(*about, **more)})
 
 
-def rows_of(kind: type) -> dict[str, MetricField]:
+def fields_of(kind: type) -> dict[str, MetricField]:
     """The metrics of a dataclass by name."""
     return {one.name: one.metadata["metric"] for one in fields(kind)}
 
 
 def described(kind: Kind) -> Kind:
     """A dataclass of metrics whose docstring says what each is."""
-    told = (f"        {name}: {row.meaning}." for name, row in rows_of(kind).items())
+    told = (f"        {name}: {row.meaning}." for name, row in fields_of(kind).items())
     kind.__doc__ = f"{kind.__doc__}\n    Attributes:\n" + "\n".join(told) + "\n    "
     return kind

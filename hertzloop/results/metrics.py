@@ -86,9 +86,9 @@ class RunResult:
     law_models_yield: bool = False
 
 
-def metrics_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Metrics:
+def metrics_of(setup: Setup, truth: np.ndarray | Iterable[Block]) -> Metrics:
     """Compute the metrics of a run from its time series, shape (10, steps), or from its blocks."""
-    blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
+    blocks = [(0, truth)] if isinstance(truth, np.ndarray) else truth
     spec = setup.plant
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
     extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(setup)

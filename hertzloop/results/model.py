@@ -65,7 +65,7 @@ class PlateModel:
 
 
 @dataclass(frozen=True)
-class Tail:
+class TruncatedModes:
     """The damped mode that replaces the truncated modes.
 
     Attributes:
@@ -119,14 +119,14 @@ class PlantParts:
     """The models that a run used for its plant.
 
     Attributes:
-        tail: the damped mode for the truncated modes; None if there is none.
+        truncated_modes: the damped mode for the truncated modes; None if there is none.
         theory: the plate theory; None for another structure.
         limiting_pressure: as in the function `limiting_pressure`.
         radiation: the radiated energy; None if the model has no radiation.
         model: the model of the plate; None for the published scheme.
     """
 
-    tail: Tail | None
+    truncated_modes: TruncatedModes | None
     theory: Theory | None
     limiting_pressure: dict[str, Any] | None
     radiation: Radiation | None
@@ -219,11 +219,13 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
 def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
     """Return the models that a completed run used for its plant."""
     away = None
-    if setup.plant.damped_tail:
+    if setup.plant.damped_residual:
         away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
     faces = setup.mechanics.radiating_faces
     return PlantParts(
-        tail=None if away is None else Tail(balance.tail_dissipated_j, away, NEAREST),
+        truncated_modes=None
+        if away is None
+        else TruncatedModes(balance.truncated_dissipated_j, away, NEAREST),
         theory=_theory(setup),
         limiting_pressure=limiting_pressure(setup),
         radiation=Radiation(faces, balance.air_dissipated_j) if faces else None,

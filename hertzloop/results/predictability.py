@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.loop.simulate import closed_loop_rows
+from hertzloop.loop.simulate import closed_loop_truth
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -110,7 +110,7 @@ def _impacts(
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
     """Simulate impacts and their noise metrics, with fields as in `Impact` and `ImpactNoise`."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found = impacts_of_blocks(setup, closed_loop_rows(setup, disturbance))
+        found = impacts_of_blocks(setup, closed_loop_truth(setup, disturbance))
         return [(vars(one.impact), vars(one.noise)) for one in found]
 
 
@@ -130,14 +130,14 @@ def horizon_step(setup: Setup, tolerance: float) -> int | None:
     if not SCHEMES[setup.scheme].converges:
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
-    largest = 0.0 * next(closed_loop_rows(setup))[1][:, 0]
-    for _, rows in closed_loop_rows(setup):
-        largest = np.maximum(largest, np.abs(rows).max(axis=1))
+    largest = 0.0 * next(closed_loop_truth(setup))[1][:, 0]
+    for _, truth in closed_loop_truth(setup):
+        largest = np.maximum(largest, np.abs(truth).max(axis=1))
     largest[[F_C1, F_A1]] = largest[[F_C, F_A]]  # slopes are as exact as their forces
     largest[largest == 0.0] = 1.0
-    both = zip(closed_loop_rows(setup), closed_loop_rows(setup, DISTURBANCE), strict=True)
-    for (first, rows), (_, disturbed) in both:
-        apart = np.max(np.abs(rows - disturbed) / largest[:, None], axis=0)
+    both = zip(closed_loop_truth(setup), closed_loop_truth(setup, DISTURBANCE), strict=True)
+    for (first, truth), (_, disturbed) in both:
+        apart = np.max(np.abs(truth - disturbed) / largest[:, None], axis=0)
         beyond = np.flatnonzero(~(apart <= allowed))
         if len(beyond):
             return first + int(beyond[0])

@@ -18,45 +18,44 @@ from hertzloop.scene.setup import parse
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
 
-def rows_of(recording: Recording) -> np.ndarray:
-    """Rows of truth of a recording, shape (10, steps); the actuator's place is the struck point
+def truth_of(recording: Recording) -> np.ndarray:
+    """Truth of a recording, shape (10, steps); the actuator's place is the struck point
     and forces are constant over a step where the recording does not say otherwise.
 
     All of them at once: for a long recording, see `blocks_of`.
     """
-    rows = np.zeros((len(TRUTH), recording.truth.samples))
+    truth = np.zeros((len(TRUTH), recording.truth.samples))
     at = 0
     for _, block in blocks_of(recording):
-        rows[:, at : at + block.shape[1]] = block
+        truth[:, at : at + block.shape[1]] = block
         at += block.shape[1]
-    return rows[:, :at]
+    return truth[:, :at]
 
 
 def blocks_of(recording: Recording) -> Iterator[Block]:
     """The same in blocks, each with its first step, up to the first value that is not finite."""
-    yield from _rows(recording, recording.truth.placed())
+    yield from _finite_truth(recording, recording.truth.placed())
 
 
 def pieces_of(recording: Recording) -> Iterator[Block]:
     """The same in larger blocks, for what costs by the block."""
-    yield from _rows(recording, recording.truth.pieces())
+    yield from _finite_truth(recording, recording.truth.pieces())
 
 
-def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
-    truth = recording.truth
-    if not truth.arrays.keys() >= NEEDED_FIELDS:
+def _finite_truth(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
+    if not recording.truth.arrays.keys() >= NEEDED_FIELDS:
         return
     for at, arrays in pieces:
-        first, rows = int(truth.step_at(at)), stacked(arrays)
-        finite = np.isfinite(rows).all(axis=0)
+        first, truth = int(recording.truth.step_at(at)), stacked(arrays)
+        finite = np.isfinite(truth).all(axis=0)
         if not finite.all():
-            yield first, rows[:, : int(np.argmin(finite))]
+            yield first, truth[:, : int(np.argmin(finite))]
             return
-        yield first, rows
+        yield first, truth
 
 
 def stacked(columns: Arrays) -> np.ndarray:
-    """Rows of truth, shape (10, steps), from columns by their names."""
+    """Truth, shape (10, steps), from columns by their names."""
     constant = np.zeros(len(columns["xi_m"]))
     missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
     known = missing | {"xi_a_m": columns["xi_p_m"]} | columns
@@ -181,7 +180,7 @@ class Pacing:
     late_forces: int
     steps: int
     share_late: float
-    longest_row: int
+    longest_sequence: int
     oldest_steps: int
     is_repeat: bool
     clock: PacedClock | None
@@ -191,15 +190,15 @@ def pacing_of(recording: Recording) -> Pacing | None:
     """Missed deadlines of a recorded run; None of a run in lock-step."""
     if "held_steps" not in recording.truth.arrays:
         return None
-    late = oldest = longest = row = 0
+    late = oldest = longest = running = 0
     for arrays in recording.truth.blocks():
         held = np.asarray(arrays["held_steps"])
         late, oldest = late + int(np.count_nonzero(held)), max(oldest, int(held.max(initial=0)))
-        # Rows of the block end where a force was in time; the last may go on in the next.
+        # Sequences of the block end where a force was in time; the last may go on in the next.
         in_time = np.flatnonzero(np.concatenate([held == 0, [True]]))
-        rows = np.diff(np.concatenate([[-1 - row], in_time])) - 1
-        longest = max(longest, int(rows.max()))
-        row = int(rows[-1])
+        sequences = np.diff(np.concatenate([[-1 - running], in_time])) - 1
+        longest = max(longest, int(sequences.max()))
+        running = int(sequences[-1])
     steps, repeats = recording.truth.samples, "repeats" in recording.metadata
     share = late / steps if steps else 0.0
     return Pacing(late, steps, share, longest, oldest, repeats, _clock(recording))

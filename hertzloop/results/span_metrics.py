@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, fields
 
 from hertzloop.plant.metrics.noise import ImpactNoise
-from hertzloop.results.impacts import RowsOfImpact
-from hertzloop.results.metric_fields import described, metric, rows_of
+from hertzloop.results.impacts import ImpactMetrics
+from hertzloop.results.metric_fields import described, fields_of, metric
 
 
 @described
@@ -13,7 +13,7 @@ from hertzloop.results.metric_fields import described, metric, rows_of
 class SpanMetrics:
     """Metrics of the first impact, or of the whole run.
 
-    `plant.metrics.rows_kernels` defines the first impact. The whole run lasts from the first touch
+    `plant.metrics.truth_kernels` defines the first impact. The whole run lasts from the first touch
     to its end. Radiated energies are nan unless the structure is a simply supported plate.
     """
 
@@ -59,15 +59,15 @@ class RunMetrics:
 
 MUCH_DB = 0.5  # between the change in the first impact and that over all contacts
 
-SPAN_ROWS = rows_of(SpanMetrics)
+SPAN_METRICS = fields_of(SpanMetrics)
 
 # Factor of the logarithm of a ratio: of energies, and of amplitudes.
-DECIBELS = {name: row.db for name, row in SPAN_ROWS.items() if row.db}
+DECIBELS = {name: row.db for name, row in SPAN_METRICS.items() if row.db}
 
-_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_ROWS}
+_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_METRICS}
 
 
-def of_impact(found: RowsOfImpact) -> SpanMetrics:
+def of_impact(found: ImpactMetrics) -> SpanMetrics:
     """Metrics of one impact."""
     return span_metrics(1, found.impact.peak_force_n, found.noise)
 

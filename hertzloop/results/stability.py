@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.metrics import rows_kernels
-from hertzloop.plant.metrics.rows_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
+from hertzloop.plant.metrics import truth_kernels
+from hertzloop.plant.metrics.truth_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI_A, XI_P
 from hertzloop.results.statistics import Accumulator, control_force_n
@@ -62,11 +62,11 @@ class StabilityAccumulator(Accumulator):
         self._sums, self._counts = np.zeros(SUMS), np.zeros(COUNTS, np.int64)
         self._counts[SINCE] = -1
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        force = control_force_n(self.setup, rows)
-        rows_kernels.exchanged(
-            first, force, rows[self._place], self.impact_j, self._sums, self._counts
+        force = control_force_n(self.setup, truth)
+        truth_kernels.exchanged(
+            first, force, truth[self._place], self.impact_j, self._sums, self._counts
         )
 
     def result(self) -> Stability:

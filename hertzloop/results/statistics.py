@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
@@ -16,25 +16,25 @@ from hertzloop.results.impacts import Block
 from hertzloop.scene.setup import Setup
 
 
-def control_force_n(setup: Setup, rows: np.ndarray) -> np.ndarray:
-    """Return the actuator's force beyond that without a command, N, of rows of a time series,
+def control_force_n(setup: Setup, truth: np.ndarray) -> np.ndarray:
+    """Return the actuator's force beyond that without a command, N, of a time series,
     shape (10, steps)."""
     rest_n = rest_force_n(setup.actuator, setup.step_s)
-    return np.asarray(rows[F_A] - rest_n if rest_n else rows[F_A])
+    return np.asarray(truth[F_A] - rest_n if rest_n else truth[F_A])
 
 
 class Accumulator:
     """Accumulates a result over the time series of a run, which comes in blocks."""
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
         raise NotImplementedError
 
     def through(self, blocks: Iterable[Block]) -> Iterator[Block]:
         """Yield the blocks unchanged, and feed each one on its way."""
-        for first, rows in blocks:
-            self.feed(first, rows)
-            yield first, rows
+        for first, truth in blocks:
+            self.feed(first, truth)
+            yield first, truth
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,15 @@ class ExtremesAccumulator(Accumulator):
         self._spec, self._touching = spec, False
         self._force_n = self._deflection_m = self._actuator_n = 0.0
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        if not rows.shape[1]:
+        if not truth.shape[1]:
             self._touching = False
             return
-        force_n, actuator_n, deflection_m = rows_kernels.extremes(
-            rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], rows[XI_P]
+        force_n, actuator_n, deflection_m = truth_kernels.extremes(
+            truth[F_C], truth[F_C1], truth[F_A], truth[F_A1], truth[XI_P]
         )
-        self._touching = bool(rows[F_C, -1] != 0.0)
+        self._touching = bool(truth[F_C, -1] != 0.0)
         self._force_n = max(self._force_n, force_n)
         self._actuator_n = max(self._actuator_n, actuator_n)
         self._deflection_m = max(self._deflection_m, deflection_m)
@@ -122,12 +122,12 @@ class ActuatorDemandAccumulator(Accumulator):
         self._before, self._next = np.zeros((COLUMNS, 1)), 0
         self._force_n = self._change_n = self._power_w = 0.0
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        if not rows.shape[1]:
+        if not truth.shape[1]:
             return
-        before = self._before if first == self._next else rows[:, :1]
-        joined = np.concatenate([before, rows], axis=1)
+        before = self._before if first == self._next else truth[:, :1]
+        joined = np.concatenate([before, truth], axis=1)
         force, slope, v = joined[F_A], joined[F_A1], joined[V_P]
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
             moved = np.diff(joined[XI_A]) / self.spec.step_s
@@ -137,7 +137,7 @@ class ActuatorDemandAccumulator(Accumulator):
         self._force_n = max(self._force_n, float((np.abs(force) + np.abs(slope)).max()))
         self._change_n = max(self._change_n, float(change.max()), 2.0 * float(np.abs(slope).max()))
         self._power_w = max(self._power_w, float(power.max()))
-        self._before, self._next = rows[:, -1:].copy(), first + rows.shape[1]
+        self._before, self._next = truth[:, -1:].copy(), first + truth.shape[1]
 
     def result(self) -> ActuatorDemand | None:
         """Return the demand; None if the actuator never acts."""
@@ -176,10 +176,10 @@ class ForceTimingAccumulator(Accumulator):
         self._touch: int | None = None
         self._push: int | None = None
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        touching = rows[F_C] != 0.0
-        pushed = np.abs(control_force_n(self._setup, rows))
+        touching = truth[F_C] != 0.0
+        pushed = np.abs(control_force_n(self._setup, truth))
         if self._touch is None and touching.any():
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():

@@ -48,14 +48,14 @@ class Verification:
         return max(self.penetration, self.rebound_speed, self.plate_energy)
 
 
-def verify(setup: Setup, rows: np.ndarray) -> Verification | None:
-    """Repeat the first impact of a run, known by its rows of truth, with the loop closed: the law
+def verify(setup: Setup, truth: np.ndarray) -> Verification | None:
+    """Repeat the first impact of a run, known by its truth, with the loop closed: the law
     answers the finer plant, from samples of the scene's own step.
 
     None without an impact that ends within the run. Raises SceneError for the published scheme.
     """
     check_verifiable(setup)
-    return against(setup, rows, finer_spec(setup))
+    return against(setup, truth, finer_spec(setup))
 
 
 def check_verifiable(setup: Setup) -> None:
@@ -88,31 +88,31 @@ def finer_spec(setup: Setup) -> PlantSpec:
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[setup.scheme].supports_tail,
+        residual_flexibility=SCHEMES[setup.scheme].supports_truncated_modes,
         infinite_plate=False,
     )
 
 
-def against(setup: Setup, rows: np.ndarray, fine: PlantSpec) -> Verification | None:
+def against(setup: Setup, truth: np.ndarray, fine: PlantSpec) -> Verification | None:
     """What a finer plant changes in the first impact of a run; None as for `verify`."""
-    until = past_first_impact(setup, rows)
+    until = past_first_impact(setup, truth)
     if until is None:
         return None
     times = round(setup.step_s / fine.step_s)
-    finer_rows = finer_loop(setup, started_as(setup, fine), until, times)
-    return changes(setup, rows[:, :until], finer_rows, fine)
+    finer_truth = finer_loop(setup, started_as(setup, fine), until, times)
+    return changes(setup, truth[:, :until], finer_truth, fine)
 
 
-def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
+def past_first_impact(setup: Setup, truth: np.ndarray) -> int | None:
     """Steps until the first contact is over and by one more, so that it is seen to end, and until
     the push is, for as long again at most: what a spring for the modes left out stores under a
-    force counts once it has come back. None if the contact does not end within the rows."""
-    found = first_impact(setup, rows)
+    force counts once it has come back. None if the contact does not end within the steps."""
+    found = first_impact(setup, truth)
     if not found or not found.ended:
         return None
-    first, end = found.start, min(found.end + 2, rows.shape[1])
-    after = rows[:, end : 2 * end - first]
-    pushed = np.abs(control_force_n(setup, rows))
+    first, end = found.start, min(found.end + 2, truth.shape[1])
+    after = truth[:, end : 2 * end - first]
+    pushed = np.abs(control_force_n(setup, truth))
     small = _SMALL * pushed[first:end].max()
     over = np.flatnonzero((pushed[end : 2 * end - first] <= small) | (after[F_C] != 0.0))
     return end + (int(over[0]) if len(over) else after.shape[1])
@@ -127,18 +127,18 @@ def started_as(setup: Setup, fine: PlantSpec) -> Plant:
 
 
 def changes(
-    setup: Setup, rows: np.ndarray, finer_rows: np.ndarray, fine: PlantSpec
+    setup: Setup, truth: np.ndarray, finer_truth: np.ndarray, fine: PlantSpec
 ) -> Verification | None:
-    """What differs in the first impact between a scene's rows and those of a finer plant over the
+    """What differs in the first impact between a scene's steps and those of a finer plant over the
     same time; None if that has no impact."""
-    times = finer_rows.shape[1] // rows.shape[1]
-    coarse_impact = impacts_in(setup.plant, rows)[0]
+    times = finer_truth.shape[1] // truth.shape[1]
+    coarse_impact = impacts_in(setup.plant, truth)[0]
     # Work counts from row to row: without the last part of a step both end at the same time.
-    by_finer = impacts_in(fine, finer_rows[:, : finer_rows.shape[1] + 1 - times])
+    by_finer = impacts_in(fine, finer_truth[:, : finer_truth.shape[1] + 1 - times])
     if not by_finer:
         return None
     contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / setup.step_s) + 2
-    gap, finer = rows[XI, :contact], finer_rows[XI, ::times][:contact]
+    gap, finer = truth[XI, :contact], finer_truth[XI, ::times][:contact]
     energy = by_finer[0].plate_energy_j
     change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s
     return Verification(

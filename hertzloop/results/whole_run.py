@@ -53,23 +53,23 @@ class WholeRunAccumulator(Accumulator):
         self._work_j = self._speed_max = 0.0
         self._drive: np.ndarray | float = 0.0
 
-    def feed(self, first: int, rows: np.ndarray) -> None:
+    def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
         if not self._touched:
-            touching = np.flatnonzero(rows[F_C])
+            touching = np.flatnonzero(truth[F_C])
             self._touched = bool(len(touching))
-            start = int(touching[0]) if self._touched else rows.shape[1]
+            start = int(touching[0]) if self._touched else truth.shape[1]
             if start:
-                self._before = rows[:, start - 1 : start].copy()
-            rows = rows[:, start:]
-        if not rows.shape[1]:
+                self._before = truth[:, start - 1 : start].copy()
+            truth = truth[:, start:]
+        if not truth.shape[1]:
             return
-        self._parts.append(rows)
-        self._held += rows.shape[1]
+        self._parts.append(truth)
+        self._held += truth.shape[1]
         while self._held > PIECE:
-            rows = np.concatenate(self._parts, axis=1)
-            self._take(rows[:, :PIECE], rows[:, PIECE : PIECE + 1])
-            self._parts, self._held = [rows[:, PIECE:]], rows.shape[1] - PIECE
+            truth = np.concatenate(self._parts, axis=1)
+            self._take(truth[:, :PIECE], truth[:, PIECE : PIECE + 1])
+            self._parts, self._held = [truth[:, PIECE:]], truth.shape[1] - PIECE
 
     def result(self, impacts: list[Impact]) -> SpanMetrics | None:
         """Return the metrics of the run, whose impacts are known; None without an impact."""
@@ -92,8 +92,8 @@ class WholeRunAccumulator(Accumulator):
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         spec, lead = self._spec, self._before.shape[1]
-        rows = np.concatenate([self._before, piece, following], axis=1)
-        self._work_j += work_j(spec, rows, lead)
+        truth = np.concatenate([self._before, piece, following], axis=1)
+        self._work_j += work_j(spec, truth, lead)
         self._speed_max = max(self._speed_max, float(np.abs(piece[V_P]).max(initial=0.0)))
         pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
         for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):

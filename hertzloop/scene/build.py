@@ -36,14 +36,14 @@ def build_plant(
 
 def check_modes_reach_impact(spec: PlantSpec) -> None:
     """Refuse modes of a file that leave out all of an impact, unless an infinite plate stands for
-    the rest or a tail was asked for; or a solid's with what does not fit those. In flight they are
-    right all the same. Raises SceneError."""
+    the rest or a model of them was asked for; or a solid's with what does not fit those. In flight
+    they are right all the same. Raises SceneError."""
     sphere, plate, contact = spec.sphere, spec.plate, spec.contact
     if plate.mode_table is None or spec.infinite_plate:
         return
     _check_below_zero(plate, sphere, contact)
     needed_hz = least_limit_hz(sphere, plate, contact, spec.frequency_limit_hz)
-    if spec.frequency_limit_hz > needed_hz or spec.damped_tail or spec.tail_asked:
+    if spec.frequency_limit_hz > needed_hz or spec.damped_residual or spec.truncation_asked:
         return
     if needed_hz == math.inf:
         raise SceneError(
@@ -56,7 +56,7 @@ def check_modes_reach_impact(spec: PlantSpec) -> None:
         f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
         f"{1e6 * lasts_s:.3g} us; give modes up to {(needed_hz // grain + 1) * grain:,.6g} Hz at "
         "least (are they in Hz?), plate.thickness_m if it is a plate at the contact point, or "
-        "plate.tail = 'spring' to run with an error that is not known"
+        "plate.truncated_modes = 'spring' to run with an error that is not known"
     )
 
 

@@ -59,7 +59,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
             *bodies,
             spec.frequency_limit_hz,
             spring=spec.residual_flexibility,
-            damped=spec.damped_tail,
+            damped=spec.damped_residual,
         )
     if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # modes of a rigid body
         return found

@@ -313,19 +313,19 @@ def not_in_three_dimensions(
             f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
             "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
         )
-    if plate.tail == "damped":
+    if plate.truncated_modes == "damped":
         found.append(
-            f"plate.tail = 'damped': not supported by {asked}, where the truncated modes form a "
-            "half space. Use 'auto'."
+            f"plate.truncated_modes = 'damped': not supported by {asked}, where the truncated "
+            "modes form a half space. Use 'auto'."
         )
     return found
 
 
-def _tail_problems(scene: PlantTables) -> list[str]:
+def _truncation_problems(scene: PlantTables) -> list[str]:
     """Where the modes left out are no damped mode."""
-    if scene.plate.tail != "damped":
+    if scene.plate.truncated_modes != "damped":
         return []
-    asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
+    asked, (contact, actuator) = "plate.truncated_modes = 'damped'", scene.plate.points_m
     for table, mass, point in (
         ("actuator", scene.actuator.mass_kg, actuator),
         ("sensors", scene.sensor_mass_kg, scene.sensor_point_m or contact),
@@ -335,7 +335,7 @@ def _tail_problems(scene: PlantTables) -> list[str]:
                 f"{asked}: not supported with {table}.mass_kg = {mass:g} at the contact point. Use "
                 "'spring' or 'auto'."
             ]
-    return not_supported("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
+    return not_supported("supports_truncated_modes", scene.run.scheme, scene.run.plate_model, asked)
 
 
 # Keys of the actuator that belong to the line, or act with a bandwidth only.
@@ -363,7 +363,7 @@ def _scheme_problems(scene: PlantTables) -> list[str]:
         value = getattr(scene.actuator, key)
         if key not in _BESIDE_DYNAMICS and value != field.default:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
-    found += _tail_problems(scene) + _sensor_problems(scene)
+    found += _truncation_problems(scene) + _sensor_problems(scene)
     theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
     if theory is not None and theory.solid:
         striker = scene.sphere or scene.hammer

@@ -13,8 +13,12 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 
 _STEPS_OF_CONTACT = 10  # at least, for metrics worth printing
-NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail
-_LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
+NEAREST = (
+    1.0  # wavelengths at the limit between the struck point and an edge, for a damped residual mode
+)
+_LOWEST_RESIDUAL = (
+    0.5  # of the last mode's frequency, for that from which on a damped residual mode stands
+)
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
 WARN_ABOVE_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
@@ -23,12 +27,17 @@ _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 @lru_cache(maxsize=16)
 def describe_plant(
-    mechanics: Mechanics, tail: str, scheme: str, step_ns: int, lead_in_s: float, accuracy: float
+    mechanics: Mechanics,
+    truncated: str,
+    scheme: str,
+    step_ns: int,
+    lead_in_s: float,
+    accuracy: float,
 ) -> PlantSpec:
     """Describe the plant with modes; whether these can be computed is not checked.
 
     Args:
-        tail: `plate.tail`, what stands for the modes left out.
+        truncated: `plate.truncated_modes`, what stands for the modes left out.
         lead_in_s: flight before the first contact.
         accuracy: relative error that leaving out modes may cause.
 
@@ -37,7 +46,7 @@ def describe_plant(
     """
     step_s = step_ns * 1e-9
     _check_step(mechanics, step_ns)
-    limit, damped = _limit_hz(mechanics, tail, scheme, step_s, accuracy)
+    limit, damped = _limit_hz(mechanics, truncated, scheme, step_s, accuracy)
     if mechanics.structure.mode_table is not None:
         limit = min(mechanics.structure.highest_hz, 0.5 / step_s)
     return PlantSpec(
@@ -49,13 +58,13 @@ def describe_plant(
         step_s=step_s,
         frequency_limit_hz=limit,
         lead_in_s=lead_in_s,
-        residual_flexibility=SCHEMES[scheme].supports_tail,
-        damped_tail=damped,
+        residual_flexibility=SCHEMES[scheme].supports_truncated_modes,
+        damped_residual=damped,
         actuator=mechanics.actuator,
         radiating_faces=mechanics.radiating_faces,
         sensor_point_m=mechanics.sensor_point_m,
         sensor_mass_kg=mechanics.sensor_mass_kg,
-        tail_asked=mechanics.structure.mode_table is not None and tail != "auto",
+        truncation_asked=mechanics.structure.mode_table is not None and truncated != "auto",
     )
 
 
@@ -72,7 +81,7 @@ def check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> 
 def on_infinite_plate(spec: PlantSpec, step_ns: int) -> PlantSpec:
     """The plant with an infinite plate. Raises SceneError for one with no modes below its limit."""
     _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)
-    return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
+    return replace(spec, residual_flexibility=False, damped_residual=False, infinite_plate=True)
 
 
 def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float:
@@ -103,7 +112,7 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
     return limit
 
 
-def _damped_tail(
+def _damped_residual(
     mechanics: Mechanics, asked: str, scheme: str, step_s: float, limit_hz: float
 ) -> bool:
     """Whether the modes above a limit are one damped mode, not a spring.
@@ -112,28 +121,28 @@ def _damped_tail(
     begins, without a mass on the contact point. Raises SceneError.
     """
     plate = mechanics.structure
-    if asked == "spring" or not SCHEMES[scheme].supports_tail or plate.solid:
+    if asked == "spring" or not SCHEMES[scheme].supports_truncated_modes or plate.solid:
         return False
     if plate.local_plate is None:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
+            f"plate.truncated_modes = 'damped' the mobility of {plate} is unknown. Give "
             "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
         )
     if plate.mode_table is not None and plate.highest_hz == 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. Use "
-            "'spring', or give modes up to a higher frequency."
+            f"plate.truncated_modes = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
+            "Use 'spring', or give modes up to a higher frequency."
         )
     if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.tail = 'damped' does not fit {plate}, whose residual_flexibility_m_n is below "
-            "zero, as for a solid. Use 'spring'."
+            f"plate.truncated_modes = 'damped' does not fit {plate}, whose "
+            "residual_flexibility_m_n is below zero, as for a solid. Use 'spring'."
         )
     if asked == "damped":
         return True
@@ -148,7 +157,7 @@ def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:
     if plate.mode_table is None or plate.local_plate is None:
         return True
     last = 2.0 * math.pi * min(plate.highest_hz, 0.5 / step_s)
-    most = plate.local_plate.residual_flexibility_m_n(_LOWEST_TAIL * last)
+    most = plate.local_plate.residual_flexibility_m_n(_LOWEST_RESIDUAL * last)
     return plate.residual_flexibility_m_n(last) <= most
 
 
@@ -172,7 +181,7 @@ def _check_step(mechanics: Mechanics, step_ns: int) -> None:
 
 
 def _limit_hz(
-    mechanics: Mechanics, tail: str, scheme: str, step_s: float, accuracy: float
+    mechanics: Mechanics, truncated: str, scheme: str, step_s: float, accuracy: float
 ) -> tuple[float, bool]:
     """Up to where modes are taken along (Hz), and whether a damped mode stands for those beyond."""
     sphere, plate, contact = mechanics.sphere, mechanics.structure, mechanics.contact
@@ -188,12 +197,12 @@ def _limit_hz(
             contact,
             step_s,
             accuracy,
-            spring=SCHEMES[scheme].supports_tail,
+            spring=SCHEMES[scheme].supports_truncated_modes,
             damped=damped,
         )
         for damped in (False, True)
     ]
-    damped = _damped_tail(mechanics, tail, scheme, step_s, limits[True])
+    damped = _damped_residual(mechanics, truncated, scheme, step_s, limits[True])
     return limits[damped], damped
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.common.atomic_files import whole_file
-from hertzloop.results.cases import CASE_ROWS
+from hertzloop.results.cases import CASE_METRICS
 
-METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
+METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_METRICS.items() if row.words}
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (us)",
@@ -23,7 +23,7 @@ AXES = {
 def against_none(metric: str) -> str:
     """A metric of a case, as an axis of its own: most are against no control."""
     words = METRICS.get(metric, metric.replace("_", " "))
-    if metric in CASE_ROWS and CASE_ROWS[metric].unit not in ("dB", "%"):
+    if metric in CASE_METRICS and CASE_METRICS[metric].unit not in ("dB", "%"):
         return words
     name, _, unit = words.partition(" (")
     return f"{name} against no control ({unit}" if unit else name

@@ -47,7 +47,7 @@ def run_table(report: RunReport) -> Table:
         ("structure", "" if structure["closed_form"] else _structure_words(structure)),
         ("plate theory", theory and theory_words(theory)),
         ("plate model", _model_order(report)),
-        ("truncated modes", parts.tail and tail_words(parts.tail)),
+        ("truncated modes", parts.truncated_modes and truncated_words(parts.truncated_modes)),
         ("full model", full and "modes_in_file" not in structure and _full_model(full)),
         ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
         ("contact solve", f"at most {balance.newton_iterations_max} evaluations a step"),
@@ -223,7 +223,7 @@ def theory_words(found: model.Theory) -> str:
     return f"Kirchhoff; {size}, no more than asked"
 
 
-def tail_words(found: model.Tail) -> str:
+def truncated_words(found: model.TruncatedModes) -> str:
     """Describe the damped mode that replaces the truncated modes."""
     words, away = (
         f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",

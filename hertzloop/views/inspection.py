@@ -24,7 +24,7 @@ from hertzloop.results.recorded import (
     pacing_of,
 )
 from hertzloop.results.repeatability import why_not_repeatable
-from hertzloop.results.span_metrics import SPAN_ROWS
+from hertzloop.results.span_metrics import SPAN_METRICS
 from hertzloop.results.verdict import saturation_of
 from hertzloop.results.verdict import verdict as verdict_of
 from hertzloop.scene.errors import SceneError
@@ -264,7 +264,7 @@ def comparison_table(found: Comparison) -> Table:
             span = row.span
             table.add_section()
             table.add_row(Text(_SPANS[span], style="bold"), "", "", "")
-        of = SPAN_ROWS[row.metric]
+        of = SPAN_METRICS[row.metric]
         values = [
             "not defined" if math.isnan(value) else f"{value * of.factor:.4g} {of.unit}".strip()
             for value in (row.a, row.b)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
-from hertzloop.results.span_metrics import DECIBELS, SPAN_ROWS, change_db
+from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS, change_db
 from hertzloop.views.digits import cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
@@ -47,7 +47,7 @@ def metrics_table(result: RunResult, known: Predictability, free: Metrics | None
     for label, span, key, form in _METRICS:
         found = [getattr(getattr(metrics, span), key, math.nan) for metrics, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
-        row = cells(SPAN_ROWS[key], found, wrong, form, "-")
+        row = cells(SPAN_METRICS[key], found, wrong, form, "-")
         if compare:
             row.append("" if key == "contacts" else _change_of_metric(key, *found, *wrong))
         table.add_row(label, *(cell.strip() for cell in row))

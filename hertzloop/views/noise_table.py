@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.metric_fields import MetricField
-from hertzloop.results.span_metrics import SPAN_ROWS, change_db
+from hertzloop.results.span_metrics import SPAN_METRICS, change_db
 from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
 from hertzloop.views.format import Table
 
@@ -34,7 +34,7 @@ _ORDER = (
     "sound_j",
     "sound_maidanik_j",
 )
-_NOISE_ROWS = {name: _OF_NOISE.get(name) or SPAN_ROWS[name] for name in _ORDER}
+_NOISE_ROWS = {name: _OF_NOISE.get(name) or SPAN_METRICS[name] for name in _ORDER}
 
 
 def noise_table(

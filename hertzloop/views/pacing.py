@@ -13,7 +13,7 @@ def pacing_sentences(found: Pacing) -> list[str]:
     """State missed deadlines, response times, and the pace that this machine supports."""
     missed = (
         f"{found.late_forces:,} of {found.steps:,} forces came late "
-        f"({100 * found.share_late:.2g} %), at most {found.longest_row:,} in a row"
+        f"({100 * found.share_late:.2g} %), at most {found.longest_sequence:,} in a row"
     )
     if not found.late_forces:
         missed = f"None of {found.steps:,} forces came late"

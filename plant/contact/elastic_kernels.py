@@ -438,14 +438,14 @@ def add_sphere(gains: np.ndarray, step_s: float, mass_kg: float) -> None:
 @kernel(inline=True, fastmath={"contract"})
 def slope_at_start(contact, d0, f0, f1):
     """Slope of the gap right at the start of a step (m a step) from that without its force: only a
-    damped tail answers at once."""
+    residual mode answers at once."""
     return d0 + contact.step_s * (contact.gains[START0] * f0 + contact.gains[START1] * f1)
 
 
 @kernel(inline=True, fastmath={"contract"})
 def _project(contact, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
-    derivatives of F_0 and F_1 by x1, d1, the mean and (only with a damped tail) d0."""
+    derivatives of F_0 and F_1 by x1, d1, the mean and (only with a residual mode) d0."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
     start, end = touching_part(x0, x1, d0, d1, q)
     sums = NOTHING

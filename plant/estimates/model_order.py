@@ -167,9 +167,9 @@ def law_error(
         return _solid_law_error(spec, force_n, share, hold_s, until_hz)
     if switched:
         parts = (spec.sphere, spec.plate, spec.contact)
-        return jump_error(*parts, limit_hz, rounded * force_n, damped=spec.damped_tail)
+        return jump_error(*parts, limit_hz, rounded * force_n, damped=spec.damped_residual)
     share = rounded * min(share, 1.0)
-    return held_error(spec.sphere, spec.contact, share, hold_s, damped=spec.damped_tail)
+    return held_error(spec.sphere, spec.contact, share, hold_s, damped=spec.damped_residual)
 
 
 def share_at_once(share: float) -> float:

@@ -273,7 +273,7 @@ def drag_on_the_drop(sphere: Sphere) -> float:
     return 0.375 * _DRAG * AIR_DENSITY_KG_M3 * sphere.drop_height_m / (density * radius)
 
 
-def tail_share(
+def residual_share(
     damping_s_m: float, flexibility_m_n: float, force_n: float, contact_s: float
 ) -> float:
     """Relative error of the plate energy by the rate that a massless spring R_0 hides from a damper

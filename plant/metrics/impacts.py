@@ -1,4 +1,4 @@
-"""Impacts of a run, from its rows of truth: the metrics that `run` and `inspect` print."""
+"""Impacts of a run, from its truth: the metrics that `run` and `inspect` print."""
 
 import math
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.noise import spectra_of
-from hertzloop.plant.metrics.rows_kernels import METRICS
+from hertzloop.plant.metrics.truth_kernels import METRICS
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
+from hertzloop.plant.schemes.collocation import damped_residual, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -38,7 +38,7 @@ class Impact:
         rebound_speed_m_s: speed of the sphere at the end, positive upwards, m/s.
         peak_force_n: largest contact force, N.
         plate_energy_j: work of contact force and actuator force on the plate, J, from the start
-            of this contact until the impact is over (`rows_kernels`; in `impacts` below until
+            of this contact until the impact is over (`truth_kernels`; in `impacts` below until
             the next contact or the end of the time series).
         plate_speed_max_m_s: largest plate speed at the contact point, m/s.
     """
@@ -55,10 +55,10 @@ class Impact:
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
     edges = np.empty(_FEW_EDGES, np.int64)
-    count = rows_kernels.edges_of(f_c, edges)
+    count = truth_kernels.edges_of(f_c, edges)
     if count > len(edges):
         edges = np.empty(count, np.int64)
-        rows_kernels.edges_of(f_c, edges)
+        truth_kernels.edges_of(f_c, edges)
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
@@ -80,7 +80,7 @@ def step_work_j(
     unknown = np.zeros(0)
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
-    rows_kernels.plate_work(
+    truth_kernels.plate_work(
         xi_p,
         xi_a,
         v_p,
@@ -117,7 +117,7 @@ def impacts(
     mobility_m_ns: float = math.nan,
     gravity_m_s2: float = GRAVITY_M_S2,
 ) -> list[Impact]:
-    """All impacts of a run from its rows of truth (arrays of shape (steps,)).
+    """All impacts of a run from its truth (arrays of shape (steps,)).
 
     `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
     contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
@@ -153,7 +153,7 @@ def impacts(
     dents, metrics, found = np.zeros(0) if dent_m is None else dent_m, np.empty(METRICS), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
-        if rows_kernels.contact_metrics(
+        if truth_kernels.contact_metrics(
             xi,
             xi_s,
             f_c,
@@ -190,11 +190,11 @@ def impact_of(metrics: np.ndarray, step_s: float, work_j: float) -> Impact:
 
 def _moments() -> np.ndarray:
     nodes, weights = np.polynomial.legendre.leggauss(4)
-    rows = []
+    truth = []
     for middle in (-0.5, 0.5):
         powers = (middle + 0.5 * nodes)[:, None] ** _POWERS
-        rows += [0.5 * weights @ powers, 1.5 * (weights * nodes) @ powers]
-    return np.array(rows)
+        truth += [0.5 * weights @ powers, 1.5 * (weights * nodes) @ powers]
+    return np.array(truth)
 
 
 TO_CUBIC = np.linalg.inv(_moments())
@@ -207,13 +207,13 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(rows_kernels.peak_force(mean_n, slope_n, TO_CUBIC))
+    return float(truth_kernels.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
     """Largest size of a speed that is known at the ends of steps, also between them: the vertex of
     the parabola through the three values around it."""
-    return float(rows_kernels.peak_size(speed_m_s))
+    return float(truth_kernels.peak_size(speed_m_s))
 
 
 class ImpactPart(NamedTuple):
@@ -236,18 +236,18 @@ class ImpactPart(NamedTuple):
 def part_of(
     spec: PlantSpec,
     modes: Oscillators,
-    rows: np.ndarray,
+    truth: np.ndarray,
     lead: int,
     count: int,
     continued: bool = False,
     first_step: int = 0,
 ) -> ImpactPart:
-    """Read rows of an impact; see `read_impact`."""
-    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
+    """Read steps of an impact; see `read_impact`."""
+    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = truth
     metrics, drive = np.empty(METRICS), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = rows_kernels.read_impact(
+    known, start, until, touching, speed_max = truth_kernels.read_impact(
         xi,
         xi_s,
         v_p,
@@ -259,7 +259,7 @@ def part_of(
         lead,
         count,
         continued,
-        modal_displacement(spec, rows),
+        modal_displacement(spec, truth),
         work[:0] if dents is None else dents,
         first_step,
         _reading(spec, modes),
@@ -273,18 +273,18 @@ def part_of(
 
 def _answers_at_once(spec: PlantSpec) -> tuple[float, float]:
     """`mobility` and `impedance` of `Reading`."""
-    tail = damped_tail(spec)[0]
+    mode = damped_residual(spec)[0]
     return (
-        tail.mobility_m_ns if tail else math.nan,
+        mode.mobility_m_ns if mode else math.nan,
         impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
     )
 
 
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> rows_kernels.Reading:
-    """What the rows of a plant's impacts are read with."""
+def _reading(spec: PlantSpec, modes: Oscillators) -> truth_kernels.Reading:
+    """What the steps of a plant's impacts are read with."""
     mobility, impedance = _answers_at_once(spec)
-    return rows_kernels.Reading(
+    return truth_kernels.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -296,52 +296,52 @@ def _reading(spec: PlantSpec, modes: Oscillators) -> rows_kernels.Reading:
     )
 
 
-def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+def modal_displacement(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     """Displacement at the struck point without that of the modes left out, a spring between the
     present contact force and the actuator force of the step before. It takes no energy."""
     spring = flexibility_m_n(spec)
     if spring == 0.0:
-        return rows[XI_P]
-    contact_n = elastic_n(spec.contact, -rows[XI], rows[DEEPEST])
-    before = np.concatenate([[0.0], rows[F_A, :-1] + rows[F_A1, :-1]])
+        return truth[XI_P]
+    contact_n = elastic_n(spec.contact, -truth[XI], truth[DEEPEST])
+    before = np.concatenate([[0.0], truth[F_A, :-1] + truth[F_A1, :-1]])
     actuator_n = before if spec.same_point else 0.0
-    return np.asarray(rows[XI_P] - spring * (actuator_n - contact_n))
+    return np.asarray(truth[XI_P] - spring * (actuator_n - contact_n))
 
 
-def impacts_in(spec: PlantSpec, rows: np.ndarray) -> list[Impact]:
-    """Contact metrics of every impact from rows of truth (10, steps) alone, each to the start of
-    the next one or the end of the rows."""
+def impacts_in(spec: PlantSpec, truth: np.ndarray) -> list[Impact]:
+    """Contact metrics of every impact from truth (10, steps) alone, each to the start of
+    the next one or the end of the steps."""
     mobility, impedance = _answers_at_once(spec)
     return impacts(
-        rows[XI],
-        rows[XI_S],
-        modal_displacement(spec, rows),
-        rows[F_C],
-        rows[F_A],
-        None if spec.same_point else rows[XI_A],
+        truth[XI],
+        truth[XI_S],
+        modal_displacement(spec, truth),
+        truth[F_C],
+        truth[F_A],
+        None if spec.same_point else truth[XI_A],
         spec.sphere.mass_kg,
         spec.step_s,
-        rows[F_C1],
-        rows[V_P],
+        truth[F_C1],
+        truth[V_P],
         impedance,
-        f_a1=rows[F_A1],
-        dent_m=dents_m(spec.contact, rows[DEEPEST]),
+        f_a1=truth[F_A1],
+        dent_m=dents_m(spec.contact, truth[DEEPEST]),
         mobility_m_ns=mobility,
         gravity_m_s2=spec.sphere.gravity_m_s2,
     )
 
 
-def work_j(spec: PlantSpec, rows: np.ndarray, first: int) -> float:
-    """Work of both forces on the plate over rows (10, steps) from `first` on, J."""
-    work, speeds = np.empty((2, rows.shape[1]))
-    rows_kernels.plate_work(
-        modal_displacement(spec, rows),
-        rows[XI_A],
-        rows[V_P],
-        rows[F_C],
-        rows[F_A],
-        rows[F_C1],
-        rows[F_A1],
+def work_j(spec: PlantSpec, truth: np.ndarray, first: int) -> float:
+    """Work of both forces on the plate over steps (10, steps) from `first` on, J."""
+    work, speeds = np.empty((2, truth.shape[1]))
+    truth_kernels.plate_work(
+        modal_displacement(spec, truth),
+        truth[XI_A],
+        truth[V_P],
+        truth[F_C],
+        truth[F_A],
+        truth[F_C1],
+        truth[F_A1],
         first,
         spec.same_point,
         *_answers_at_once(spec),

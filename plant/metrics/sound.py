@@ -156,11 +156,11 @@ def _between(coarse: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
     """Values at all bins from those at some, by cubic splines."""
     if len(at) < 4:
         everywhere = np.arange(bins)
-        rows = [
+        truth = [
             np.interp(everywhere, at, row.real) + 1j * np.interp(everywhere, at, row.imag)
             for row in coarse
         ]
-        return np.array(rows)
+        return np.array(truth)
     return np.asarray(scipy.interpolate.CubicSpline(at, coarse, axis=1)(np.arange(bins)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.plant import actuator
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.contact.tail_kernels import DampedTail
+from hertzloop.plant.contact.residual_mode_kernels import ResidualMode
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
@@ -35,14 +35,14 @@ _LINE = 8  # numbers in a line of the processor's cache
 # Y ((3/pi + pi/4) w_c y'^2 + 3 w_c^2 y y' + (9/pi) w_c^3 y^2).
 
 
-def tail_limit(mobility_m_ns: float, flexibility_m_n: float) -> float:
+def residual_limit(mobility_m_ns: float, flexibility_m_n: float) -> float:
     """w_c (rad/s) at which the mode is as flexible as the modes left out, 2 Y/(pi w_c)."""
     return 2.0 * mobility_m_ns / (math.pi * flexibility_m_n)
 
 
-def build_tail(
+def build_residual_mode(
     mobility_m_ns: float, omega_c: float, step_s: float, same_point: bool
-) -> tuple[DampedTail, dict[int, float]]:
+) -> tuple[ResidualMode, dict[int, float]]:
     """Coefficients of a step, and what the mode adds to the model's gains, index: value."""
     h, y = step_s, mobility_m_ns
     a = 0.25 * math.pi * omega_c
@@ -64,7 +64,7 @@ def build_tail(
         [1.5 * omega_c**2, (3.0 / math.pi + 0.25 * math.pi) * omega_c],
     ])  # fmt: skip
     energy = to_y.T @ held @ to_y
-    tail = DampedTail(
+    residual_mode = ResidualMode(
         turn_re=turn.real,
         turn_im=turn.imag,
         by_0_re=constant.real,
@@ -98,7 +98,7 @@ def build_tail(
             elastic.VA1: gains[elastic.PV1],
             elastic.MA1: gains[elastic.PM1],
         }
-    return tail, gains
+    return residual_mode, gains
 
 
 def _lost(
@@ -170,9 +170,9 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> collocation_kernels.Coll
         gains[at_x], gains[at_v] = moves(weight_c, drive, by), speeds(drive, by)
         gains[at_mean] = moves(weight_c, drive, mean)
         gains[at_y], gains[at_y_mean] = moves(weight_a, drive, by), moves(weight_a, drive, mean)
-    tail, of_tail = damped_tail(spec)
+    residual_mode, of_residual = damped_residual(spec)
     flexibility = flexibility_m_n(spec)
-    for index, share in of_tail.items():
+    for index, share in of_residual.items():
         gains[index] += share
     elastic.add_sphere(gains, h, m)
     # Oscillators are sorted by frequency. `swing` is for modes of one rho.
@@ -225,7 +225,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> collocation_kernels.Coll
         rho=rho,
         slow=slow,
         actuator=actuator.build_model(spec.actuator, h),
-        tail=tail,
+        residual_mode=residual_mode,
         air=_air(spec, modes, gains, table, *lost),
         probe=_probe(modes, same, rho, drive_c, drive_a, constant, linear),
         gains=gains,
@@ -297,18 +297,20 @@ def with_contact(
 
 def flexibility_m_n(spec: PlantSpec) -> float:
     """Spring that stands for the modes left out, m/N; zero if the description has none."""
-    return 0.0 if spec.damped_tail else residual_m_n(spec)
+    return 0.0 if spec.damped_residual else residual_m_n(spec)
 
 
 @lru_cache(maxsize=64)
-def damped_tail(spec: PlantSpec) -> tuple[DampedTail | None, dict[int, float]]:
-    """The mode that stands for the modes left out, and what it adds to gains; see `build_tail`.
-    Kept: metrics of every impact ask for it."""
-    left_out = residual_m_n(spec) if spec.damped_tail else 0.0
+def damped_residual(spec: PlantSpec) -> tuple[ResidualMode | None, dict[int, float]]:
+    """The mode that stands for the modes left out, and what it adds to gains; see
+    `build_residual_mode`. Cached, since metrics of every impact ask for it."""
+    left_out = residual_m_n(spec) if spec.damped_residual else 0.0
     if left_out == 0.0:
         return None, {}
     mobility = 1.0 / spec.local_plate.infinite_plate_impedance_n_s_m
-    return build_tail(mobility, tail_limit(mobility, left_out), spec.step_s, spec.same_point)
+    return build_residual_mode(
+        mobility, residual_limit(mobility, left_out), spec.step_s, spec.same_point
+    )
 
 
 @lru_cache(maxsize=64)

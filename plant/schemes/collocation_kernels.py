@@ -15,8 +15,8 @@ by exp((-delta + i Theta) h). One pass per step: z is stored as propagated *with
 the last step, which are folded in when the next step propagates it.
 
 Modes left out act as a massless spring, `flexibility`, in series with the contact, or as one more
-mode, `tail`, by which the plate's velocity follows a force at once. The scalar equations of a step
-are in `hertzloop.plant.contact.elastic_kernels`.
+mode, `residual_mode`, by which the plate's velocity follows a force at once. The scalar equations
+of a step are in `hertzloop.plant.contact.elastic_kernels`.
 
 Nothing here allocates.
 """
@@ -33,7 +33,7 @@ from hertzloop.common.jit.by_type import apart, by_type, nothing, zero
 from hertzloop.plant import actuator_kernels as act
 from hertzloop.plant import state_kernels
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.contact import tail_kernels
+from hertzloop.plant.contact import residual_mode_kernels
 from hertzloop.plant.contact import yielding_kernels as yielding
 from hertzloop.plant.state_kernels import (
     A_P,
@@ -112,7 +112,7 @@ class CollocationModel(NamedTuple):
     slow: int  # the first modes, whose mean over a step is taken one by one
     law: Any  # of the contact, hertzloop.plant.contact.yielding_kernels; as the actuator's
     actuator: Any  # of hertzloop.plant.actuator_kernels; its type decides what is compiled
-    tail: Any  # of hertzloop.plant.contact.tail_kernels, the same
+    residual_mode: Any  # of hertzloop.plant.contact.residual_mode_kernels, the same
     air: Any  # Air, or None where no face radiates
     power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels, the same
     hand: Any  # of hertzloop.plant.state_kernels, the same
@@ -418,10 +418,10 @@ def settle_balance(model, state):
 
 @kernel
 def modal_energy(model, state):
-    """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
+    """Kinetic and elastic energy of all oscillators and a residual mode at the present step, J."""
     f0, f1, f_a = forces_on_plate(model, state)
     table = model.table
-    total = tail_kernels.energy(model.tail, state.body)
+    total = residual_mode_kernels.energy(model.residual_mode, state.body)
     for i in range(state.z.shape[1]):
         rho = of_mode(model.rho, i)
         zr = state.z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
@@ -482,11 +482,11 @@ def _silence(state):
 def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     """Write what can be seen: gap and plate with the spring of the modes left out, which the
     contact force `force` (N, without damping) at the modal gap `gap` compresses; `root`: of the
-    penetration; `push`: force on a damped tail at the step's end, N."""
+    penetration; `push`: force on a residual mode at the step's end, N."""
     spring, h = model.flexibility_m_n, model.step_s
     plate, speed = body[MODAL_X], body[MODAL_V]
-    if tail_kernels.there(model.tail):
-        speed += tail_kernels.mobility(model.tail) * push
+    if residual_mode_kernels.there(model.residual_mode):
+        speed += residual_mode_kernels.mobility(model.residual_mode) * push
     if spring != 0.0:
         if model.same_point:
             plate += spring * f_a
@@ -557,10 +557,10 @@ def step(model, state, command):
             fold_slope(awake, state.z, model.table, body[F_A1])
         x, v, mean, y = propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
     drifted = _probe(model.probe, model, state.z, awake)
-    x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
-    if tail_kernels.there(model.tail):
-        x += x_tail
-        v += v_tail
+    x_residual, v_residual, mean_residual = residual_mode_kernels.turned(model.residual_mode, body)
+    if residual_mode_kernels.there(model.residual_mode):
+        x += x_residual
+        v += v_residual
     x += g[elastic.CA] * f_a
     v += g[elastic.VA] * f_a
     if sloped:
@@ -584,8 +584,8 @@ def step(model, state, command):
     if sloped:
         slope_0 -= 2.0 * bent
         slope -= 2.0 * bent
-    if tail_kernels.there(model.tail) and model.same_point:
-        slope_0 -= h * tail_kernels.mobility(model.tail) * (f_a - f_a1)
+    if residual_mode_kernels.there(model.residual_mode) and model.same_point:
+        slope_0 -= h * residual_mode_kernels.mobility(model.residual_mode) * (f_a - f_a1)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
@@ -599,8 +599,8 @@ def step(model, state, command):
     if drifts and (touches or pushed):
         mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
-    if tail_kernels.there(model.tail):
-        mean += mean_tail
+    if residual_mode_kernels.there(model.residual_mode):
+        mean += mean_residual
     mean += g[elastic.MA] * f_a
     if sloped:
         mean += g[elastic.MA1] * f_a1
@@ -647,14 +647,14 @@ def step(model, state, command):
         # Work of the slope, and of the contact on what the slope bends the spring by.
         state.balance[INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
-    if tail_kernels.there(model.tail):
+    if residual_mode_kernels.there(model.residual_mode):
         push_0, push_1 = -f_c, -f_c1
         if model.same_point:
             push_0 += f_a
             push_1 += f_a1
-        tail_kernels.pushed(model.tail, state, push_0, push_1)
+        residual_mode_kernels.pushed(model.residual_mode, state, push_0, push_1)
         push = push_0 + push_1
-        v -= tail_kernels.mobility(model.tail) * push
+        v -= residual_mode_kernels.mobility(model.residual_mode) * push
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y

@@ -220,14 +220,14 @@ class Plate(ModeSource):
         only.
         """
         beyond = omega_max if point_m is None else _TAIL * omega_max
-        tail = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
+        beyond_limit = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
         if point_m is None:
-            return tail
+            return beyond_limit
         if self.orthotropic:
             m, n, omega = self._orthotropic_numbers(beyond)
             out = omega > omega_max
             shape = self.mode_shape(m, n, point_m)[out]
-            return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[out]) ** 2))
+            return beyond_limit + self.modal_scale_per_kg * float(np.sum((shape / omega[out]) ** 2))
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
         most = len(along_x) * len(along_y)  # of which only what is written costs anything
         omega, terms = np.empty(most), np.empty(most)
@@ -244,7 +244,7 @@ class Plate(ModeSource):
             omega,
             terms,
         )
-        return tail + self.modal_scale_per_kg * float(np.sum(terms[:count]))
+        return beyond_limit + self.modal_scale_per_kg * float(np.sum(terms[:count]))
 
 
 def _room(along_x: np.ndarray, along_y: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:

@@ -77,7 +77,7 @@ def test_a_scene_runs_by_it_as_the_charts_do(tmp_path: Path) -> None:
     keys = ["run.scheme=discrete_gradient", "run.duration_s=0.0013", "run.accuracy=0.1"]
     with known_to_scenes():
         free = load("aluminium-3mm", [*keys, "controller.law=off"])
-        rows = simulate(free).rows
+        rows = simulate(free).truth
         gaps = np.empty(free.steps - 1)
         plant = DiscreteGradientPlant(free.plant)
         ik.plant_gaps(plant.model, plant.state, 1, gaps)

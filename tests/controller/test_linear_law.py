@@ -42,7 +42,7 @@ def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
                                   f"controller.numerator=[{gain!r}]"])  # fmt: skip
     one, two = simulate(other), simulate(mine)
     assert np.abs(one.values).max() > 0.0
-    assert one.rows.tobytes() == two.rows.tobytes()
+    assert one.truth.tobytes() == two.truth.tobytes()
     assert one.values.tobytes() == two.values.tobytes()
 
 
@@ -58,7 +58,7 @@ def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) 
     mine = load("aluminium-3mm", [*SHORT, "controller.law=linear", f"controller.sections={rows}",
                                   "sensors.quantity=acceleration"])  # fmt: skip
     one, two = simulate(other), simulate(mine)
-    assert one.rows.tobytes() == two.rows.tobytes()
+    assert one.truth.tobytes() == two.truth.tobytes()
     assert one.values.tobytes() == two.values.tobytes()
 
 
@@ -87,7 +87,7 @@ def test_a_coarse_converter_leaves_no_dead_zone() -> None:
     assert np.abs(levels - np.round(levels)).max() < 1e-12  # zero is a level
     assert {-1.0, 0.0, 1.0} <= set(np.round(levels))
     expected = sg.sosfilt(SECTIONS["butter"], run.values)
-    assert np.abs(run.rows[F_A, 1:] - expected[:-1]).max() <= 3e-12 * np.abs(expected).max()
+    assert np.abs(run.truth[F_A, 1:] - expected[:-1]).max() <= 3e-12 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(

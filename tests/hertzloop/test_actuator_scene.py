@@ -13,7 +13,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.metrics import metrics_of
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.results.verification import verify
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
@@ -68,7 +68,7 @@ def test_bandwidth_and_mass_cost_the_law_its_latency(
 def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
     settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
     scene = load("aluminium-3mm", settings)
-    (impact,) = impacts_in(scene.plant, simulate(scene).rows)
+    (impact,) = impacts_in(scene.plant, simulate(scene).truth)
     assert impact.rebound_speed_m_s == pytest.approx(rebound_m_s, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(work_uj, rel=2e-3)
 
@@ -83,10 +83,10 @@ def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[s
     settings = ["run.duration_s=0.0016", "actuator.bandwidth_hz=1e5", *mass]
     scene = load(name, settings)
     run = simulate(scene)
-    assert np.any(run.rows[F_A1])
-    work = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
+    assert np.any(run.truth[F_A1])
+    work = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.truth))
     balance = run.balance
-    taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j
+    taken = balance.modal_j + balance.modal_dissipated_j + balance.truncated_dissipated_j
     assert work == pytest.approx(taken, rel=2e-4)
 
 
@@ -101,19 +101,19 @@ def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5"])
     record_in_process(scene, tmp_path / "b.mcap", compiled=True)
     recording = read(tmp_path / "b.mcap")
-    assert np.array_equal(rows_of(recording)[F_A1], simulate(scene).rows[F_A1])
+    assert np.array_equal(truth_of(recording)[F_A1], simulate(scene).truth[F_A1])
 
 
 def test_demand_of_the_ideal_law() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
-    asked = metrics_of(scene, simulate(scene).rows).demand
+    asked = metrics_of(scene, simulate(scene).truth).demand
     assert asked is not None
     assert 65.0 < asked.force_n < 75.0
     assert 5.0 < asked.power_w < 15.0
     assert asked.slew_n_s == pytest.approx(8.4e6, rel=0.05)
     assert asked.delay_s == 0.0
     off = load("aluminium-3mm", ["run.duration_s=0.0013", "controller.law=off"])
-    assert metrics_of(off, simulate(off).rows).demand is None
+    assert metrics_of(off, simulate(off).truth).demand is None
 
 
 def test_run_and_inspect_print_the_demand(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_run_and_inspect_print_the_demand(tmp_path: Path) -> None:
 def test_verify_gives_the_actuator_the_same_commands() -> None:
     scene = load("aluminium-3mm", [*EARLY, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"])
     run = simulate(scene)
-    found = verify(scene, run.rows)
+    found = verify(scene, run.truth)
     assert found is not None
     assert found.largest < 1e-3
 
@@ -140,7 +140,7 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
     bare = load("aluminium-3mm", ["run.duration_s=0.0016"])
     plate, light = (deflection(what, recording) for what in (scene, bare))
     i, j = plate.contact_node
-    recorded = rows_of(recording)[XI_P, plate.times_ns // 1000]
+    recorded = truth_of(recording)[XI_P, plate.times_ns // 1000]
     # The modes left out are a spring between plate and mass, of which the replay knows nothing.
     wrong, forgotten = (abs(p.w_m[:, i, j] - recorded).max() for p in (plate, light))
     assert wrong < 4e-2 * abs(recorded).max()
@@ -167,7 +167,7 @@ def test_an_actuator_keeps_the_modes() -> None:
     assert load("aluminium-3mm", short).plate_model == "infinite"
     real = load("aluminium-3mm", [*short, "actuator.bandwidth_hz=1e5"])
     assert real.plate_model == "modal"
-    assert np.any(simulate(real).rows[F_A] != 0.0)
+    assert np.any(simulate(real).truth[F_A] != 0.0)
 
 
 def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> None:

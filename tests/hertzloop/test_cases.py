@@ -34,7 +34,7 @@ def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
     scene = load("aluminium-20mm", [*keys, "controller.law=velocity_feedback"])
     metrics = metrics_of_case(scene, "impact")
     both = (scene, scene.without_control())
-    first, free = (impacts_in(each.plant, simulate(each).rows)[0] for each in both)
+    first, free = (impacts_in(each.plant, simulate(each).truth)[0] for each in both)
     assert metrics.contacts == 1
     assert metrics.steps < scene.steps
     assert metrics.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
@@ -44,7 +44,7 @@ def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
 
 def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
     scene = load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback"])
-    rows, found = simulate(scene).rows, set()
+    rows, found = simulate(scene).truth, set()
     for size in (1800, 1000, 512, 333, 100, 7):
         accumulator = ForceTimingAccumulator(scene)
         for first in range(0, rows.shape[1], size):
@@ -70,7 +70,7 @@ def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
     found = metrics_of_case(scene).rebound_percent
     assert found == pytest.approx(percent, abs=0.5)
     speeds = [
-        impacts_in(s.plant, simulate(s).rows)[0].rebound_speed_m_s
+        impacts_in(s.plant, simulate(s).truth)[0].rebound_speed_m_s
         for s in (scene, scene.without_control())
     ]
     assert found == pytest.approx(100.0 * (speeds[0] / speeds[1]) ** 2, rel=1e-3)
@@ -114,7 +114,7 @@ def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyP
 
     def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> SimulatedRun:
         found = simulate(scene, impact_only, steps=steps)
-        found.rows[3, -1] = math.nan
+        found.truth[3, -1] = math.nan
         return found
 
     monkeypatch.setattr(cases, "simulate", broken)

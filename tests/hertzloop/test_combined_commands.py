@@ -95,10 +95,10 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
         first = next(csv.DictReader(lines))
     peak_n = run["first_impact"]["peak_force_n"]
     assert float(first["peak_force_n"]) == pytest.approx(peak_n, rel=1e-9)
-    assert peak_n == pytest.approx(np.max(loop.rows[4]), rel=5e-3)
+    assert peak_n == pytest.approx(np.max(loop.truth[4]), rel=5e-3)
     kept = np.load(tmp_path / "a.npz")
     [force] = [kept[key] for key in kept.files if key.endswith("f_c_n")]
-    assert force.tobytes() == loop.rows[4, : len(force)].tobytes()
+    assert force.tobytes() == loop.truth[4, : len(force)].tobytes()
     if "tip" in name:
         assert "hammer" in text
         assert not re.search(r"\bspheres?\b(?!\.)|\bball\b", text), text

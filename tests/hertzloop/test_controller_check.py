@@ -156,7 +156,7 @@ def test_a_run_has_a_program_as_its_controller(tmp_path: Path) -> None:
     forces = read(tmp_path / "own.mcap").force.arrays["force_n"]
     assert np.any(forces)
     scene = read(tmp_path / "own.mcap").scene_toml
-    assert forces.tobytes() == simulate(parse(scene)).rows[ts.F_A].tobytes()
+    assert forces.tobytes() == simulate(parse(scene)).truth[ts.F_A].tobytes()
 
 
 @pytest.mark.full

@@ -14,7 +14,7 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.contacts import contact_spans
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.results.deflection import deflection, forces_on_plate, frame_steps
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup, load
 
 SHORT = ["run.duration_s=0.002"]
@@ -40,9 +40,9 @@ def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings:
     # All modes take part. What is left is rounding: modes of equal frequency are summed apart
     # and several steps are advanced at once. Rows tell the modes apart from a spring for those left
     # out, not from a damped mode.
-    scene = load(name, [*settings, "plate.tail=spring"])
+    scene = load(name, [*settings, "plate.truncated_modes=spring"])
     recording, plate = replayed(tmp_path, scene)
-    modes = modal_displacement(scene.plant, rows_of(recording))
+    modes = modal_displacement(scene.plant, truth_of(recording))
     recorded = modes[plate.times_ns // recording.truth.step_ns]
     i, j = plate.contact_node
     largest = abs(recorded).max()
@@ -89,9 +89,9 @@ def test_with_the_damped_mode_the_contact_node_moves_as_recorded(
     which no place but the contact has."""
     scene = load(name, settings)
     spec = scene.plant
-    assert spec.damped_tail
+    assert spec.damped_residual
     recording, plate = replayed(tmp_path, scene)
-    forces = forces_on_plate(spec, rows_of(recording))
+    forces = forces_on_plate(spec, truth_of(recording))
     tail = _of_the_damped_mode(spec, forces[:2] + (forces[2:] if spec.same_point else 0.0))
     steps = plate.times_ns // recording.truth.step_ns
     recorded = recording.truth.arrays["xi_p_m"][steps]

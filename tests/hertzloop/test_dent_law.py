@@ -76,6 +76,6 @@ def test_it_remembers_the_dent_when_the_sphere_comes_back() -> None:
     )
     acting = np.flatnonzero(np.diff((run.modes == 2).astype(int)) == 1)
     assert len(acting) >= 2  # it acts in later contacts too
-    below = (run.rows[4] == 0.0) & (run.rows[0] < 0.0)
+    below = (run.truth[4] == 0.0) & (run.truth[0] < 0.0)
     assert below.any()  # lower than the plate's face and yet free: it takes the dent to know that
     assert np.all(run.modes[below[: len(run.modes)]] != 1)

@@ -45,7 +45,9 @@ def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> Non
     assert len(ours) - left == 20
     for i in range(3):
         assert ours[:, i].tobytes() == loop.values[begin : begin + len(ours)].tobytes()
-        assert np.array(forces)[:, i].tobytes() == loop.rows[5, begin : begin + len(ours)].tobytes()
+        assert (
+            np.array(forces)[:, i].tobytes() == loop.truth[5, begin : begin + len(ours)].tobytes()
+        )
     assert np.max(forces) > 10.0
     assert over.all()
     assert (reward < -0.01).all()

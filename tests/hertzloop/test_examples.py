@@ -13,7 +13,7 @@ from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import deflection
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
 from hertzloop.studies.sweeps.sweep import read_results
 
@@ -54,7 +54,9 @@ def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> N
     assert report["impacts"][0]["peak_force_n"] > 10.0
     assert "not defined" in ran.stdout
     # Rows cannot tell the modes' displacement from that of a damped mode left out, only a spring's.
-    ran = command(tmp_path, "run", scene, "--set", "plate.tail=spring", "--out", "spring.mcap")
+    ran = command(
+        tmp_path, "run", scene, "--set", "plate.truncated_modes=spring", "--out", "spring.mcap"
+    )
     assert ran.returncode == 0, ran.stderr
     # Alone with its recording.
     recording = shutil.copy(tmp_path / "spring.mcap", tmp_path / "moved.mcap")
@@ -71,7 +73,7 @@ def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> N
     if scene == "beam.toml":
         assert not drawn.w_m.any()
         return
-    moved = modal_displacement(again.plant, rows_of(found))
+    moved = modal_displacement(again.plant, truth_of(found))
     moved = moved[drawn.times_ns // found.truth.step_ns]
     i, j = drawn.contact_node
     tolerance = 1e-9 if scene == "clamped_titanium.toml" else 1e-6

@@ -14,12 +14,12 @@ from benchmarks.latency import Named, critical
 from benchmarks.real_plant import energies_of
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics import rows_kernels as an
+from hertzloop.plant.metrics import truth_kernels as an
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseMetrics, metrics_of_case
-from hertzloop.results.impacts import impacts_of_rows
+from hertzloop.results.impacts import impacts_of_truth
 from hertzloop.results.span_metrics import SpanMetrics, changes_db
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
@@ -190,8 +190,8 @@ def test_laws_push_when_they_are_meant_to(all_shown: dict[str, Shown]) -> None:
 
     def spans(law: str) -> tuple[np.ndarray, int, int, int]:
         scene = all_shown[law].scene
-        rows = simulate(scene).rows
-        first, *others = impacts_of_rows(scene, rows)
+        rows = simulate(scene).truth
+        first, *others = impacts_of_truth(scene, rows)
         return rows, first.end, first.over, others[0].start if others else scene.steps
 
     for law, least, most in (("off", 0, 0), ("late.py", 20, 60), ("again.py", 200, 260)):
@@ -221,8 +221,8 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> No
         assert it.run["whole_run"]["contacts"] > 1
         check(it)
         assert it.case.contacts == 1
-        rows = simulate(it.scene).rows
-        first, second = impacts_of_rows(it.scene, rows)[:2]
+        rows = simulate(it.scene).truth
+        first, second = impacts_of_truth(it.scene, rows)[:2]
         assert bool(np.any(rows[F_A, first.over : second.start])) == (law == ahead)
     assert it.case.steps < 5000
     page = page_of(read(tmp_path / "run.mcap"))
@@ -272,7 +272,7 @@ def test_sweep_tune_and_charts_have_the_metrics_of_the_run(
 def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0) -> list[int]:
     """Where an impact ends and whether it is over, 3 steps of silence being enough."""
     impact = an.new_follower(3, line)
-    an.follow_rows(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
+    an.follow_steps(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
     return [int(impact.counts[i]) for i in (an.END, an.OVER)]
 
 

@@ -133,13 +133,13 @@ def test_it_is_valid_and_describes_its_variables(path: Path) -> None:
 
 def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: SimulatedRun) -> None:
     master.start()
-    assert master.get("sample", "gap") == [loop.values[0], loop.rows[0, 0]]
+    assert master.get("sample", "gap") == [loop.values[0], loop.truth[0, 0]]
     names = "gap", "plate_velocity", "contact_force", "actuator_force", "sample"
     gap, velocity, contact, actuator, sample = master.run(loop.forces, 0, *names).T.copy()
-    assert gap[:-1].tobytes() == loop.rows[0, 1:].tobytes()
-    assert velocity[:-1].tobytes() == loop.rows[3, 1:].tobytes()
-    assert contact.tobytes() == loop.rows[4].tobytes()
-    assert actuator.tobytes() == loop.rows[5].tobytes()
+    assert gap[:-1].tobytes() == loop.truth[0, 1:].tobytes()
+    assert velocity[:-1].tobytes() == loop.truth[3, 1:].tobytes()
+    assert contact.tobytes() == loop.truth[4].tobytes()
+    assert actuator.tobytes() == loop.truth[5].tobytes()
     assert sample[1:-1:2].tobytes() == loop.values[1:].tobytes()
     energies = master.get("kinetic_energy", "modal_energy", "injected_energy")
     assert energies == [loop.balance.kinetic_j, loop.balance.modal_j, loop.balance.injected_j]
@@ -185,7 +185,7 @@ def test_it_starts_anew_with_other_parameters(master: Master) -> None:
     assert master.get("gap") == first
     master.unit.reset()
     seed = simulate(scene_of((*NOISY, "run.seed=9")))
-    assert master.start(noise_seed=9).get("gap") == [seed.rows[0, 0]]
+    assert master.start(noise_seed=9).get("gap") == [seed.truth[0, 0]]
     assert master.get("sample") == [seed.values[0]]
 
 

@@ -24,7 +24,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start
@@ -268,6 +268,6 @@ def test_forces_that_explode(tmp_path: Path, compiled: bool) -> None:
     kept = read(path)
     assert not kept.result.get("fault")
     assert set(kept.ends) == {"plant", "controller"}
-    rows = rows_of(kept)
+    rows = truth_of(kept)
     assert np.isfinite(rows).all()
     assert np.abs(rows[5]).max() == MOST_N

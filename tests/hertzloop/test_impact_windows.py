@@ -10,10 +10,10 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.results import impacts as impact_windows
 from hertzloop.results.impacts import (
     Block,
-    RowsOfImpact,
+    ImpactMetrics,
     first_impact,
     impacts_of_blocks,
-    impacts_of_rows,
+    impacts_of_truth,
 )
 from hertzloop.scene.setup import load
 
@@ -33,15 +33,15 @@ def in_blocks(rows: np.ndarray, size: int) -> Iterator[Block]:
         yield first, rows[:, first : first + size]
 
 
-def metrics(found: list[RowsOfImpact]) -> list[dict[str, float]]:
+def metrics(found: list[ImpactMetrics]) -> list[dict[str, float]]:
     return [asdict(one.impact) | asdict(one.noise) for one in found]
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_blocks_do_not_count(name: str) -> None:
     scene = load(*SCENES[name])
-    rows = simulate(scene).rows
-    whole = impacts_of_rows(scene, rows)
+    rows = simulate(scene).truth
+    whole = impacts_of_truth(scene, rows)
     assert whole
     for size in (1, 7, 1000) if rows.shape[1] < 30_000 else (997,):
         cut = list(impacts_of_blocks(scene, in_blocks(rows, size)))
@@ -66,8 +66,8 @@ def test_blocks_do_not_count(name: str) -> None:
 )
 def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) -> None:
     scene = load(name, ["run.duration_s=0.015", *more])
-    rows = simulate(scene).rows
-    alone, among = first_impact(scene, rows), impacts_of_rows(scene, rows)[0]
+    rows = simulate(scene).truth
+    alone, among = first_impact(scene, rows), impacts_of_truth(scene, rows)[0]
     assert alone is not None
     assert metrics([alone]) == metrics([among])
     assert alone.contact_n.tobytes() == among.contact_n.tobytes()
@@ -78,7 +78,7 @@ def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) ->
 
 def test_rows_without_a_contact_have_no_first_impact() -> None:
     scene = load("aluminium-3mm")
-    rows = simulate(scene, steps=100).rows
+    rows = simulate(scene, steps=100).truth
     assert first_impact(scene, rows) is None
 
 
@@ -87,8 +87,8 @@ def test_rows_without_a_contact_have_no_first_impact() -> None:
 def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorter than a contact or longer: sums in another order, nothing else."""
     scene = load(*SCENES[name])
-    rows = simulate(scene).rows[:, :8000]
-    whole = impacts_of_rows(scene, rows)
+    rows = simulate(scene).truth[:, :8000]
+    whole = impacts_of_truth(scene, rows)
     monkeypatch.setattr(impact_windows, "PIECE", piece)
     cut = list(impacts_of_blocks(scene, in_blocks(rows, 1000)))
     assert [(one.start, one.end, one.ended) for one in cut] == [
@@ -101,8 +101,8 @@ def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -
 def test_missing_steps_begin_anew() -> None:
     """What is left of the second contact has its own time; the first one ends with its part."""
     scene = load(*SCENES["bouncing"])
-    rows = simulate(scene).rows
-    first, second = impacts_of_rows(scene, rows)[:2]
+    rows = simulate(scene).truth
+    first, second = impacts_of_truth(scene, rows)[:2]
     hole = (first.start + 3, second.start + 2)
     found = list(impacts_of_blocks(scene, [(0, rows[:, : hole[0]]), (hole[1], rows[:, hole[1] :])]))
     assert [(one.start, one.ended) for one in found[:2]] == [(first.start, False), (hole[1], True)]

@@ -29,7 +29,7 @@ def scene() -> hertzloop.Scene:
 
 
 def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> None:
-    run, rows = hertzloop.simulate(scene), simulate(resolve(scene)).rows
+    run, rows = hertzloop.simulate(scene), simulate(resolve(scene)).truth
     assert run.truth["xi_m"].values.tobytes() == rows[0].tobytes()
     assert run.truth["f_c_n"].attrs["units"] == "N"
     assert "xi_a_m" not in run.truth

@@ -44,7 +44,7 @@ def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
     scene = near(-0.442)
     found, true = (
         simulated_law_accuracy(scene, UNTIL_S),
-        against(scene, simulate(scene).rows, finer_spec(scene)),
+        against(scene, simulate(scene).truth, finer_spec(scene)),
     )
     assert found is not None
     assert true is not None
@@ -76,7 +76,7 @@ def test_what_moves_without_another_decision_is_said_too() -> None:
     assert found.delay_us == found.finer_delay_us
     assert not found.kept
     assert not any("latches" in sentence for sentence in law_accuracy_sentences(found))
-    true = against(scene, simulate(scene).rows, finer_spec(scene))
+    true = against(scene, simulate(scene).truth, finer_spec(scene))
     assert true is not None
     assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
 

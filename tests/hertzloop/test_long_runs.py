@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results import impacts as impact_windows
-from hertzloop.results.impacts import impacts_of_rows, through_first_contact
+from hertzloop.results.impacts import impacts_of_truth, through_first_contact
 from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
@@ -44,7 +44,7 @@ def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
         scene = load(name, ["controller.law=off"])
         firsts, pieces = zip(*free_series(scene), strict=True)
         assert list(firsts) == [n * pieces[0].shape[1] for n in range(len(pieces))]
-        assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).rows.tobytes()
+        assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).truth.tobytes()
 
 
 @pytest.mark.parametrize("law", ["slope_threshold", "force_feedback", "off"])
@@ -55,7 +55,7 @@ def test_metrics_of_blocks_are_those_of_the_whole(
     name = "offcentre-6mm" if law == "off" else "aluminium-20mm"
     keys = [f"run.duration_s={0.2 if law == 'off' else 0.012}", "plate.loss_factor=0.01"]
     scene = load(name, [*keys, f"controller.law={law}", "sensors.quantity=auto"])
-    rows = simulate(scene).rows
+    rows = simulate(scene).truth
     whole = metrics_of(scene, rows)
     assert len(whole.impacts) > 1
     assert metrics_of(scene, in_blocks(rows, 900)).impacts == whole.impacts
@@ -73,8 +73,8 @@ def test_metrics_of_blocks_are_those_of_the_whole(
 
 def test_rows_through_the_first_contact() -> None:
     scene = load("aluminium-20mm", ["run.duration_s=0.012"])
-    rows = simulate(scene).rows
-    first = impacts_of_rows(scene, rows)[0]
+    rows = simulate(scene).truth
+    first = impacts_of_truth(scene, rows)[0]
     taken = through_first_contact(in_blocks(rows, 120))
     assert first.end + 2 <= taken.shape[1] < rows.shape[1] / 2
     assert taken.tobytes() == rows[:, : taken.shape[1]].tobytes()

@@ -126,7 +126,7 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     held = first.truth.arrays["held_steps"]
     assert found.late_forces == np.count_nonzero(held) > 100
     rows = np.split(held > 0, np.flatnonzero(np.diff(held > 0)) + 1)
-    assert found.longest_row == max(len(row) for row in rows if row[0])
+    assert found.longest_sequence == max(len(row) for row in rows if row[0])
     assert found.clock is not None
     assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
     repeat = repeated_run(first)
@@ -193,7 +193,7 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     assert slept.is_set()
     found = pacing_of(first)
     assert found is not None
-    assert found.longest_row > 500
+    assert found.longest_sequence > 500
     assert found.clock is not None
     assert found.clock.response_us["max"] > 90_000
     late = [e.message for e in first.events if e.data.kind == EventKind.FORCES_LATE]
@@ -243,7 +243,7 @@ class TestProcesses:
         assert found is not None
         assert found.clock is not None
         assert found.clock.pace == 0.01
-        assert found.longest_row > 500
+        assert found.longest_sequence > 500
         assert found.clock.response_us["max"] > 80_000
         assert found.clock.response_us["p50"] <= found.clock.response_us["p99.9"]
 

@@ -1,4 +1,4 @@
-"""Theory and tail of a plate as scenes: what is chosen, recorded, refused and said."""
+"""Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
 import json
 from dataclasses import replace
@@ -16,7 +16,7 @@ from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection, modes_of_scene
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.results.verification import against, verify
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
@@ -29,23 +29,23 @@ from tests.commands import invoke
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
 YIELDS = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"]
-TAIL = "plate.tail=damped"
+DAMPED = "plate.truncated_modes=damped"
 DAMPER = ["contact.damping=hunt_crossley", "contact.restitution=0.5"]
 
 
-def test_the_damped_tail_is_taken_where_it_is_known() -> None:
+def test_the_residual_mode_is_taken_where_it_is_known() -> None:
     for source, settings, damped in (
         ("oak-20mm", [], True),
         ("aluminium-3mm", SHORT, True),
         ("aluminium-3mm", [*SHORT, "run.plate_model=infinite"], False),
-        ("aluminium-3mm", [*SHORT, "plate.tail=spring"], False),
+        ("aluminium-3mm", [*SHORT, "plate.truncated_modes=spring"], False),
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]"], False),
-        ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", TAIL], True),
+        ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", DAMPED], True),
         ("aluminium-3mm", [*SHORT, "actuator.mass_kg=1e-3"], False),
         ("aluminium-3mm", SOLID, False),
         ("thesis-aluminium", [], False),
     ):
-        assert load(source, settings).plant.damped_tail is damped, settings
+        assert load(source, settings).plant.damped_residual is damped, settings
 
 
 def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -> None:
@@ -58,14 +58,14 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
         (tmp_path / "m.npz").write_bytes(
             write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
         )
-        assert load("aluminium-3mm", by_file).plant.damped_tail is damped, share
+        assert load("aluminium-3mm", by_file).plant.damped_residual is damped, share
     with pytest.raises(SceneError, match=r"below zero, as for a solid\. Use 'spring'"):
-        build_plant(load("aluminium-3mm", [*by_file, TAIL]))
+        build_plant(load("aluminium-3mm", [*by_file, DAMPED]))
 
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
     spring, damped = (
-        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.tail={tail}"])
+        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.truncated_modes={tail}"])
         for tail in ("spring", "damped")
     )
     limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
@@ -89,7 +89,7 @@ def test_errors_of_both_tails() -> None:
         assert have.damped_energy == pytest.approx(damped, abs=digits)
         assert abs(have.damped_rebound) < 5e-5
         assert have.residual < 1e-10
-        assert have.tail_share > 0.0
+        assert have.residual_share > 0.0
 
 
 def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
@@ -133,14 +133,17 @@ def test_one_step_costs_at_most_three_of_kirchhoff() -> None:
             [*SOLID, "actuator.mass_kg=1e-3"],
             "actuator.mass_kg = 0.001: not supported by plate.theory",
         ),
-        ([*SOLID, "plate.tail=damped"], "plate.tail = 'damped': not supported by plate.theory"),
         (
-            [*SHORT, "plate.tail=damped", "actuator.mass_kg=1e-3"],
-            "plate.tail = 'damped': not supported with",
+            [*SOLID, "plate.truncated_modes=damped"],
+            "plate.truncated_modes = 'damped': not supported by plate.theory",
         ),
         (
-            [*SHORT, "plate.tail=damped", "run.scheme=thesis2008"],
-            "plate.tail = 'damped': not supported by",
+            [*SHORT, "plate.truncated_modes=damped", "actuator.mass_kg=1e-3"],
+            "plate.truncated_modes = 'damped': not supported with",
+        ),
+        (
+            [*SHORT, "plate.truncated_modes=damped", "run.scheme=thesis2008"],
+            "plate.truncated_modes = 'damped': not supported by",
         ),
     ],
 )
@@ -154,20 +157,20 @@ def test_a_plate_no_thicker_than_the_contact_is_wide_is_refused() -> None:
         load("aluminium-3mm", [*SOLID, "sphere.radius_m=0.05", "plate.thickness_m=1e-4"])
 
 
-@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
+@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.truncated_modes=damped"]])
 def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
     scene = load("aluminium-3mm", settings)
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
     recording = read(tmp_path / "a.mcap")
     done = simulate(scene)
-    assert np.array_equal(rows_of(recording), done.rows)
+    assert np.array_equal(truth_of(recording), done.truth)
     assert recording.balance is not None
-    assert recording.balance.tail_dissipated_j == done.balance.tail_dissipated_j
+    assert recording.balance.truncated_dissipated_j == done.balance.truncated_dissipated_j
     assert settings[-1].split("=")[1] in recording.scene_toml
     moved = deflection(scene, recording, np.array([1040]))
     at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
     assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05
-    found = verify(scene, done.rows)
+    found = verify(scene, done.truth)
     assert found is not None
     assert found.rebound_speed < 1e-3
 
@@ -176,7 +179,7 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     for settings, words, key in (
         (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
-        (["plate.tail=damped"], "one damped mode dissipated", "tail"),
+        (["plate.truncated_modes=damped"], "one damped mode dissipated", "truncated_modes"),
     ):
         arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
         done = invoke(
@@ -204,7 +207,7 @@ def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
     assert table.residual_flexibility_m_n < 0.0
     (tmp_path / "m.npz").write_bytes(write_modes(".npz", table))
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
-    assert np.array_equal(simulate(load("aluminium-3mm", by_file)).rows, simulate(scene).rows)
+    assert np.array_equal(simulate(load("aluminium-3mm", by_file)).truth, simulate(scene).truth)
     with pytest.raises(SceneError, match="do not fit contact"):
         build_plant(load("aluminium-3mm", [*by_file, *DAMPER]))
     heavy = ["sphere.drop_height_m=100", "sphere.radius_m=0.025"]
@@ -264,7 +267,7 @@ def test_a_solid_under_a_law_has_more_modes() -> None:
     assert model_error.expected_error(scene) == pytest.approx(1e-3, rel=0.01)
     all_hz = widest_limit_hz(scene.structure, scene.sphere, scene.mechanics.contact)
     fine = replace(scene.plant, step_s=0.5 * scene.step_s, frequency_limit_hz=all_hz)
-    found = against(scene, simulate(scene).rows, fine)
+    found = against(scene, simulate(scene).truth, fine)
     assert found is not None
     assert found.largest < 1e-3
 

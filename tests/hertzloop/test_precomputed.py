@@ -38,7 +38,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
     ]  # fmt: skip
     scene = load(source, settings)
     contact = uncontrolled_force_n(scene)
-    rows = simulate(scene).rows
+    rows = simulate(scene).truth
     start = int(np.flatnonzero(rows[0] <= 0.0)[0])
     acted = rows[5, start + delay : start + delay + len(contact)]
     np.testing.assert_array_equal(acted[1:], 0.4 * contact[1:])
@@ -47,7 +47,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
 
 def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None:
     contact = uncontrolled_force_n(load("thesis-aluminium"))
-    rows = simulate(load("thesis-aluminium", ["controller.law=off"])).rows
+    rows = simulate(load("thesis-aluminium", ["controller.law=off"])).truth
     s = load("thesis-aluminium").plant.contact.stiffness
     np.testing.assert_allclose(contact, s * np.maximum(-rows[0, : len(contact)], 0) ** 1.5)
 

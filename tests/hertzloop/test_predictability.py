@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.in_process import record_in_process
-from hertzloop.loop.simulate import closed_loop_rows, simulate
+from hertzloop.loop.simulate import closed_loop_truth, simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -25,12 +25,12 @@ FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
 def test_rows_in_blocks_are_those_of_the_run() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.15", "sensors.every_steps=3",
                                    "sensors.bits=12", "controller.latency_us=2"])  # fmt: skip
-    rows = np.concatenate([rows for _, rows in closed_loop_rows(scene)], axis=1)
-    assert rows.tobytes() == simulate(scene).rows.tobytes()
+    rows = np.concatenate([rows for _, rows in closed_loop_truth(scene)], axis=1)
+    assert rows.tobytes() == simulate(scene).truth.tobytes()
 
 
 def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
-    impacts = metrics_of(FOUR, simulate(FOUR).rows).impacts
+    impacts = metrics_of(FOUR, simulate(FOUR).truth).impacts
     known = known_impacts(FOUR, impacts, 1e-3)
     assert known is not None
     grown = [each.amplification for each in known]
@@ -45,7 +45,7 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
 def test_late_forces_are_no_chaos() -> None:
     """A paced run differs from its lock-step by far more than by what its bounces magnify."""
     scene = load("aluminium-3mm", ["run.duration_s=0.15"])
-    metrics = metrics_of(scene, simulate(scene).rows)
+    metrics = metrics_of(scene, simulate(scene).truth)
     impacts, noise = metrics.impacts, metrics.noise
     paced = [Impact(*(1.01 * value for value in vars(impact).values())) for impact in impacts]
     assert known_impacts(scene, paced, 1e-3, in_lock_step=False) == known_impacts(
@@ -73,7 +73,7 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
 def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.15"])
     finer = load("aluminium-3mm", ["run.duration_s=0.15", "run.accuracy=1e-4"])
-    one, other = (metrics_of(s, simulate(s).rows).impacts for s in (scene, finer))
+    one, other = (metrics_of(s, simulate(s).truth).impacts for s in (scene, finer))
     known = known_impacts(scene, one, 1e-3)
     assert known is not None
     for key, error in known[1].errors.items():
@@ -85,7 +85,7 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
     settings = ["run.duration_s=0.12", "run.accuracy=0.02", "controller.kappa=0.4",
                 "controller.latency_us=5", "sensors.bits=12"]  # fmt: skip
     scene = load("aluminium-3mm", settings)
-    found = metrics_of(scene, simulate(scene).rows)
+    found = metrics_of(scene, simulate(scene).truth)
     known = known_impacts(scene, found.impacts, 0.02, noise=found.noise)
     assert known is not None
     assert known[0].amplification > CHAOTIC
@@ -100,7 +100,7 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
 
 def test_a_heavy_ball_is_predictable() -> None:
     scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.012"])
-    known = known_impacts(scene, metrics_of(scene, simulate(scene).rows).impacts, 1e-3)
+    known = known_impacts(scene, metrics_of(scene, simulate(scene).truth).impacts, 1e-3)
     assert known is not None
     assert len(known) == 6
     assert max(each.amplification for each in known) < CHAOTIC

@@ -170,7 +170,7 @@ def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
         "yield": [report["yield"]["dent_m"], report["yield"]["dissipated_j"]],
         "radiation": [report["radiation"]["dissipated_j"]],
         "limiting pressure": [limit["pressure_pa"], limit["by"]["value_pa"]],
-        "truncated modes": [report["tail"]["lost_j"]],
+        "truncated modes": [report["truncated_modes"]["lost_j"]],
     }  # fmt: skip
     assert demand["delay_s"] > 0.0
     for label, values in expected.items():

@@ -17,7 +17,7 @@ SHORT = "run.duration_s=0.0016"
 
 def noise_of(*settings: str) -> dict[str, float]:
     scene = load("aluminium-3mm", [SHORT, *settings])
-    return vars(metrics_of(scene, simulate(scene).rows).noise[0])
+    return vars(metrics_of(scene, simulate(scene).truth).noise[0])
 
 
 def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
@@ -38,7 +38,7 @@ def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
 def test_no_damping_by_air_is_the_same_run() -> None:
     off, none = (simulate(load("aluminium-3mm", [SHORT, *s])) for s in
                  ((), ("plate.radiation=none",)))  # fmt: skip
-    assert off.rows.tobytes() == none.rows.tobytes()
+    assert off.truth.tobytes() == none.truth.tobytes()
 
 
 @pytest.mark.full

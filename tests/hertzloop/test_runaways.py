@@ -35,8 +35,8 @@ def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     assert row["status"].startswith("the closed loop is unstable")
     assert not not_run([row])
     run = simulate(scene)
-    assert np.isfinite(run.rows).all()
-    assert abs(run.rows[F_A]).max() == MOST_N
+    assert np.isfinite(run.truth).all()
+    assert abs(run.truth[F_A]).max() == MOST_N
     assert abs(run.balance.energy_residual) < 1e-9
 
 

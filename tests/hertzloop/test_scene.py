@@ -268,9 +268,9 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
     scene = load("aluminium-3mm", [*huge, *short])
     assert resolve(scene).plant.infinite_plate
-    found = metrics_of(resolve(scene), simulate(resolve(scene)).rows)
+    found = metrics_of(resolve(scene), simulate(resolve(scene)).truth)
     usual = load("aluminium-3mm", short)
-    expected = metrics_of(resolve(usual), simulate(resolve(usual)).rows)
+    expected = metrics_of(resolve(usual), simulate(resolve(usual)).truth)
     assert found.impacts == expected.impacts
     sums = {name for name, value in vars(found.noise[0]).items() if math.isnan(value)}
     assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",

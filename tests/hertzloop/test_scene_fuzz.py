@@ -144,7 +144,7 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
     except SceneError as error:
         said = str(error)
     else:
-        metrics_of(resolve(found), run.rows)
+        metrics_of(resolve(found), run.truth)
         return
     assert 0 < len(said) <= LONGEST_SENTENCE, said
 

@@ -62,7 +62,7 @@ def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
     scene = load("aluminium-3mm", [*soft, "sensors.bits=12", "run.duration_s=0.0013"])
     limits = scene.sensor.full_scale
     assert limits is not None
-    assert simulate(scene).rows[0].min() > limits[0]
+    assert simulate(scene).truth[0].min() > limits[0]
     elastic = load("aluminium-3mm", ["sensors.bits=12"]).sensor.full_scale
     assert elastic is not None
-    assert simulate(scene).rows[0].min() < elastic[0]  # it would not have done
+    assert simulate(scene).truth[0].min() < elastic[0]  # it would not have done

@@ -110,7 +110,13 @@ def test_a_sweep_with_other_words_counts_the_same(
 
 def every_event() -> list[Event]:
     """One of each kind, and more of those with several forms."""
-    late = {"from_step": 5, "to_step": 5, "late_rows": 1, "longest_row": 1, "oldest_steps": 3}
+    late = {
+        "from_step": 5,
+        "to_step": 5,
+        "late_sequences": 1,
+        "longest_sequence": 1,
+        "oldest_steps": 3,
+    }
     facts: list[dict[str, Any]] = [
         {"kind": EventKind.TEXT, "message": "of another controller"},
         {"kind": EventKind.CONTACT_BEGAN, "number": 7},

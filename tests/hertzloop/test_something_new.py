@@ -58,8 +58,8 @@ half, whole = (
     ])
     for scheme, force in (("half", 4), ("whole", 2))
 )
-found = simulate(half).rows
-assert np.array_equal(found[:5], simulate(whole).rows[:5])
+found = simulate(half).truth
+assert np.array_equal(found[:5], simulate(whole).truth[:5])
 record_in_process(half, Path("a.mcap"), compiled=True)
 recording = read(Path("a.mcap"))
 assert recording.problems == []
@@ -97,7 +97,7 @@ from tests.hertzloop.with_lines import with_line
 with_line(
     "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
     '    "fourth": Scheme("fourth:FourthPlant", records_slope=True, '
-    'supports_tail=True),\\n',
+    'supports_truncated_modes=True),\\n',
 )
 import numpy as np
 
@@ -114,7 +114,7 @@ scenes = [
     ])
     for scheme in ("fourth", "modal")
 ]
-found, by_default = (simulate(scene).rows for scene in scenes)
+found, by_default = (simulate(scene).truth for scene in scenes)
 assert np.array_equal(found, by_default)
 record_in_process(scenes[0], Path("a.mcap"), compiled=True)
 recording = read(Path("a.mcap"))
@@ -180,7 +180,7 @@ for scheme, row in SCHEMES.items():
         continue
     gaps = []
     for each in (own, known):
-        each = replace(each, residual_flexibility=row.supports_tail)
+        each = replace(each, residual_flexibility=row.supports_truncated_modes)
         plant = plant_at_start(each, scheme, 200)
         for _ in range(200):
             step(plant.model, plant.state, 0.0)
@@ -220,7 +220,7 @@ assert scene.quantity == "xi_p"
 assert try_law(scene) == ""
 found = simulate(scene)
 assert np.ptp(found.values) > 1e-7
-assert np.array_equal(found.values, found.rows[2])
+assert np.array_equal(found.values, found.truth[2])
 
 coded = load("aluminium-3mm", [*settings, "sensors.bits=12"])
 record_in_process(coded, Path("a.mcap"), compiled=False)
@@ -342,7 +342,7 @@ def loop(key, law="velocity_feedback"):
     return load("aluminium-3mm", settings)
 
 def steps(key):
-    rows = simulate(loop(key, "slope_threshold"), impact_only=True).rows
+    rows = simulate(loop(key, "slope_threshold"), impact_only=True).truth
     assert (rows[5].min() > 0.49) == (key > 1e6)
     return rows.shape[1]
 

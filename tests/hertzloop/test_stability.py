@@ -63,7 +63,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
         scene = load(name, keys)
         if scene.duration_s > 0.03:
             scene = load(name, [*keys, "run.duration_s=0.03"])
-        found = stability_of(scene, simulate(scene).rows)
+        found = stability_of(scene, simulate(scene).truth)
         assert not found.unstable, (law, found)
         assert not found.pumps, (law, found)
         assert found.since_s is None
@@ -75,7 +75,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
 def test_its_metrics_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
     scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
-    rows = simulate(scene).rows
+    rows = simulate(scene).truth
     place = rows[XI_P] if scene.plant.same_point else rows[XI_A]
     whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
     assert found == whole  # to the bit: blocks depend on how fast the machine is
@@ -124,7 +124,7 @@ RUNS_AWAY = [
 def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
     """More than the sphere brought, in sum, and not by decibels against a run without control."""
     scene = load("aluminium-3mm", ["controller.kappa=2", "controller.latency_us=2", SHORT])
-    found = stability_of(scene, simulate(scene).rows)
+    found = stability_of(scene, simulate(scene).truth)
     metrics = metrics_of_case(scene)
     assert found.pumps
     assert not found.unstable
@@ -151,7 +151,7 @@ def test_what_takes_energy_out_does_not_pump() -> None:
 
 def test_a_sweep_and_a_run_call_the_same_loop_unstable() -> None:
     scene = load("aluminium-20mm", RUNS_AWAY)
-    found = stability_of(scene, simulate(scene).rows)
+    found = stability_of(scene, simulate(scene).truth)
     assert found.unstable
     assert found.pumps
     assert found.most_injected < 1e4  # a sweep once called only such loops unstable
@@ -180,6 +180,6 @@ def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) 
         path = tmp_path / f"pump{len(found)}.py"
         path.write_text(f"{declared}\n\ndef command(p, s, samples, i):\n    return 3000.0\n")
         scene = load("aluminium-3mm", [SHORT, "run.accuracy=0.1", f"controller.law={path}"])
-        found.append(stability_of(scene, simulate(scene).rows).unstable)
+        found.append(stability_of(scene, simulate(scene).truth).unstable)
         assert bool(loaded_law(scene).not_linear) is bool(declared)
     assert found == [True, False]

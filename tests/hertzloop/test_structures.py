@@ -19,7 +19,7 @@ from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection, modes_of_scene
 from hertzloop.results.impacts import first_impact
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
@@ -54,7 +54,7 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     by_file = load(name, ["run.duration_s=0.012", f"plate.modes={file}"])
     one, other = recorded(tmp_path, scene, "one.mcap"), recorded(tmp_path, by_file, "other.mcap")
     assert first_difference(one, other) is None
-    assert rows_of(one)[4].max() > 0.0
+    assert truth_of(one)[4].max() > 0.0
 
 
 @pytest.mark.parametrize(
@@ -109,14 +109,16 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
 )
 def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[str]) -> None:
     # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
-    scene = load("aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring"])
+    scene = load(
+        "aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.truncated_modes=spring"]
+    )
     recording = recorded(tmp_path, scene)
     balance = recording.balance
     assert balance is not None
     assert abs(balance.energy_residual) < 1e-10
     assert abs(balance.momentum_residual) < 1e-12
     plate = deflection(scene, recording)
-    moved = modal_displacement(scene.plant, rows_of(recording))
+    moved = modal_displacement(scene.plant, truth_of(recording))
     moved = moved[plate.times_ns // recording.truth.step_ns]
     i, j = plate.contact_node
     assert abs(moved).max() > 1e-6
@@ -145,7 +147,7 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
          "plate.size_m=[0.1, 0.08]", "plate.contact_point_m=[0.05, 0.04]"],
     )  # fmt: skip
     recording = recorded(tmp_path, scene)
-    rows, h = rows_of(recording), scene.step_s
+    rows, h = truth_of(recording), scene.step_s
     plate = deflection(scene, recording, frames=np.array([1900, 1999]))
     weights = np.outer(np.gradient(plate.x_m), np.gradient(plate.y_m))
     weights[[0, -1]] *= 0.5
@@ -183,7 +185,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
         recordings.append(read(path))
     assert first_difference(recordings[0], recordings[1]) is None
     assert first_difference(recordings[0], recordings[2]) is None
-    impact = first_impact(scene, rows_of(recordings[0]))
+    impact = first_impact(scene, truth_of(recordings[0]))
     assert impact is not None
 
 

@@ -25,7 +25,7 @@ def energies(*settings: str) -> list[float]:
 
 @pytest.mark.parametrize("phase", [0.25, 0.5, 0.9])
 def test_the_touch_comes_that_part_of_a_step_after_a_sample(phase: float) -> None:
-    gap = simulate(load("aluminium-3mm", [*SHORT, f"run.touch_phase={phase}"])).rows[XI]
+    gap = simulate(load("aluminium-3mm", [*SHORT, f"run.touch_phase={phase}"])).truth[XI]
     last = int(np.argmax(gap <= 0.0)) - 1
     # Falling by about 0.99 um a step; the contact slows it by less than a per cent at first.
     assert gap[last] / (gap[last] - gap[last + 1]) == pytest.approx(phase, abs=0.01)
@@ -77,7 +77,7 @@ def test_random_is_drawn_by_the_seed() -> None:
 
 def test_half_a_step_is_what_it_was() -> None:
     plain, said = (load("aluminium-3mm", [*SHORT, *more]) for more in ([], ["run.touch_phase=0.5"]))
-    assert np.array_equal(simulate(plain).rows, simulate(said).rows)
+    assert np.array_equal(simulate(plain).truth, simulate(said).truth)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import read as read_recording
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.statistics import Extremes
 from hertzloop.scene.errors import SceneError
@@ -148,8 +148,8 @@ def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
     setup = load("aluminium-3mm", short)
     run_and_assess(setup, path, RunOptions(pace=0.01), lambda step: None)
     again = load("aluminium-3mm", [*short, f"controller.latency_trace={path}"])
-    rows = simulate(again.with_plate_model(setup.plate_model)).rows
-    assert np.array_equal(rows, rows_of(read_recording(path)))
+    rows = simulate(again.with_plate_model(setup.plate_model)).truth
+    assert np.array_equal(rows, truth_of(read_recording(path)))
 
 
 def read(fault, values, seed=1):

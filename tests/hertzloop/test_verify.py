@@ -26,7 +26,7 @@ SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
 def check(scene: Setup) -> Verification | None:
     run = simulate(scene)
-    return verify(scene, run.rows)
+    return verify(scene, run.truth)
 
 
 def checked(*settings: str) -> Verification:
@@ -65,7 +65,7 @@ def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
     assert isinstance(plant, Plant)
     rows = finer_loop(scene, plant, scene.steps, 1)
     assert rows[F_A].any()
-    assert np.array_equal(rows, simulate(scene).rows)
+    assert np.array_equal(rows, simulate(scene).truth)
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -75,7 +75,7 @@ def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
     spec = scene.plant
     plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
     plant.state.body[_START] = build_plant(scene, spec).state.body[_START]
-    finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).rows
+    finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).truth
     assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
     assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
     assert np.abs(finer[F_A, ::2] - rows[F_A]).max() < 0.01 * rows[F_A].max()
@@ -85,13 +85,13 @@ def test_the_law_answers_the_finer_plant() -> None:
     """With the forces of the run itself the check would miss what the law makes of an error."""
     scene = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
     run, fine = simulate(scene), finer_spec(scene)
-    closed = verify(scene, run.rows)
+    closed = verify(scene, run.truth)
     assert closed is not None
     plant = built(fine, "modal").at_start()
     plant.state.body[_START] = build_plant(scene).state.body[_START]
     forces = np.repeat(run.forces, 2)
     (free,) = impacts_in(fine, series_under(plant, forces))
-    (coarse,) = impacts_in(scene.plant, run.rows)
+    (coarse,) = impacts_in(scene.plant, run.truth)
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
     print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
     assert closed.plate_energy > 1.5 * open_loop
@@ -122,7 +122,7 @@ def test_a_force_that_still_pushes_when_the_contact_ends_is_compared_over_the_sa
 def test_energy_is_compared_once_the_push_is_over() -> None:
     """What the spring of a solid plate's modes left out stores under a force comes back."""
     scene = load("aluminium-3mm", ["plate.theory=3d", "run.duration_s=0.0015"])
-    rows = simulate(scene).rows
+    rows = simulate(scene).truth
     contact = np.flatnonzero(rows[F_C])
     until = past_first_impact(scene, rows)
     assert until is not None

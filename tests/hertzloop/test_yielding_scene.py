@@ -15,7 +15,7 @@ from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.model import limiting_pressure
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.results.verification import verify
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -47,7 +47,7 @@ def test_the_3_mm_ball_on_a_plate_that_yields(
 ) -> None:  # fmt: skip
     scene = yielding(pressure_pa, "controller.law=off")
     run = simulate(scene)
-    (impact,) = impacts_in(scene.plant, run.rows)
+    (impact,) = impacts_in(scene.plant, run.truth)
     assert 1e6 * impact.duration_s == pytest.approx(contact_us, abs=0.02)
     assert impact.rebound_speed_m_s == pytest.approx(rebound, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(plate_uj, rel=1e-3)
@@ -66,8 +66,8 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
     scene = yielding(0.44e9, "controller.law=off")
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
     recording = read(tmp_path / "a.mcap")
-    rows = rows_of(recording)
-    assert np.array_equal(rows[DEEPEST], simulate(scene).rows[DEEPEST])
+    rows = truth_of(recording)
+    assert np.array_equal(rows[DEEPEST], simulate(scene).truth[DEEPEST])
     (impact,) = impacts_in(scene.plant, rows)
     events = [e for e in recording.events if e.name == "plant"]
     assert [e.message for e in events] == ["contact 1 began", "contact 1 ended"]
@@ -93,7 +93,7 @@ def test_run_inspect_and_python_tell_the_dent(tmp_path: Path) -> None:
 def test_verify_a_contact_that_yields() -> None:
     scene = yielding(1.05e9, "controller.v_thr_m_s=-0.6")
     run = simulate(scene)
-    found = verify(scene, run.rows)
+    found = verify(scene, run.truth)
     assert found is not None
     assert found.rebound_speed < 1e-3
     assert found.penetration < 1e-3

@@ -65,7 +65,7 @@ def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str
             off = one.value(quantity, time_s) - true
             assert np.sqrt(np.mean(off**2)) < 1e-4 * np.max(np.abs(true))
     again = coarse.run({}, 90e-6, 0.4 + setup.every_steps)
-    assert np.array_equal(again.rows, coarse.run({}, 90e-6, 0.4).rows)
+    assert np.array_equal(again.truth, coarse.run({}, 90e-6, 0.4).truth)
 
 
 def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
@@ -74,8 +74,8 @@ def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
 
     setup = scene("controller.latency_us=4", "run.plate_model=modal", "run.accuracy=1e-4",
                   "run.duration_s=2e-4", "run.lead_in_s=1e-4", "run.touch_phase=0.3")  # fmt: skip
-    run = simulate(setup).rows
-    ours = LoopModel(setup, 90e-6, 1e-4, 1000).run({}, 90e-6, 0.3).rows
+    run = simulate(setup).truth
+    ours = LoopModel(setup, 90e-6, 1e-4, 1000).run({}, 90e-6, 0.3).truth
     first, other = (int(np.flatnonzero(rows[0] <= 0.0)[0]) for rows in (run, ours))
     np.testing.assert_allclose(
         ours[5, other : other + 85], run[5, first : first + 85], rtol=1e-3, atol=1e-3

@@ -30,7 +30,7 @@ def test_a_longer_run_begins_with_the_same_chance() -> None:
     both = [*KEYS, *(key for keys in CHANCE.values() for key in keys)]
     short = simulate(load("aluminium-3mm", both))
     long = simulate(load("aluminium-3mm", [*both, "run.duration_s=0.002"]))
-    assert np.array_equal(short.rows, long.rows[:, : short.rows.shape[1]])
+    assert np.array_equal(short.truth, long.truth[:, : short.truth.shape[1]])
     assert np.array_equal(short.samples, long.samples[: len(short.samples)])
 
 
@@ -38,18 +38,18 @@ def test_jitter_leaves_the_noise_alone() -> None:
     noisy = [*KEYS, *CHANCE["noise"]]
     calm = simulate(load("aluminium-3mm", noisy))
     jittery = simulate(load("aluminium-3mm", [*noisy, *CHANCE["jitter"]]))
-    first = int(np.flatnonzero(calm.rows[F_A])[0])
+    first = int(np.flatnonzero(calm.truth[F_A])[0])
     assert first > 500
     assert np.array_equal(calm.samples[:first], jittery.samples[:first])
 
 
 def test_jitter_delays_by_no_more_than_it_may() -> None:
     keys = [*KEYS[:2], "controller.law=force_feedback", "controller.kappa=1e-9"]
-    calm = simulate(load("aluminium-3mm", keys)).rows[F_A]
+    calm = simulate(load("aluminium-3mm", keys)).truth[F_A]
     late = []
     for seed in range(200):
         scene = load("aluminium-3mm", [*keys, *CHANCE["jitter"], f"run.seed={seed}"])
-        late.append(np.flatnonzero(simulate(scene).rows[F_A])[0] - np.flatnonzero(calm)[0])
+        late.append(np.flatnonzero(simulate(scene).truth[F_A])[0] - np.flatnonzero(calm)[0])
     # The line keeps the order of its commands, and those before the contact are zero but late, too.
     assert min(late) >= 0
     assert max(late) == 6

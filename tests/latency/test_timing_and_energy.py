@@ -20,8 +20,10 @@ SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us: int) -> None:
     """With a gain so small that the impact does not feel it, the force is the same, shifted."""
     keys = [*SHORT, f"controller.law={law}", "controller.kappa=1e-9"]
-    at_once = simulate(load("aluminium-3mm", keys)).rows[F_A]
-    late = simulate(load("aluminium-3mm", [*keys, f"controller.latency_us={latency_us}"])).rows[F_A]
+    at_once = simulate(load("aluminium-3mm", keys)).truth[F_A]
+    late = simulate(load("aluminium-3mm", [*keys, f"controller.latency_us={latency_us}"])).truth[
+        F_A
+    ]
     assert np.flatnonzero(late)[0] - np.flatnonzero(at_once)[0] == latency_us
     np.testing.assert_allclose(late[latency_us:], at_once[:-latency_us], rtol=1e-5, atol=1e-18)
 
@@ -31,7 +33,7 @@ def test_without_latency_the_force_of_a_sample_acts_one_step_later() -> None:
         "aluminium-3mm", [*SHORT, "controller.law=force_feedback", "controller.kappa=1e-9"]
     )
     run = simulate(scene)
-    np.testing.assert_array_equal(run.rows[F_A][1:], 1e-9 * run.samples[:-1])
+    np.testing.assert_array_equal(run.truth[F_A][1:], 1e-9 * run.samples[:-1])
 
 
 @pytest.mark.parametrize("latency_us", [0, 5, 40])
@@ -45,7 +47,7 @@ def test_the_ledger_s_injected_energy_is_force_times_way(
                                    f"controller.kappa={kappa}",
                                    f"controller.latency_us={latency_us}"])  # fmt: skip
     run = simulate(scene)
-    work = float(np.sum(run.rows[F_A][:-1] * np.diff(run.rows[XI_P])))
+    work = float(np.sum(run.truth[F_A][:-1] * np.diff(run.truth[XI_P])))
     assert run.balance.injected_j == pytest.approx(work, rel=1e-9)
     assert abs(run.balance.injected_j) > 1e-9 * run.balance.energy_start_j
 
@@ -58,13 +60,13 @@ def test_plate_sphere_and_actuator_exchange_the_same_energy(law: str, latency_us
                                    "controller.kappa=0.4", f"controller.latency_us={latency_us}",
                                    "plate.loss_factor=0.0"])  # fmt: skip
     run = simulate(scene)
-    plate = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.rows))
+    plate = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.truth))
     balance = run.balance
     mechanical = balance.kinetic_j + balance.gravity_j + balance.contact_j
     lost = balance.energy_start_j - mechanical
     # The last step's work is not in the rows.
     assert plate == pytest.approx(lost + balance.injected_j, rel=2e-3)
-    taken = balance.modal_j + balance.tail_dissipated_j
+    taken = balance.modal_j + balance.truncated_dissipated_j
     assert taken == pytest.approx(lost + balance.injected_j, rel=1e-9)
 
 

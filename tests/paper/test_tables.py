@@ -53,7 +53,7 @@ def test_a_table_has_the_figures_of_its_scene() -> None:
 
 def _run(source: str):  # type: ignore[no-untyped-def]
     scene = load(source)
-    return scene, simulate(scene).rows
+    return scene, simulate(scene).truth
 
 
 def test_rows_that_were_never_published(tmp_path: Path) -> None:

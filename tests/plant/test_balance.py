@@ -36,7 +36,7 @@ SCENES = {
 def test_the_balance_closes(name: str) -> None:
     scene, settings = SCENES[name]
     truth = simulate(load(scene, settings))
-    balance, rows = truth.balance, truth.rows
+    balance, rows = truth.balance, truth.truth
     print(f"{name}: {balance.energy_residual:.1e}, {balance.momentum_residual:.1e}")
     assert abs(balance.energy_residual) < CLOSED
     assert abs(balance.momentum_residual) < CLOSED

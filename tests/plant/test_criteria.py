@@ -65,7 +65,7 @@ def test_air() -> None:
 def test_damper_behind_a_spring() -> None:
     # d = 0.64 s/m, R_0 = 2 Y/(pi omega_c) with 1/Y = 8 sqrt(B' m''), 250 kHz: 2.1e-3 of 2.5.
     flexibility = PLATE.residual_flexibility_m_n(2.0 * math.pi * 250e3)
-    share = criteria.tail_share(0.64, flexibility, 80.0, 29e-6)
+    share = criteria.residual_share(0.64, flexibility, 80.0, 29e-6)
     assert share / 2.5 == pytest.approx(2.1e-3, rel=0.4)
 
 

@@ -31,7 +31,11 @@ TIPS = {
     "metal": ["hammer.tip_radius_m=0.006"],
     "soft": ["hammer.tip_stiffness=1e6", "hammer.tip_exponent=1"],
     "between": ["hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.25"],
-    "square": ["hammer.tip_stiffness=1e10", "hammer.tip_exponent=2", "plate.tail=spring"],
+    "square": [
+        "hammer.tip_stiffness=1e10",
+        "hammer.tip_exponent=2",
+        "plate.truncated_modes=spring",
+    ],
 }
 DAMPED = ["contact.damping=hunt_crossley", "contact.restitution=0.6"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics import rows_kernels
+from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.impacts import Impact, impacts, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError
@@ -61,7 +61,7 @@ def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
         x, v = x + v * H + 0.5 * a * H * H, v + a * H
     sphere = np.array(xs)
     held = np.array(forces[:-1])
-    found = [rows_kernels._sphere_speed(sphere, held, 0.0 * held, i, MASS, GRAVITY_M_S2, H)
+    found = [truth_kernels._sphere_speed(sphere, held, 0.0 * held, i, MASS, GRAVITY_M_S2, H)
              for i in range(len(held))]  # fmt: skip
     np.testing.assert_allclose(found, speeds[:-1], rtol=1e-13)
     plate = np.array([0.0, 0.0, 5.0, 2.0, 1.0])
@@ -115,10 +115,10 @@ def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
 def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
     scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
     truth = simulate(scene)
-    rows, balance = truth.rows, truth.balance
+    rows, balance = truth.truth, truth.balance
     found = impacts_in(scene.plant, rows)
     # Work of both forces is energy in the plate now, or already lost in it.
-    taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j
+    taken = balance.modal_j + balance.modal_dissipated_j + balance.truncated_dissipated_j
     assert rows[4][-1] == 0.0  # the last step's work is in no row
     assert rows[5][-1] == 0.0
     assert sum(i.plate_energy_j for i in found) == pytest.approx(taken, rel=3e-5)

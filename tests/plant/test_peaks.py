@@ -42,7 +42,7 @@ def test_peak_of_a_speed_between_steps() -> None:
 
 def peak(scene: str, *settings: str) -> float:
     loaded = load(scene, [SHORT, *settings])
-    return impacts_in(loaded.plant, simulate(loaded).rows)[0].peak_force_n
+    return impacts_in(loaded.plant, simulate(loaded).truth)[0].peak_force_n
 
 
 def test_peak_of_the_default_scene() -> None:
@@ -66,7 +66,7 @@ def test_peak_does_not_depend_on_the_step() -> None:
 def test_plate_speed_is_that_of_each_contact() -> None:
     """Waves from the edges make it larger after the first impact: 0.54 m/s within the run."""
     loaded = load("aluminium-3mm", [FREE, "run.duration_s=0.02"])
-    found = metrics_of(loaded, simulate(loaded).rows)
+    found = metrics_of(loaded, simulate(loaded).truth)
     assert found.first_impact is not None
     assert found.whole_run is not None
     assert found.impacts[0].plate_speed_max_m_s == pytest.approx(0.286, abs=2e-3)

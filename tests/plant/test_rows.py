@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.plant.metrics import rows_kernels as rows
+from hertzloop.plant.metrics import truth_kernels as rows
 from hertzloop.plant.metrics.impacts import contacts, peak_force_n, peak_speed_m_s
 from hertzloop.plant.metrics.noise import force_spectrum
 

@@ -18,7 +18,7 @@ FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
 def contacts(name: str, *settings: str) -> tuple[list[Impact], list[int]]:
     """Contacts of a scene without control, and the steps of each that ends."""
     scene = load(name, [*FREE, "run.lead_in_s=0", *settings])
-    rows = simulate(scene).rows
+    rows = simulate(scene).truth
     mass = scene.plant.sphere.mass_kg
     touching = np.flatnonzero(np.diff(rows[4] != 0.0, prepend=False, append=False))
     found = impacts(

@@ -152,7 +152,7 @@ def test_the_reference_without_control_is_the_uncontrolled_run(file: Path) -> No
     free = simulate(load("aluminium-3mm", SCENE).without_control())
     shown = replaying.prepare(read(file))
     curves = {c.name: c for p in shown.plots for c in p.curves}
-    assert curves["v_p_reference"].values.tobytes() == free.rows[V_P].tobytes()
+    assert curves["v_p_reference"].values.tobytes() == free.truth[V_P].tobytes()
     assert shown.labels.lines[:2] == [
         "R = 3 mm, steel, on 3 mm aluminium, drop 50 mm",
         "slope_threshold, kappa 0.8, v_thr -0.25 m/s, lead 0 us, latency 0 us, ideal sensor",

@@ -111,9 +111,9 @@ def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
     scene = load("aluminium-3mm", settings)
     metrics = metrics_of_case(scene)
     assert metrics.plate_model == model
-    mine = first_impact(scene, simulate(scene).rows)
+    mine = first_impact(scene, simulate(scene).truth)
     free_scene = scene.without_control()
-    free = first_impact(free_scene, simulate(free_scene).rows)
+    free = first_impact(free_scene, simulate(free_scene).truth)
     assert mine is not None
     assert free is not None
     assert metrics.contacts == 1

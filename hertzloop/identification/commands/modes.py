@@ -37,7 +37,7 @@ from hertzloop.scene.setup import Setup, load
 from hertzloop.views.format import Table
 
 # Settings with which any modes can be simulated: nothing stands for those beyond.
-_COMPLETE = ("plate.tail=spring", "plate.residual_flexibility_m_n=0")
+_COMPLETE = ("plate.truncated_modes=spring", "plate.residual_flexibility_m_n=0")
 
 if TYPE_CHECKING:
     from hertzloop.identification.modes.universal import Points, UniversalModes

@@ -99,11 +99,11 @@ class LoopModel(FrozenModel):
         spec = replace(spec, lead_in_s=(math.floor(before) + 0.5) * spec.step_s)
         plant = self.plant_of(spec, before - math.floor(before))
         steps = lead + math.ceil(phase + until_s / self.loop_step_s) + 4
-        rows = finer_loop(loop, plant, steps, self.parts)
-        time_s = (np.arange(rows.shape[1]) - before) * spec.step_s
-        return self.as_impact(spec, plant, time_s, rows)
+        truth = finer_loop(loop, plant, steps, self.parts)
+        time_s = (np.arange(truth.shape[1]) - before) * spec.step_s
+        return self.as_impact(spec, plant, time_s, truth)
 
     def acts(self, values: Mapping[str, float], until_s: float) -> bool:
         """Whether the actuator acts on the plate before `until_s` after the touch."""
-        rows = self.run(values, until_s).rows
-        return float(np.max(np.abs(control_force_n(self.loop, rows)))) > _ACTS
+        truth = self.run(values, until_s).truth
+        return float(np.max(np.abs(control_force_n(self.loop, truth)))) > _ACTS

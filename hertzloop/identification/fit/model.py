@@ -1,8 +1,8 @@
 """The simulation of a fit, on a frozen model of the plate.
 
 A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
-the way: each mode that enters would make a jump. So theory, tail and number of modes are those of
-the starting point; only the frequencies move.
+the way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
+those of the starting point; only the frequencies move.
 """
 
 import math
@@ -189,22 +189,22 @@ class FrozenModel:
     def _simulated(self, spec: PlantSpec, steps: int) -> SimulatedImpact:
         self.simulations += 1
         plant = self.plant_of(spec)
-        rows = ts.series_under(plant, np.zeros(steps))
+        truth = ts.series_under(plant, np.zeros(steps))
         lead_s, _ = _lead(spec, spec.sphere.impact_speed_m_s)
         time_s = np.arange(steps) * spec.step_s - lead_s
-        return self.as_impact(spec, plant, time_s, rows)
+        return self.as_impact(spec, plant, time_s, truth)
 
     def as_impact(
-        self, spec: PlantSpec, plant: Any, time_s: np.ndarray, rows: np.ndarray
+        self, spec: PlantSpec, plant: Any, time_s: np.ndarray, truth: np.ndarray
     ) -> SimulatedImpact:
         """Return the rows of a plant as a simulated drop."""
-        tail, sphere = plant.model.tail, spec.sphere
-        mobility = 0.0 if tail is None else tail.mobility_m_ns
-        pushed = mobility if spec.same_point and np.any(rows[ts.F_A]) else 0.0
+        mode, sphere = plant.model.residual_mode, spec.sphere
+        mobility = 0.0 if mode is None else mode.mobility_m_ns
+        pushed = mobility if spec.same_point and np.any(truth[ts.F_A]) else 0.0
         held = spec.actuator.bandwidth_hz is None
         return SimulatedImpact(
             time_s,
-            rows,
+            truth,
             spec.contact,
             sphere.impact_speed_m_s,
             sphere.gravity_m_s2,

@@ -22,17 +22,17 @@ class SimulatedImpact:
 
     Attributes:
         time_s: times after the first touch, s, (steps,).
-        rows: time series of `hertzloop.plant.time_series.TRUTH`, (10, steps).
+        truth: time series of `hertzloop.plant.time_series.TRUTH`, (10, steps).
         contact: the contact.
         speed_m_s: impact speed.
         gravity_m_s2: acceleration of the striker in flight.
-        mobility_m_ns: of a damped tail; zero without one.
+        mobility_m_ns: of a residual mode; zero without one.
         pushed_m_ns: the same where the actuator acts at the contact point, else zero.
         held: whether the actuator's force is constant over a step.
     """
 
     time_s: np.ndarray
-    rows: np.ndarray
+    truth: np.ndarray
     contact: Contact
     speed_m_s: float
     gravity_m_s2: float
@@ -48,23 +48,23 @@ class SimulatedImpact:
 
     def _spline(self, row: int) -> Any:
         if row not in self._splines:
-            self._splines[row] = scipy.interpolate.CubicSpline(self.time_s, self.rows[row])
+            self._splines[row] = scipy.interpolate.CubicSpline(self.time_s, self.truth[row])
         return self._splines[row]
 
     @cached_property
     def _velocity(self) -> Any:
         """Velocity of the plate at the contact point, but for what follows the force at once.
 
-        Behind a damped tail the velocity has a share Y F, as sharp as the force is where contact
-        begins. The rest is smooth. Without a damped tail the velocity is the derivative of the
+        Behind a residual mode the velocity has a share Y F, as sharp as the force is where contact
+        begins. The rest is smooth. Without a residual mode the velocity is the derivative of the
         displacement's spline, which is of fourth order at its knots.
         """
         if self.mobility_m_ns:
-            at_once = self.mobility_m_ns * (self.rows[ts.F_C] - self.rows[ts.F_C1])
+            at_once = self.mobility_m_ns * (self.truth[ts.F_C] - self.truth[ts.F_C1])
             if self.pushed_m_ns:  # the velocity of a row comes before a jump of the force
-                pushed = self.rows[ts.F_A] + self.rows[ts.F_A1]
+                pushed = self.truth[ts.F_A] + self.truth[ts.F_A1]
                 at_once = at_once - self.pushed_m_ns * np.concatenate([[0.0], pushed[:-1]])
-            return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.V_P] + at_once)
+            return scipy.interpolate.CubicSpline(self.time_s, self.truth[ts.V_P] + at_once)
         moved = self._spline(ts.XI_P)
         return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
 
@@ -110,7 +110,7 @@ class SimulatedImpact:
     def _actuator(self) -> Any:
         """The smooth force of an actuator with a bandwidth: the derivative of its time integral,
         which the means of the steps give exactly."""
-        impulse = np.concatenate([[0.0], np.cumsum(self.rows[ts.F_A])]) * self.step_s
+        impulse = np.concatenate([[0.0], np.cumsum(self.truth[ts.F_A])]) * self.step_s
         grid_s = self.time_s[0] + np.arange(len(impulse)) * self.step_s
         summed = scipy.interpolate.CubicSpline(grid_s, impulse)
         return scipy.interpolate.CubicSpline(grid_s, summed(grid_s, 1))
@@ -121,7 +121,7 @@ class SimulatedImpact:
         time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
         if not self.held:
             return np.asarray(self._actuator(time_s))
-        force, at = self.rows[ts.F_A], (time_s - self.time_s[0]) / self.step_s
+        force, at = self.truth[ts.F_A], (time_s - self.time_s[0]) / self.step_s
         after = np.floor(at + _AT_NODE).astype(int)
         before = np.floor(at - _AT_NODE).astype(int)
         last = len(force) - 1
@@ -130,7 +130,7 @@ class SimulatedImpact:
     def _deepest(self, time_s: np.ndarray, penetration_m: np.ndarray) -> np.ndarray:
         if self.contact.limit is None:
             return np.maximum(penetration_m, 0.0)
-        deepest = self.rows[ts.DEEPEST]
+        deepest = self.truth[ts.DEEPEST]
         row = np.clip(((time_s - self.time_s[0]) / self.step_s).astype(int), 0, len(deepest) - 1)
         after = deepest[np.minimum(row + 1, len(deepest) - 1)]
         return np.asarray(np.clip(penetration_m, deepest[row], np.maximum(after, deepest[row])))

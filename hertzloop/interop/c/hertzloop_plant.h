@@ -55,7 +55,7 @@ typedef struct {
     double injected_j;           /* by the actuator, so far */
     double modal_dissipated_j;   /* lost in the plate, so far */
     double air_dissipated_j;     /* radiated */
-    double tail_dissipated_j;    /* gone to modes left out */
+    double truncated_dissipated_j;    /* gone to modes left out */
     double contact_dissipated_j;
     double plastic_dissipated_j;
     double residual;             /* missing part of the energy balance, relative */

@@ -30,7 +30,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from hertzloop.common.atomic_files import write_whole
 from hertzloop.common.text_files import text_of
-from hertzloop.results.cases import CASE_ROWS, CaseState, Span
+from hertzloop.results.cases import CASE_METRICS, CaseState, Span
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -204,7 +204,7 @@ def digits_of(setup: Setup, metric: str, value: float) -> float:
     the plate's model makes of it, at least the accuracy of the scene."""
     error = max(setup.accuracy, model_error.expected_error(setup))
     if metric.endswith("_db"):
-        return (CASE_ROWS[metric].db or 10.0) * math.log10(1.0 + error)
+        return (CASE_METRICS[metric].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
 
 

@@ -94,8 +94,8 @@ def first_touch(setup: Setup) -> Touch:
     """Return the first contact of a setup without control. Raises SceneError for a run without."""
     free = setup.without_control(same_plate=True)
     began, peak, step_s = None, 0.0, setup.step_s
-    for first, rows in free_series(free):
-        force = rows[ts.F_C]
+    for first, truth in free_series(free):
+        force = truth[ts.F_C]
         touching = force > 0.0
         if began is None:
             if not touching.any():
@@ -119,9 +119,9 @@ def impact_facts(setup: Setup) -> ImpactFacts:
     touch = first_touch(setup)
 
     def first_force_s(tried: Setup) -> float | None:
-        rows = simulate(tried).rows
-        pushes = np.flatnonzero(control_force_n(tried, rows))
-        touches = np.flatnonzero(rows[ts.F_C] > 0.0)
+        truth = simulate(tried).truth
+        pushes = np.flatnonzero(control_force_n(tried, truth))
+        touches = np.flatnonzero(truth[ts.F_C] > 0.0)
         if not len(pushes) or not len(touches):
             return None
         return float(pushes[0] - touches[0]) * setup.step_s

@@ -213,12 +213,12 @@ def by_command(model: collocation_kernels.CollocationModel, gap: bool) -> PoleFo
     by = [t[A_RE] + 1j * t[A_IM], t[A1_RE] + 1j * t[A1_IM]]
     residues = [0.5 * weight * b for b in by]
     fir = [0.0, 0.0]
-    tail = model.tail
-    if tail is not None and model.same_point and probe is None:
-        look = 1j if gap else complex(tail.speed_re, -tail.speed_im)
-        poles, residues = _with_tail(poles, residues, tail, look)
+    mode = model.residual_mode
+    if mode is not None and model.same_point and probe is None:
+        look = 1j if gap else complex(mode.speed_re, -mode.speed_im)
+        poles, residues = _with_residual_mode(poles, residues, mode, look)
         if not gap:
-            fir = [tail.mobility_m_ns] * 2
+            fir = [mode.mobility_m_ns] * 2
     if model.same_point and model.flexibility_m_n and probe is None:
         if gap:
             fir = [f - model.flexibility_m_n for f in fir]
@@ -241,16 +241,16 @@ def by_contact(model: collocation_kernels.CollocationModel) -> tuple[PoleForm, P
     poles = t[ROT_RE] + 1j * t[ROT_IM]
     by = [t[C0_RE] + 1j * t[C0_IM], t[C1_RE] + 1j * t[C1_IM]]
     residues = [-0.5j * t[OUT] * b for b in by]
-    if model.tail is not None:
-        poles, residues = _with_tail(poles, residues, model.tail, -1j)
+    if model.residual_mode is not None:
+        poles, residues = _with_residual_mode(poles, residues, model.residual_mode, -1j)
     none = np.zeros(2)
     return PoleForm(poles, residues[0], none), PoleForm(poles, residues[1], none)
 
 
-def _with_tail(
-    poles: np.ndarray, residues: list[np.ndarray], tail: Any, look: complex
+def _with_residual_mode(
+    poles: np.ndarray, residues: list[np.ndarray], mode: Any, look: complex
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return poles and residues by mean and slope with those of a damped tail."""
-    drives = complex(tail.by_0_re, tail.by_0_im), complex(tail.by_1_re, tail.by_1_im)
+    """Return poles and residues by mean and slope with those of a residual mode."""
+    drives = complex(mode.by_0_re, mode.by_0_im), complex(mode.by_1_re, mode.by_1_im)
     more = [np.append(r, 0.5 * look * d) for r, d in zip(residues, drives, strict=True)]
-    return np.append(poles, complex(tail.turn_re, tail.turn_im)), more
+    return np.append(poles, complex(mode.turn_re, mode.turn_im)), more

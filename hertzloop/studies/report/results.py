@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.results.cases import CASE_ROWS, SHOWN, CaseState
+from hertzloop.results.cases import CASE_METRICS, SHOWN, CaseState
 from hertzloop.scene.keys import unit_of
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies import pictures, words
@@ -67,7 +67,7 @@ def over_keys(rows: Rows, keys: list[str]) -> Figure:
         for column, key in enumerate(keys):
             ax = axes[line, column]
             _draw(ax, rows, key, metric)
-            ax.axhline(CASE_ROWS[metric].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
+            ax.axhline(CASE_METRICS[metric].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
             if not column:
                 name, _, unit = words.against_none(metric).partition(" against no control ")
                 ax.set_ylabel(f"{name} {unit}")
@@ -121,7 +121,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
         z = np.full((len(up), len(across)), np.nan)
         for row in known(rows, metric):
             z[up.index(row[y]), across.index(row[x])] = row[metric]
-        z -= CASE_ROWS[metric].without
+        z -= CASE_METRICS[metric].without
         largest = float(np.nanmax(np.abs(z)))
         reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
@@ -137,7 +137,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
         )
         ax.grid(False)
         name, _, unit = words.against_none(metric).partition(" against no control ")
-        unit = "points" if CASE_ROWS[metric].without else unit.strip("()")
+        unit = "points" if CASE_METRICS[metric].without else unit.strip("()")
         sheet.colorbar(shown, ax=ax, label=f"change ({unit})", ticks=np.linspace(-reach, reach, 5))
         ax.set(title=name, xlabel=key_words(x), ylabel=key_words(y))
     return sheet

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 from hertzloop.results.cases import (
-    CASE_ROWS,
+    CASE_METRICS,
     CaseState,
     Span,
     UnstableLoop,
@@ -60,7 +60,7 @@ def _row(
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
         why = {"status": status, "state": state.value}
-        return row | dict.fromkeys(CASE_ROWS) | why
+        return row | dict.fromkeys(CASE_METRICS) | why
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:

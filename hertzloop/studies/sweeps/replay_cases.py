@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import digest_of
-from hertzloop.results.recorded import rows_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies.sweeps.design import keys_of
@@ -64,4 +64,4 @@ def _digest(
     samples = recording.daq.arrays["code" if coded else "value"]
     if coded:
         samples = samples.astype(np.int64)
-    return digest_of(rows_of(recording), samples)
+    return digest_of(truth_of(recording), samples)

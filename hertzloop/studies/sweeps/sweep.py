@@ -25,7 +25,7 @@ from hertzloop.common.atomic_files import whole_file, write_whole
 from hertzloop.common.jit.folder import code_digest
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
-from hertzloop.results.cases import CASE_ROWS, SHOWN, CaseState, Span
+from hertzloop.results.cases import CASE_METRICS, SHOWN, CaseState, Span
 from hertzloop.scene.controller import law_constants
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -392,11 +392,11 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        names = ["case", *keys, *CASE_ROWS, "status", "state", "growth_per_s"]
-        if not {*CASE_ROWS} & {*table.column_names}:
+        names = ["case", *keys, *CASE_METRICS, "status", "state", "growth_per_s"]
+        if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # A version before may not have had a metric, but every case has its keys.
-        later = {*CASE_ROWS} - {*table.column_names}
+        later = {*CASE_METRICS} - {*table.column_names}
         columns = [name for name in names if name in table.column_names or name in keys]
         rows = [
             {**dict.fromkeys(later), **row, "state": row.get("state") or older_state(row["status"])}

@@ -215,10 +215,10 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
     assert "Direction z, units of the file: 1/1000 m and 1/1 N" in done.output
     of_file = load(str(tmp_path / "of-file.toml"))
     direct = load(str(tmp_path / "of-file.toml"), [f"plate.modes={tmp_path / 'direct.npz'}"])
-    rows, others = simulate(of_file).rows, simulate(direct).rows
+    rows, others = simulate(of_file).truth, simulate(direct).truth
     largest = np.abs(others).max(axis=1, keepdims=True)
     assert np.all(np.abs(rows - others) <= 1e-9 * largest)
-    original = simulate(load("offcentre-6mm", short)).rows
+    original = simulate(load("offcentre-6mm", short)).truth
     assert 1e-9 < np.max(np.abs(rows - original) / np.maximum(largest, 1e-300)) < 1e-1
 
 

@@ -74,7 +74,7 @@ def test_a_resting_sphere_gets_a_verdict() -> None:
 def test_facts_on_a_threshold_law() -> None:
     setup = load("aluminium-3mm")
     found = impact_facts(setup)
-    rows = simulate(setup).rows
+    rows = simulate(setup).truth
     acts = int(np.flatnonzero(rows[ts.F_A])[0] - np.flatnonzero(rows[ts.F_C])[0])
     assert found.first_force_us == pytest.approx(acts)
     assert found.latency_after_contact_us == pytest.approx(1e6 * found.touch.contact_s - acts)

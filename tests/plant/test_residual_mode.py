@@ -17,10 +17,10 @@ from hertzloop.plant.contact.hertz import (
     hunt_crossley_parameter,
 )
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes import collocation as tail
-from hertzloop.plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
+from hertzloop.plant.schemes import collocation
+from hertzloop.plant.schemes.collocation import CollocationPlant, damped_residual, residual_m_n
 from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import TAIL_IM
+from hertzloop.plant.state_kernels import RESIDUAL_IM
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import series_under
 from tests.plant.rigs import spec
@@ -41,11 +41,13 @@ CONTACTS = {
 
 
 def tailed(limit_hz: float = 125e3, actuator: Actuator | None = None, **changes) -> PlantSpec:
-    made = replace(spec(limit_hz=limit_hz, **changes), residual_flexibility=True, damped_tail=True)
+    made = replace(
+        spec(limit_hz=limit_hz, **changes), residual_flexibility=True, damped_residual=True
+    )
     return made if actuator is None else replace(made, actuator=actuator)
 
 
-def tail_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np.ndarray:
+def mode_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np.ndarray:
     """Y_t at angular frequencies (rad/s); m/(N s), same shape."""
     q = 1j * np.asarray(omega)
     below = q * q + 0.5 * math.pi * omega_c * q + 3.0 * omega_c**2
@@ -54,19 +56,19 @@ def tail_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np
 
 def test_mobility_below_the_limit_is_the_continuum_that_was_left_out() -> None:
     omega = OMEGA_C * np.array([0.02, 0.05, 0.1])
-    found = tail_mobility(Y, OMEGA_C, omega)
+    found = mode_mobility(Y, OMEGA_C, omega)
     wanted = Y / math.pi * np.log((OMEGA_C + omega) / (OMEGA_C - omega))
     # Exact in w and w^3: what differs is of order w^5.
     assert np.all(abs(found.imag / wanted - 1.0) < 0.5 * (omega / OMEGA_C) ** 4)
     assert np.all(found.real < 0.2 * Y * (omega / OMEGA_C) ** 4)
-    everywhere = tail_mobility(Y, OMEGA_C, np.geomspace(1e-3, 1e3, 200) * OMEGA_C)
+    everywhere = mode_mobility(Y, OMEGA_C, np.geomspace(1e-3, 1e3, 200) * OMEGA_C)
     assert np.all(everywhere.real > 0.0)  # passive
     assert everywhere[-1] == pytest.approx(Y, rel=1e-2)
 
 
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6])
 def test_steps_answer_an_impulse_by_the_closed_form(step_s: float) -> None:
-    made, gains = tail.build_tail(Y, OMEGA_C, step_s, True)
+    made, gains = collocation.build_residual_mode(Y, OMEGA_C, step_s, True)
     a, b = 0.25 * math.pi * OMEGA_C, OMEGA_C * math.sqrt(3.0 - (math.pi / 4.0) ** 2)
     # Displacement by a force of 1 N held over a step, at its end: the integral of the response
     # exp(-a t) (Y cos b t + B sin b t).
@@ -85,15 +87,15 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     force[5:9] = 40.0
     series_under(plant, force)
     balance = plant.close_balance()
-    mobility = damped_tail(what)[0]
+    mobility = damped_residual(what)[0]
     assert mobility is not None
-    omega_c = tail.tail_limit(mobility.mobility_m_ns, residual_m_n(what))
+    omega_c = collocation.residual_limit(mobility.mobility_m_ns, residual_m_n(what))
     omega = np.linspace(0.0, 4e9, 400_001)[1:]
     length = 4e-6
     spectrum = 40.0 * np.abs(np.sin(0.5 * omega * length)) / (0.5 * omega)
-    density = spectrum**2 * tail_mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
+    density = spectrum**2 * mode_mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
     lost = float(np.sum(density) * (omega[1] - omega[0]))
-    assert balance.tail_dissipated_j == pytest.approx(lost, rel=2e-3)
+    assert balance.truncated_dissipated_j == pytest.approx(lost, rel=2e-3)
     assert abs(balance.energy_residual) < 1e-10
 
 
@@ -116,17 +118,17 @@ def test_the_balance_closes_at_any_step_and_with_anything(
     series_under(plant, force)
     balance = plant.close_balance()
     assert balance.contact_steps > 0
-    assert balance.tail_dissipated_j > 0.0
+    assert balance.truncated_dissipated_j > 0.0
     assert abs(balance.energy_residual) < 1e-10
     assert abs(balance.momentum_residual) < 1e-10
 
 
-def test_a_wrong_tail_opens_the_balance() -> None:
+def test_a_wrong_mode_opens_the_balance() -> None:
     plant = CollocationPlant(tailed())
     for i in range(200):
         step(plant.model, plant.state, 20.0 * (i > 10))
         if i == 15:
-            plant.state.body[TAIL_IM] *= 1.001
+            plant.state.body[RESIDUAL_IM] *= 1.001
     assert abs(plant.close_balance().energy_residual) > 1e-8
 
 

@@ -38,7 +38,7 @@ def extremes(f_c, f_c1, f_a, f_a1, xi_p):
 
 @kernel
 def exchanged(first, pushed, moved, bound_j, sums, counts):
-    """Follow the work of a force (N) over its place (m) through rows from step `first` on: its sum
+    """Follow the work of a force (N) over its place (m) through steps from step `first` on: its sum
     so far, the largest size and value of that, inf where there is no number any more, and since
     when its size is above `bound_j`."""
     if first != counts[NEXT]:
@@ -203,9 +203,9 @@ def fastest(values):
 
 
 @kernel
-def all_finite(rows):
-    """Whether rows, shape (rows, steps), hold nothing but finite numbers."""
-    for row in rows:
+def all_finite(truth):
+    """Whether steps, shape (columns, steps), hold nothing but finite numbers."""
+    for row in truth:
         odd = 0
         for value in row:
             odd += not math.isfinite(value)
@@ -453,7 +453,7 @@ def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
 
 
 class Reading(NamedTuple):
-    """What the rows of an impact are read with. `mobility`: of what follows the forces at once,
+    """What the steps of an impact are read with. `mobility`: of what follows the forces at once,
     m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
 
     step_s: float
@@ -488,12 +488,12 @@ def read_impact(
     speeds,
     found,
 ):
-    """Read `count` rows of an impact, those after the first `lead`; some more may follow.
+    """Read `count` steps of an impact, those after the first `lead`; some more may follow.
 
     Writes the `contact_metrics` of the first contact, or of its part where it is `continued`, the
     `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Without
     what was there before, a part begins at its own first row. Returns whether there is such a
-    contact, the rows of `work` that belong to it, how many rows begin in contact, and the largest
+    contact, the steps of `work` that belong to it, how many steps begin in contact, and the largest
     speed of the plate.
     """
     size, own = xi.size, slice(lead, lead + count)
@@ -575,11 +575,11 @@ def _fold_all(words, lanes):
 
 
 @kernel
-def fingerprint(rows, samples):
-    """Two words of 64 bits that tell rows, shape (rows, steps), and samples from others; both are
-    arrays of words of 64 bits."""
+def fingerprint(truth, samples):
+    """Two words of 64 bits that tell truth, shape (columns, steps), and samples from others; both
+    are arrays of words of 64 bits."""
     lanes = (np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4))
-    for row in rows:
+    for row in truth:
         lanes = _fold_all(row, lanes)
     a, b, c, d = _fold_all(samples, lanes)
     return _fold(_fold(a, b), _fold(c, d)), _fold(_fold(b, c), _fold(d, a))
@@ -665,7 +665,7 @@ def follow(impact, f_c, f_a, gap):
 
 
 @kernel
-def follow_rows(impact, f_c, f_a, gap):
+def follow_steps(impact, f_c, f_a, gap):
     """Take steps, arrays of shape (steps,), until the impact is over; the first in contact."""
     touch = -1
     for i in range(f_c.size):
