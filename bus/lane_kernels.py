@@ -156,7 +156,7 @@ def wait_for_answer(lane):
 
 
 @kernel(inline=True)
-def take_answer(lane):
+def receive_force(lane):
     """The next record, which is there: its number less the expected one, samples, force, level."""
     i = lane.own[TAKEN]
     at = _answer_slot(lane, i)

@@ -37,7 +37,7 @@ def describe_plant(
     """Describe the plant with modes; whether these can be computed is not checked.
 
     Args:
-        truncated: `plate.truncated_modes`, what stands for the modes left out.
+        truncated: `plate.tail`, what stands for the modes left out.
         lead_in_s: flight before the first contact.
         accuracy: relative error that leaving out modes may cause.
 
@@ -127,21 +127,21 @@ def _damped_residual(
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' the mobility of {plate} is unknown. Give "
+            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
             "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
         )
     if plate.mode_table is not None and plate.highest_hz == 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
+            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
             "Use 'spring', or give modes up to a higher frequency."
         )
     if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' does not fit {plate}, whose "
+            f"plate.tail = 'damped' does not fit {plate}, whose "
             "residual_flexibility_m_n is below zero, as for a solid. Use 'spring'."
         )
     if asked == "damped":

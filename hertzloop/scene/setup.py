@@ -322,7 +322,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     controlled = mechanics.structure.solid and control.law != NO_CONTROL
     with_edges = describe_plant(
         mechanics,
-        scene.plate.truncated_modes,
+        scene.plate.tail,
         run.scheme,
         run.step_ns,
         run.lead_in_s,

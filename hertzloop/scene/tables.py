@@ -153,10 +153,10 @@ class PlateTable(SceneTable):
     `modes`: a file of modes that replaces the plate. It defines the structure, so that `size_m` and
     `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
     the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
-    not in the file. `truncated_modes`: a massless spring or one damped mode stands for them; "auto"
-    is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as a solid;
-    "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is not
-    known.
+    not in the file. `tail`: what stands for the truncated modes, a massless spring or one damped
+    mode; "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as
+    a solid; "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is
+    not known.
     """
 
     material: MaterialKey
@@ -183,7 +183,7 @@ class PlateTable(SceneTable):
     """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """static flexibility of the modes that are not in the file"""
-    truncated_modes: Literal["spring", "damped", "auto"] = "auto"
+    tail: Literal["spring", "damped", "auto"] = "auto"
     """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
     theory: Literal[(*THEORIES, "auto")] = "kirchhoff"  # type: ignore[valid-type]

@@ -109,9 +109,7 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
 )
 def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[str]) -> None:
     # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
-    scene = load(
-        "aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.truncated_modes=spring"]
-    )
+    scene = load("aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring"])
     recording = recorded(tmp_path, scene)
     balance = recording.balance
     assert balance is not None
