@@ -48,7 +48,8 @@ def role_options(role: str, name: str, options: RunOptions) -> list[str]:
     """Return the options of `hertzloop node ROLE` that pass on the name and the kind of a run."""
     words = ["--name", name, "--timeout", str(options.timeout_s), "--realtime", options.realtime]
     if role == RECORDER:
-        return [*words, "--overwrite"] if options.overwrite else words
+        words += ["--overwrite"] if options.overwrite else []
+        return [*words, f"--note={options.note}"] if options.note else words
     if not options.fast_lane:
         words.append("--no-fast-lane")
     if role == PLANT:

@@ -124,6 +124,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
     data = {
         "scene": setup.name,
         "seed": setup.seed,
+        "note": report.recording.note,
         "transport": report.transport,
         "scheme": setup.scheme,
         "steps": setup.steps,
