@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
 
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.structures.registry import THEORIES
+from hertzloop.plant.structures.registry import STRUCTURES, THEORIES
 from hertzloop.scene.errors import shown
 from hertzloop.scene.quantities import SENSED
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
@@ -88,10 +88,17 @@ def _scheme(name: object, check: Callable[[object], str]) -> str:
     return name if isinstance(name, str) and name in SCHEMES else check(name)
 
 
+def _theory(name: object, check: Callable[[object], str]) -> str:
+    """A theory in `STRUCTURES`, which a program may have added as well."""
+    kind = STRUCTURES.get(name) if isinstance(name, str) else None
+    return str(name) if kind is not None and kind.theory else check(name)
+
+
 if TYPE_CHECKING:
-    SchemeName = str
+    SchemeName = TheoryName = str
 else:
     SchemeName = Annotated[Literal[*SCHEMES], WrapValidator(_scheme)]
+    TheoryName = Annotated[Literal[(*THEORIES, "auto")], WrapValidator(_theory)]
 
 
 Mass = Annotated[float, Field(ge=1e-9, le=1e4)]
@@ -186,7 +193,7 @@ class PlateTable(SceneTable):
     truncated_modes: Literal["spring", "damped", "auto"] = "auto"
     """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
-    theory: Literal[(*THEORIES, "auto")] = "kirchhoff"  # type: ignore[valid-type]
+    theory: TheoryName = "kirchhoff"
     """plate theory: thin plate or solid; "auto": thin plate where it meets run.accuracy or the
     solid is not available"""
 
