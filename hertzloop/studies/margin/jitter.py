@@ -157,7 +157,7 @@ class ErrorResponse:
             before, (delay, angle) = delay, self._solved()
             if abs(delay - before) <= 1e-13 * delay:
                 break
-            self._insert_peaks(self._missing(delay))
+            self._insert_peaks(self._missing(delay) / delay)
         return delay, angle
 
     def _missing(self, delay: float) -> np.ndarray:

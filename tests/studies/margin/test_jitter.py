@@ -214,7 +214,7 @@ def test_the_command_tells_margin_and_verdict(setting: str, said: str, tmp_path)
         assert "sufficient, not necessary" in told.output
 
 
-@pytest.mark.parametrize("jitter_us", [7, 60])
+@pytest.mark.parametrize("jitter_us", default([7, 60], quick=[7]))
 def test_the_compiled_loop_decays_within_the_margin(jitter_us: int) -> None:
     setup = load("aluminium-20mm", [*SCENE, f"controller.jitter_us={jitter_us}"]).vary(FLIGHT)
     grows = simulated_growth_per_s(setup, -20.0 if jitter_us == 7 else 20.0)
