@@ -63,11 +63,17 @@ def run_table(report: RunReport) -> Table:
 def mean_latency_words(setup: Setup) -> str:
     """State the mean latency of the force that acts; empty if every command has the same."""
     line = setup.line
-    if not (line.jitter_steps or line.trace or line.drop_out_probability):
+    if not (line.varies or line.trace or line.drop_out_probability):
         return ""
     mean_us = mean_latency_us(setup)
     if math.isnan(mean_us):
         return "no command acts within the run"
+    if ppm := setup.scene.controller.clock_ppm:
+        beat_s = 1e6 * setup.every_steps * setup.step_s / abs(ppm)
+        return (
+            f"{mean_us:.1f} us of the force that acts: the controller's clock drifts by a sampling "
+            f"period in {beat_s:.3g} s"
+        )
     return (
         f"{mean_us:.1f} us of the force that acts: commands keep their order, so "
         "that a late one delays those behind it"
