@@ -216,7 +216,9 @@ class Launcher:
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
             raise RunFailed(not_responding(running, ended))
-        return next(c.done for c in self.children if c.role == PLANT)
+        stats = next(c.done for c in self.children if c.role == PLANT)
+        busy_s = {c.role: c.done["busy_s"] for c in reversed(self.children) if "busy_s" in c.done}
+        return stats | {"busy_s": busy_s}
 
     def _end_all(self) -> None:
         """Let processes exit that have done their part; end the others, the plant first: it tells

@@ -133,6 +133,8 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "exchanges": report.exchanges,
         "lane": report.lane,
         "realtime": report.realtime,
+        "busy_s": dict(report.busy_s),
+        "waited_s": report.waited_s,
         "residuals": {"momentum": balance.momentum_residual, "energy": balance.energy_residual},
         **_parts(report.parts),
         "frequencies": balance.frequencies,
