@@ -11,7 +11,6 @@ from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
-from numba.core.sigutils import normalize_signature
 
 
 class PartOfCallers(JITCodeLibrary):
@@ -30,7 +29,12 @@ class PartOfCallers(JITCodeLibrary):
 class Kernel(CPUDispatcher):
     """A dispatcher that compiles to machine code only what Python calls.
 
-    A call from Python of a kernel that was compiled as a part of others compiles it once more.
+    What Python calls and what other kernels link in are compiled apart, even for the same argument
+    types. Otherwise the code of a caller would depend on what a process had compiled before it: a
+    part that was optimised already is rounded in other places than one that is not.
+
+    Attributes:
+        parts: Compiled results that other kernels link in, by argument types.
     """
 
     # These call each other: the first is called by Python.
@@ -41,16 +45,21 @@ class Kernel(CPUDispatcher):
     def of(cls, dispatcher: CPUDispatcher) -> "Kernel":
         """The same dispatcher as a Kernel."""
         dispatcher.__class__ = cls
-        dispatcher._begin()
+        dispatcher.overloads = vars(dispatcher).pop("overloads")
+        dispatcher._compiler._customize_flags = dispatcher._customized
         return dispatcher
 
-    def __init__(self, *arguments: Any, **more: Any) -> None:
-        super().__init__(*arguments, **more)
-        self._begin()
+    @property
+    def overloads(self) -> dict[Any, Any]:
+        """Compiled results by argument types: those for Python, or while another kernel is being
+        compiled, those that it links in."""
+        compiling = self._compiling
+        return self.parts if compiling and compiling[0] is not self else self._entries
 
-    def _begin(self) -> None:
-        self._compiler._customize_flags = self._customized
-        self._parts: set[Any] = set()
+    @overloads.setter
+    def overloads(self, entries: dict[Any, Any]) -> None:
+        self._entries = entries
+        self.parts: dict[Any, Any] = {}
 
     def _customized(self, flags: Any) -> Any:
         if self.nested():
@@ -65,14 +74,10 @@ class Kernel(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Compile for argument types, or load what was compiled; returns the entry for Python."""
         with global_compiler_lock:
-            arguments = tuple(normalize_signature(sig)[0])
-            if arguments in self._parts and not self._compiling:
-                self._parts.remove(arguments)
-                del self.overloads[arguments]
             self._compiling.append(self)
-            cache, nested = self._cache, self.nested()
+            cache = self._cache
             try:
-                if nested:  # neither kept on the disk nor loaded
+                if self.nested():  # neither kept on the disk nor loaded
                     self._cache = NullCache()
                 return super().compile(sig)
             finally:
@@ -81,7 +86,7 @@ class Kernel(CPUDispatcher):
 
     def recompile(self) -> None:
         """Compile again for all argument types, with the values that globals have now."""
-        self._parts.clear()
+        self.parts.clear()
         super().recompile()
 
     def add_overload(self, result: Any) -> None:
@@ -89,9 +94,7 @@ class Kernel(CPUDispatcher):
         if not self.nested():
             super().add_overload(result)
             return
-        arguments = tuple(result.signature.args)
         result.library.__class__ = PartOfCallers
         key = object()  # callers find the code by it, as by an entry
         self.targetctx.insert_user_function(key, result.fndesc, [result.library])
-        self._parts.add(arguments)
-        self.overloads[arguments] = result._replace(entry_point=key)
+        self.overloads[tuple(result.signature.args)] = result._replace(entry_point=key)

@@ -267,7 +267,8 @@ def _forget_other_values(dispatcher: Dispatcher, digest: str) -> None:
     """Have a law's own compiled function compiled with the values that its globals have now: Numba
     keeps it with the values that they had, on the disk too where it was told to."""
     dispatcher._cache = NullCache()  # type: ignore[attr-defined]
-    if dispatcher.overloads and _compiled_for.get(dispatcher) != digest:
+    compiled = dispatcher.overloads or getattr(dispatcher, "parts", None)
+    if compiled and _compiled_for.get(dispatcher) != digest:
         dispatcher.recompile()
     _compiled_for[dispatcher] = digest
 
