@@ -166,6 +166,7 @@ def test_the_margin_of_a_scene_is_within_the_constant_limit() -> None:
         ("controller.jitter_us=8", "refuted"),
         ("controller.latency_trace=[1,3,7]", "certified"),
         ("controller.latency_trace=[1,8]", "refuted"),
+        ("controller.clock_ppm=-20", "certified"),
         ("controller.drop_out_probability=0.01", "undecided"),
         ("controller.latency_us=8", None),
     ],
@@ -182,6 +183,15 @@ def test_latencies_between_margin_and_limit_are_undecided() -> None:
     found = jitter_margin_of(setup, margin_of(at_shortest_latency(setup)))
     assert found is not None
     assert (found.verdict, found.margin_steps, found.burst) == ("undecided", 0, -1)
+
+
+def test_a_clock_that_drifts_adds_a_sampling_period() -> None:
+    settings = ("sensors.every_steps=3", "controller.clock_ppm=-20", "controller.clock_phase=0.4")
+    found, constant = found_in(*settings), found_in(settings[0])
+    assert found.added_us == pytest.approx(3.0)
+    assert found.margin_steps == constant.margin_steps
+    assert constant.burst is not None
+    assert found.burst == constant.burst - 1
 
 
 def test_bursts_count_in_samples() -> None:
