@@ -128,7 +128,7 @@ def _modes_end_words(f: RunContext, x: float) -> str:
 
 
 def _clipped(f: RunContext) -> float | None:
-    """Largest force of the actuator over its limit."""
+    """Largest commanded force of the actuator over its limit."""
     if f.run.actuator_n == 0.0:
         return None
     limit = f.spec.actuator.force_limit_n

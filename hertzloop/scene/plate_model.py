@@ -207,8 +207,10 @@ def _limit_hz(
 
 
 def _sizes(plate: Structure) -> str:
+    """Return what decides the frequencies of a structure, for a message."""
     local = plate.local_plate
-    assert local is not None
+    if local is None:
+        return f"{plate} (plate.theory)"
     return f"plate.size_m = {list(local.size_m)} with plate.thickness_m = {local.thickness_m:g}"
 
 
@@ -218,8 +220,8 @@ def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
     if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
         raise SceneError(
             f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the {limit_hz:.3g} Hz "
-            "that the step supports. Use a larger or thinner plate, or a smaller run.step_ns (now "
-            f"{step_ns})."
+            "that the step supports. Use a larger, thinner or softer structure, or a smaller "
+            f"run.step_ns (now {step_ns})."
         )
 
 

@@ -111,6 +111,10 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.002", "actuator.bandwidth_hz=3e4", "actuator.damping=0.3",
          "actuator.mass_kg=5e-3", "plate.loss_factor=0.02"],
     ),
+    "preload": (
+        "offcentre-6mm",
+        ["run.duration_s=0.002", "actuator.preload_n=5", "controller.latency_us=2"],
+    ),
     "yielding": (
         "aluminium-3mm",
         ["run.duration_s=0.003", "contact.plasticity=thornton",
@@ -128,7 +132,7 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
 # Of the two kinds of plant that most scenes have: every other kind is compiled for half a minute.
 QUICK = set(VARIANTS) - {
     "two points", "published scheme", "pre-computed force", "force feedback", "actuator",
-    "actuator beside", "yielding", "yielding, two points",
+    "actuator beside", "preload", "yielding", "yielding, two points",
 }  # fmt: skip
 SOME = ["default", "converters", "two points", "actuator"]
 
