@@ -40,7 +40,7 @@ class JitterMargin:
             None if that is undecided, and without limit up to 65 000 steps.
         margin_us: the same between two steps, us; -1 and None as above.
         frequency_hz: where the condition fails first, Hz; None without a stable loop.
-        added_us: largest additional latency of the scene, by jitter and trace, us.
+        added_us: largest additional latency of the scene, by jitter, trace and clock, us.
         drops_out: whether commands drop out at random, without a longest burst.
         burst: most commands in a row that may drop out besides; -1 if not even none; None as above.
         verdict: "certified" if every sequence of latencies of the scene keeps the loop stable,
@@ -60,11 +60,14 @@ class JitterMargin:
 
 
 def at_shortest_latency(setup: Setup) -> Setup:
-    """Return a setup with its shortest latency throughout: no jitter, trace or drop-outs."""
+    """Return a setup with its shortest latency throughout: no jitter, trace, drift or drop-outs."""
     line = setup.line
-    if not (line.jitter_steps or line.trace or line.drop_out_probability):
+    if not (line.varies or line.trace or line.drop_out_probability):
         return setup
+    phase = 0.0 if line.tick_steps else setup.scene.controller.clock_phase
     return setup.vary({
+        "controller.clock_ppm": 0.0,
+        "controller.clock_phase": phase,
         "controller.jitter_us": 0.0,
         "controller.drop_out_probability": 0.0,
         "controller.latency_trace": None,
@@ -77,7 +80,7 @@ def jitter_margin_of(setup: Setup, margin: Margin) -> JitterMargin | None:
     """Return the jitter margin of a setup; None without a linear loop.
 
     Args:
-        setup: the run, with its jitter, trace and drop-outs.
+        setup: the run, with its jitter, trace, clock and drop-outs.
         margin: the margin of `at_shortest_latency(setup)`.
 
     Raises:
@@ -87,7 +90,8 @@ def jitter_margin_of(setup: Setup, margin: Margin) -> JitterMargin | None:
     if loops is None or isinstance(loops, NotLinearError):
         return None
     line, step_us, every = setup.line, 1e6 * setup.step_s, setup.every_steps
-    added, drops_out = line.jitter_steps + max(line.trace, default=0), line.drop_out_probability > 0
+    added = line.most_added_steps - line.dead_steps
+    drops_out = line.drop_out_probability > 0
     latencies = line.latency_steps + np.arange(min(added, _MOST_STEPS) + 1)
     unstable = latencies[loops.unstable(latencies) > 0]
     steps, us, burst = (-1, -1.0, -1) if margin.stable is False else (None, None, None)

@@ -168,6 +168,7 @@ def test_the_margin_of_a_scene_is_within_the_constant_limit() -> None:
         ("controller.latency_trace=[1,8]", "refuted"),
         ("controller.drop_out_probability=0.01", "undecided"),
         ("controller.latency_us=8", None),
+        ("controller.clock_ppm=50", "certified"),
     ],
 )
 def test_verdicts_on_scenes(setting: str, verdict: str | None) -> None:
@@ -182,6 +183,16 @@ def test_latencies_between_margin_and_limit_are_undecided() -> None:
     found = jitter_margin_of(setup, margin_of(at_shortest_latency(setup)))
     assert found is not None
     assert (found.verdict, found.margin_steps, found.burst) == ("undecided", 0, -1)
+
+
+def test_a_drift_adds_up_to_a_sampling_period() -> None:
+    drift = ["sensors.every_steps=3", "controller.clock_ppm=-50", "controller.clock_phase=0.9"]
+    found, constant = found_in(*drift), found_in(drift[0])
+    assert found.added_us == pytest.approx(3.0)
+    assert found.margin_steps == constant.margin_steps
+    assert (found.verdict, constant.verdict) == ("certified", None)
+    jitter = load("aluminium-20mm", [*SCENE, drift[0], drift[2], "controller.jitter_us=2"])
+    assert at_shortest_latency(jitter).line.dead_steps == 3  # the wait of a phase remains
 
 
 def test_bursts_count_in_samples() -> None:
