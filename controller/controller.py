@@ -50,7 +50,7 @@ class SignalPath:
     @cached_property
     def most_added_steps(self) -> int:
         """Largest latency of a command beyond `latency_steps`."""
-        waits = math.ceil(self.tick_steps)
+        waits = math.floor(self.tick_steps + 0.5)
         return self.jitter_steps + max(self.trace, default=0) + self.dead_steps + waits
 
     @property

@@ -248,10 +248,11 @@ def _check_worst(request: BudgetRequest, setup: Setup) -> None:
     control = setup.scene.controller
     if request.only and "jitter_us" not in request.only:
         raise SceneError("--worst needs the limit of jitter. Add --only jitter_us")
-    if control.latency_trace is not None or control.jitter_us or control.drop_out_probability:
+    own = control.jitter_us, control.clock_ppm, control.drop_out_probability
+    if control.latency_trace is not None or any(own):
         raise SceneError(
             "--worst: searches all sequences of latencies, but the scene has latencies of its own. "
-            "Leave out controller.latency_trace, jitter_us and drop_out_probability"
+            "Leave out controller.latency_trace, jitter_us, clock_ppm and drop_out_probability"
         )
 
 

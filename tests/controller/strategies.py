@@ -66,17 +66,20 @@ LAWS = st.one_of(
 # All that a line can do, except latency, which tests want to choose.
 _CONVERTERS = st.sampled_from([(None, None), (None, 2.0), (4, 2.0), (12, 9.0)])
 LINES = st.builds(
-    lambda jitter, loss, converter, slew: SignalPath(
+    lambda jitter, loss, converter, slew, tick: SignalPath(
         jitter_steps=jitter,
         drop_out_probability=loss,
         bits=converter[0],
         full_scale_n=converter[1],
         slew_n_s=slew,
+        tick_steps=tick,
+        first_tick_steps=0.4 * tick,
     ),
     st.sampled_from([0, 0, 1, 5]),
     st.sampled_from([0.0, 0.0, 0.3]),
     _CONVERTERS,
     st.sampled_from([None, None, 0.8]),
+    st.sampled_from([0.0, 0.0, 0.97, 3.1]),
 )
 LATENCIES = st.integers(0, 6)
 EVERY_STEPS = st.integers(1, 3)

@@ -48,7 +48,7 @@ def test_impossible_clocks_are_refused(setting: str) -> None:
         load("aluminium-3mm", [*SHORT, f"controller.{setting}"])
 
 
-def test_the_margin_knows_a_phase_and_refuses_a_drift() -> None:
+def test_the_margin_knows_a_phase_and_not_a_drift() -> None:
     law = ["controller.law=velocity_feedback", "controller.kappa=0.01", "sensors.every_steps=4"]
     later, dead = (
         margin_of(load("aluminium-3mm", [*law, setting]))

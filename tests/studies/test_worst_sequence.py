@@ -125,6 +125,7 @@ def test_the_command_writes_a_trace_that_run_replays(
     ("options", "message"),
     [
         (["--set", "controller.jitter_us=3"], "has latencies of its own"),
+        (["--set", "controller.clock_ppm=3"], "has latencies of its own"),
         (["--only", "bits"], "Add --only jitter_us"),
     ],
 )
