@@ -11,7 +11,7 @@ __all__ = ["here"]  # the fixture
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("name", ["a[/y].mcap", "[red]b.mcap", "[bold]c[/bold].mcap"])
+@pytest.mark.parametrize("name", ["a[/y].mcap", "[red]b.mcap"])
 def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
     for file in (name, f"new{name}"):
         (here / file).parent.mkdir(exist_ok=True)
@@ -37,7 +37,7 @@ def test_markup_in_a_run(here: Path) -> None:
     assert "hertzloop replay '[/z].mcap'" in done.output
 
 
-@pytest.mark.parametrize("value", ["[/y]", "[red]x", "[link=https://a]b[/link]"])
+@pytest.mark.parametrize("value", ["[/y]", "[red]x"])
 def test_markup_in_a_refused_value(value: str) -> None:
     done = call("run", "--set", f"plate.material={value}")
     assert done.exit_code == 2
