@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.hertzloop.test_cli import SHORT, call, here, said
+from tests.hertzloop.test_cli import call, here, said
 
 __all__ = ["here"]  # the fixture
 ROOT = Path(__file__).parents[2]
@@ -24,17 +24,6 @@ def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
     done = call("repair", name, "--out", f"new{name}")
     assert done.exit_code == 0
     assert f"new{name}" in done.output
-
-
-def test_markup_in_a_run(here: Path) -> None:
-    toml = (ROOT / "hertzloop" / "scene" / "aluminium-3mm.toml").read_text()
-    shows = 'shows = "[red]not red[/y]"'
-    lines = [shows if line.startswith("shows") else line for line in toml.splitlines()]
-    (here / "[").mkdir()
-    (here / "[/y].toml").write_text("\n".join(lines))
-    done = call("run", "[/y].toml", *SHORT, "--out", "[/z].mcap")
-    assert done.exit_code == 0, done.output
-    assert "hertzloop replay '[/z].mcap'" in done.output
 
 
 @pytest.mark.parametrize("value", ["[/y]", "[red]x"])
