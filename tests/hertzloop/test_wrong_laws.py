@@ -140,6 +140,23 @@ def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str)
         try_law(scene)
 
 
+def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
+    """On a fresh machine that takes longer than a law's trial may."""
+    write_law(here)
+    script = (
+        "import os; from hertzloop.controller import kernels; fork = os.fork\n"
+        "def checked():\n"
+        "    assert kernels.control_block.signatures, 'not loaded'\n"
+        "    return fork()\n"
+        "os.fork = checked\n"
+        "from hertzloop.processes.law_trial import try_law\n"
+        "from hertzloop.scene.setup import load\n"
+        "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the file itself, in what it prepares, and in the trial."""
     monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
