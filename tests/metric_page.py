@@ -5,21 +5,13 @@ from hertzloop.results.span_metrics import SPAN_METRICS
 
 _TABLES = {
     "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_METRICS),
-    "Metrics of a case": (
-        "Columns of `sweep`, goals of `tune` and `budget`.",
-        CASE_METRICS,
-    ),
+    "Metrics of a case": ("Columns of `sweep`, goals of `tune` and `budget`.", CASE_METRICS),
 }
 
 
 def page() -> str:
     """The metrics as a page in Markdown."""
-    lines = [
-        "# Metrics",
-        "",
-        "The names are those of `--json`, of files and of Python.",
-        "",
-    ]
+    lines = ["# Metrics", "", "The names are those of `--json`, of files and of Python.", ""]
     for heading, (where, rows) in _TABLES.items():
         lines += [f"## {heading}", "", where, "", "| metric | means |", "|---|---|"]
         lines += [f"| `{name}` | {row.meaning} |" for name, row in rows.items()] + [""]

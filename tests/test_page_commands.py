@@ -1,13 +1,9 @@
-"""Commands of the pages run from an empty folder with the installed wheel.
-
-`python -m tests.test_page_commands` prints a table of the pages.
-"""
+"""Commands of the pages run from an empty folder with the installed wheel."""
 
 import os
 import re
 import shlex
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -159,7 +155,6 @@ def test_the_commands_of_a_page_run_with_the_wheel(
     page: Path,
     installed: str,  # noqa: F811
     tmp_path: Path,
-    record_property: Callable[[str, object], None],
 ) -> None:
     place = {
         **os.environ,
@@ -204,7 +199,6 @@ def test_the_commands_of_a_page_run_with_the_wheel(
             for words, first in BEFORE.items():
                 if line.startswith(words):
                     ended(first, started(first))
-            record_property("command", line)
             process = started(given + told(line))
             if re.match(r"hertzloop node (plant|controller|recorder)", line):
                 running.append((line, process))  # each in a terminal of its own
@@ -222,27 +216,3 @@ def test_what_is_left_out_or_made_shorter_is_there() -> None:
     lines = [line.rpartition("  # ")[0] for line in lines]
     for words in SHORTER:
         assert any(words in line + "\n" for line in lines), words
-
-
-class Table:
-    """Collects how many commands of each page ran, and which of them failed."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[str, int, str]] = []
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Take the report of a page."""
-        ran = [str(line) for name, line in report.user_properties if name == "command"]
-        if report.failed or (report.when == "call" and ran):
-            page = report.nodeid.partition("[")[2].rstrip("]") or report.nodeid
-            self.rows.append((page, len(ran), (ran or [""])[-1] if report.failed else ""))
-
-
-if __name__ == "__main__":
-    table = Table()
-    pytest.main([__file__, "-n0", "-q", "--tb=short", *sys.argv[1:]], plugins=[table])
-    print("| page | commands | failed |\n|---|---|---|")
-    for one, count, failed in table.rows:
-        print(f"| {one} | {count} | {failed} |")
-    print(f"| {len(table.rows)} pages | {sum(row[1] for row in table.rows)} "
-          f"| {sum(bool(row[2]) for row in table.rows)} |")  # fmt: skip

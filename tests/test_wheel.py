@@ -1,6 +1,5 @@
 """The wheel installs one package, `hertzloop`, and a user's own modules stay the user's."""
 
-import json
 import os
 import subprocess
 import sys
@@ -9,8 +8,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-
-from tests.ports import free_ports
 
 ROOT = Path(__file__).parents[1]
 OWN = ("controller.py", "plant.py", "jit.py", "law.py", "bus/__init__.py", "recordings/__init__.py")
@@ -44,8 +41,10 @@ def test_the_wheel_holds_one_package(wheels: tuple[Path, Path]) -> None:
     assert names[0] == names[1]
     tops = {name.split("/")[0] for name in names[0]}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"hertzloop"}
-    for needed in ("plant/plant.py", "controller/loading/start/hertzloop_law.h", "law.py",
-                   "bus/hertzloop_lane.h", "scene/aluminium-3mm.toml"):  # fmt: skip
+    for needed in (
+        "plant/plant.py", "controller/loading/start/hertzloop_law.h", "law.py",
+        "bus/hertzloop_lane.h", "bus/messages.proto", "scene/aluminium-3mm.toml",
+    ):  # fmt: skip
         assert f"hertzloop/{needed}" in names[0]
 
 
@@ -84,19 +83,6 @@ def test_a_law_and_a_script_import_the_modules_of_the_user(folder: Path) -> None
     assert called(folder, "script.py").count("the user") == 5
 
 
-@pytest.mark.full
-def test_commands_work_beside_modules_of_these_names(folder: Path) -> None:
-    here = ("-m", "hertzloop")
-    called(folder, *here, "run", "aluminium-3mm", *RUN, "--set", "controller.law=mine.py",
-           "--out", "b.mcap")  # fmt: skip
-    called(folder, *here, "replay", "b.mcap", "--save", "b.rrd")
-    called(folder, *here, "inspect", "b.mcap")
-    called(folder, *here, "sweep", "aluminium-3mm", *RUN, "--over", "controller.latency_us=0,1",
-           "--set", "controller.law=mine.py", "--out", "s.csv")  # fmt: skip
-    called(folder, *here, "law", "new", "fresh.py")
-    called(folder, *here, "scene", "list")
-
-
 @pytest.fixture(scope="module")
 def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> str:
     """Python of an environment that holds the wheel and its dependencies: links to our
@@ -132,54 +118,3 @@ def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
     )  # fmt: skip
     for law in ("mine.py", "mine.so"):
         run(*tool, "run", *RUN, "--set", f"controller.law={law}", "--out", f"{law}.mcap")
-
-
-@pytest.mark.full
-def test_roles_in_separate_terminals_work_beside_modules_of_these_names(
-    installed: str, folder: Path
-) -> None:
-    plant, controller, recorder = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
-    law = ("--set", "controller.law=mine.py")
-    roles = {
-        "plant": ("aluminium-3mm", *RUN, *law, "--listen", plant),
-        "controller": ("--law", "mine.py", "--listen", controller, "--connect", plant),
-        "recorder": ("--out", "roles.mcap", "--listen", recorder, "--connect", plant, "--connect",
-                     controller),
-    }  # fmt: skip
-    started = {
-        role: subprocess.Popen(
-            [installed, "-m", "hertzloop", "node", role, *words, "--timeout", "60"],
-            cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONPATH": ""},
-        )
-        for role, words in roles.items()
-    }  # fmt: skip
-    ended = {role: (one.communicate(timeout=300)[0], one.returncode)
-             for role, one in started.items()}  # fmt: skip
-    assert [code for _, code in ended.values()] == [0, 0, 0], ended
-    called(folder, "-m", "hertzloop", "inspect", "roles.mcap", python=installed, path="")
-
-
-@pytest.mark.full
-def test_a_notebook_works_beside_modules_of_these_names(
-    installed: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import nbformat
-    from nbclient import NotebookClient
-
-    kernel = folder / "jupyter" / "kernels" / "installed"
-    kernel.mkdir(parents=True)
-    starts = [installed, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
-    (kernel / "kernel.json").write_text(json.dumps({"argv": starts, "display_name": "installed"}))
-    monkeypatch.delenv("PYTHONPATH", raising=False)
-    monkeypatch.setenv("JUPYTER_PATH", str(folder / "jupyter"))
-    cells = [
-        "import controller, plant, bus, jit, recordings, hertzloop",
-        "scene = hertzloop.load('aluminium-3mm', {'run.duration_s': 0.0016, 'run.accuracy': 0.1})",
-        "run = hertzloop.run(scene)",
-        "assert all('the user' in one.OWNER for one in (controller, plant, bus, jit, recordings))",
-    ]
-    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
-    NotebookClient(
-        book, timeout=300, kernel_name="installed", resources={"metadata": {"path": str(folder)}}
-    ).execute()

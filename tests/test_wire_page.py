@@ -2,11 +2,7 @@
 
 import hashlib
 import re
-import subprocess
-import sys
 import uuid
-import zipfile
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -48,48 +44,12 @@ def test_the_worked_session_id() -> None:
     assert f"`{uuid.UUID(bytes=digest[::-1] + bytes(1))}`" in PAGE
 
 
-def test_a_role_takes_its_tokens_back_before_it_leaves() -> None:
-    [number] = free_ports(1)
-    url = f"tcp/127.0.0.1:{number}"
-    recorder = ZenohPort(RECORDER, "page", [url])
-    plant = ZenohPort(PLANT, "page", [], [url])
-    try:
-        recorder.liveliness.announce()
-        wait_for(lambda: plant.liveliness.alive[RECORDER])
-        recorder.liveliness.leave()  # the link is still there
-        wait_for(lambda: not plant.liveliness.alive[RECORDER])
-        assert plant._session.info.peers_zid()
-    finally:
-        recorder.close()
-        plant.close()
-
-
 @pytest.mark.parametrize(
     "name", ["DaqBlock", "ForceBlock", "StreamCount", "ControllerReport", "RunEnd"]
 )
 def test_every_field_that_a_controller_meets(name: str) -> None:
     fields = {field.name for field in getattr(messages_pb2, name).DESCRIPTOR.fields}
     assert fields <= KNOWN
-
-
-def test_the_recorders_token() -> None:
-    [number] = free_ports(1)
-    [key] = [key for key in KNOWN if "complete" in key]
-    url = f"tcp/127.0.0.1:{number}"
-    recorder = ZenohPort(RECORDER, "page", [url])
-    plant = ZenohPort(PLANT, "page", [], [url])
-    heard: list[str] = []
-    try:
-        plant._session.liveliness().declare_subscriber(
-            key.replace("<name>", "page"),
-            zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr))),
-            history=True,
-        )
-        recorder.liveliness.confirm_completion()
-        wait_for(lambda: heard)
-    finally:
-        plant.close()
-        recorder.close()
 
 
 def test_ports() -> None:
@@ -127,6 +87,12 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
             )
             port.liveliness.announce()
             wait_for(lambda: tokens)
+            done: list[zenoh.Sample] = []
+            [complete] = [key for key in keys if "complete" in key]
+            mine = complete.replace("<name>", "page").replace("recorder", "controller")
+            session.liveliness().declare_subscriber(mine, zenoh.handlers.Callback(done.append))
+            port.liveliness.confirm_completion()
+            wait_for(lambda: done)
             ids = [f"page/controller/{i}".encode() for i in range(256)]
             ids = [hashlib.blake2b(text, digest_size=15).hexdigest().lstrip("0") for text in ids]
             [linked] = session.info.peers_zid()
@@ -144,35 +110,3 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
             assert attachment.to_bytes() == (5).to_bytes(8, "little")
     finally:
         port.close()
-
-
-@pytest.mark.full
-def test_the_package_holds_the_messages(tmp_path: Path) -> None:
-    """A built wheel, and an import of what is installed."""
-    assert (files("hertzloop.bus") / "messages.proto").read_text() == (
-        ROOT / "bus" / "messages.proto"
-    ).read_text()
-    words = ["-m", "pip", "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "-q"]
-    done = subprocess.run(
-        [sys.executable, *words, "-w", str(tmp_path)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    [wheel] = tmp_path.glob("*.whl")
-    packed = zipfile.ZipFile(wheel).read("hertzloop/bus/messages.proto")
-    assert packed == (ROOT / "bus" / "messages.proto").read_bytes()
-
-
-@pytest.mark.full
-def test_the_page_tells_how_to_compile_them(tmp_path: Path) -> None:
-    """Its commands run as they stand, where protoc is there."""
-    block = re.search(r"```\n(python -c .*?)```", PAGE, re.S)
-    assert block
-    lines = [line for line in block[1].splitlines() if line.startswith("python")]
-    for line in lines:
-        line = line.replace("python ", f"{sys.executable} ", 1)
-        done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-    assert (tmp_path / "messages_pb2.py").exists()
-    assert (tmp_path / "messages.proto").read_bytes() == (
-        ROOT / "bus" / "messages.proto"
-    ).read_bytes()

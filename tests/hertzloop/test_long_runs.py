@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results import impacts as impact_windows
-from hertzloop.results.impacts import impacts_of_truth, through_first_contact
-from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
-from tests.hertzloop.test_impact_windows import in_blocks
 
 METRICS = """
 import sys
@@ -45,36 +41,3 @@ def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
         firsts, pieces = zip(*free_series(scene), strict=True)
         assert list(firsts) == [n * pieces[0].shape[1] for n in range(len(pieces))]
         assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).truth.tobytes()
-
-
-@pytest.mark.parametrize("law", ["slope_threshold", "force_feedback", "off"])
-@pytest.mark.parametrize("piece", [5, 700, 20_000])
-def test_metrics_of_blocks_are_those_of_the_whole(
-    law: str, piece: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = "offcentre-6mm" if law == "off" else "aluminium-20mm"
-    keys = [f"run.duration_s={0.2 if law == 'off' else 0.012}", "plate.loss_factor=0.01"]
-    scene = load(name, [*keys, f"controller.law={law}", "sensors.quantity=auto"])
-    rows = simulate(scene).truth
-    whole = metrics_of(scene, rows)
-    assert len(whole.impacts) > 1
-    assert metrics_of(scene, in_blocks(rows, 900)).impacts == whole.impacts
-    monkeypatch.setattr(impact_windows, "PIECE", piece)
-    found = metrics_of(scene, in_blocks(rows, 900))
-    for kind in ("impacts", "noise"):
-        ours, others = getattr(found, kind), getattr(whole, kind)
-        assert len(ours) == len(others)
-        for mine, theirs in zip(ours, others, strict=True):
-            assert vars(mine) == pytest.approx(vars(theirs), rel=1e-9)
-    mine, theirs = ({**vars(one.stability), "since_s": 0.0} for one in (found, whole))
-    assert mine == pytest.approx(theirs, rel=1e-9)
-    assert found.stability.since_s == whole.stability.since_s
-
-
-def test_rows_through_the_first_contact() -> None:
-    scene = load("aluminium-20mm", ["run.duration_s=0.012"])
-    rows = simulate(scene).truth
-    first = impacts_of_truth(scene, rows)[0]
-    taken = through_first_contact(in_blocks(rows, 120))
-    assert first.end + 2 <= taken.shape[1] < rows.shape[1] / 2
-    assert taken.tobytes() == rows[:, : taken.shape[1]].tobytes()

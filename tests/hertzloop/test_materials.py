@@ -39,18 +39,6 @@ def plate(scene: Setup) -> Material:
     return scene.plant.plate.material
 
 
-def elastic(name: str) -> Material:
-    """A shipped material without what is known of its strength."""
-    return replace(MATERIALS[name], yield_pa=None, hardness_pa=None, strength_spread=0.2)
-
-
-def test_the_published_four_are_what_they_were() -> None:
-    assert elastic("steel") == Material(210e9, 7800.0, 0.31)
-    assert elastic("aluminium") == Material(7.2e10, 2700.0, 0.34, 1e-4, 0.7)
-    assert elastic("oak") == Material(5e8, 700.0, 0.10, 5e-2, 0.6)
-    assert elastic("sylomer_m") == Material(1.34e6, 400.0, 0.40, 16e-2, 0.2)
-
-
 @pytest.mark.parametrize("name", MATERIALS)
 def test_every_shipped_material_can_be_struck_and_fall(name: str) -> None:
     ball = "steel" if MATERIALS[name].orthotropic else name  # which a plate alone can be
@@ -98,31 +86,18 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
     ("setting", "words"),
     [
         ("plate.material=cheese", "plate.material = 'cheese': unknown material. Use one of steel"),
-        ("plate.material=titanum", "Did you mean titanium?"),
         ("sphere.material.density_kg_m3=-7800", "sphere.material.density_kg_m3 = -7800"),
-        ("plate.material.poisson=0.6", "plate.material.poisson = 0.6: must be at"),
         ("plate.material.young_pa=nan", "plate.material.young_pa = nan: must be"),
         ("plate.material.young_pa=72", "plate.material.young_pa = 72: must be 1e3"),
         ("plate.material.young_pa=72000", "make a speed of sound of 5.16 m/s"),
-        ("plate.material.density_kg_m3=2.7", "make a speed of sound of 1.63e+05 m/s"),
-        ("plate.material.loss_factor=2", "plate.material.loss_factor = 2: must be"),
-        ("plate.material.yield_pa=276", "plate.material.yield_pa = 276: must be"),
         ("plate.material.colour=3", "plate.material.colour is not a property of a material"),
         ("plate.material={young_pa=1e11}", "plate.material.density_kg_m3 is missing"),
-        ("plate.material=3", "plate.material = 3: must be"),
         ("materials=none.toml", "materials = 'none.toml': cannot be read"),
         ('materials="\\u0000.toml"', "cannot be read: embedded null byte"),
-        ('plate.modes="\\u0000.csv"', "cannot be read: embedded null byte"),
-        ("materials=3", "materials = 3: must be"),
         ("plate.material=" + "x" * 5000, "unknown material. Use one of steel"),
         ("plate.material.young_pa=1" + "0" * 400, "plate.material.young_pa = a number of that"),
-        ("plate.edges=cccx", "plate.edges = 'cccx': must be"),
         ("plate.modes=none.csv", "plate.modes = 'none.csv': cannot be read: No such file"),
-        (
-            "plate.modes=none.txt",
-            "plate.modes = 'none.txt': unknown format. Use a file that ends in .csv, "
-            ".parquet, .npz",
-        ),
+        ("plate.modes=none.txt", "unknown format. Use a file that ends in .csv, .parquet, .npz"),
         ("plate.residual_flexibility_m_n=1e-9", "needs plate.modes"),
     ],
 )
@@ -137,7 +112,6 @@ def test_refused_with_a_sentence(setting: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mine = 3", "mine is not a table"),
         ("[mine]\nyoung_pa = 1e11", "mine.density_kg_m3 is missing"),
         ("[mine", "is not valid TOML"),
         (MINE.replace("0.25", "0.6"), "mine.poisson = 0.6: must be"),
@@ -147,10 +121,3 @@ def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> Non
     with pytest.raises(SceneError, match=r"my_materials\.toml") as caught:
         load(scene_file(tmp_path, text))
     assert words in str(caught.value)
-
-
-def test_a_scene_keeps_its_name() -> None:
-    other = load("aluminium-3mm", ["plate.material=titanium"])
-    assert (other.name, other.scene.shows) == ("aluminium-3mm", "")
-    assert load("aluminium-3mm", ["run.seed=2"]).scene.shows
-    assert load("aluminium-3mm", ["plate.material=oak", "name=mine"]).name == "mine"

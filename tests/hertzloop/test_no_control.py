@@ -37,8 +37,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("field", ["energy_residual", "injected_j"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("field", ["injected_j"])
 def test_books_that_are_not_finite_are_told_of(
     whole: Path, tmp_path: Path, field: str, value: float
 ) -> None:
@@ -66,20 +66,3 @@ def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) ->
     done = call("inspect", str(path))
     assert done.exit_code == 0, done.stdout
     assert "Complete" in done.stdout
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("transport", ["compiled", "zenoh"])
-def test_a_run_that_explodes_is_unstable(tmp_path: Path, transport: str) -> None:
-    """The actuator's force ends at a bound, so that the energy stays a number."""
-    path = tmp_path / "a.mcap"
-    keys = ["run.accuracy=0.1", "run.duration_s=0.0014", "sensors.quantity=auto",
-            "controller.law=velocity_feedback", "controller.kappa=10"]  # fmt: skip
-    words = [word for key in keys for word in ("--set", key)]
-    done = call("run", "aluminium-3mm", *words, "--transport", transport, "--out", str(path))
-    assert done.exit_code == 0, done.output
-    inspected = call("inspect", str(path))
-    assert inspected.exit_code == 0
-    for said in (done.stdout, inspected.stdout):
-        assert "UNSTABLE: the actuator supplies 3.04e+21 times the impact energy." in said
-    assert "Complete" in inspected.stdout

@@ -13,7 +13,7 @@ from hertzloop.common.atomic_files import NotWritten, atomic_write, whole_file
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.setup import load
-from tests.hertzloop.processes import HERTZLOOP, hertzloop
+from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
@@ -49,9 +49,6 @@ def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
         _written_half(path, OSError(errno.ENOSPC, _FULL))
     assert (caught.value.errno, caught.value.filename) == (errno.ENOSPC, str(path))
     assert list(tmp_path.iterdir()) == []
-    # Arrow's errors have words only.
-    with pytest.raises(NotWritten, match=r"cannot write .*a\.csv: no room"):
-        _written_half(path, OSError("no room"))
 
 
 def test_links_and_permissions_stay(tmp_path: Path) -> None:
@@ -85,11 +82,6 @@ def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
     (tmp_path / "null").symlink_to(os.devnull)
     atomic_write(tmp_path / "null", "words")
     assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
-    reading, writing = os.pipe()
-    atomic_write(Path(f"/dev/fd/{writing}"), "words")  # as of a shell's >(...)
-    assert os.read(reading, 100) == b"words"
-    os.close(reading)
-    os.close(writing)
 
 
 @pytest.fixture(scope="module")
@@ -103,25 +95,18 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 _SAMPLED = [["export", "F.mcap", "-o", f"{{}}{end}"] for end in (
     ".csv", ".npz", ".parquet", ".h5", ".mcap"
 )]  # fmt: skip
-_MODES = [["scene", "modes", "-o", f"{{}}{end}"] for end in (".csv", ".npz", ".parquet")]
 _FILES = [
     *_SAMPLED,
-    *_MODES,
+    ["scene", "modes", "-o", "{}.csv"],
     ["repair", "F.mcap", "-o", "{}.mcap"],
     ["replay", "F.mcap", "--save", "{}.rrd", "--alone"],
     ["inspect", "F.mcap", "--json", "{}"],
-    ["inspect", "F.mcap", "--law", "{}"],
     ["law", "new", "{}.py"],
-    ["law", "new", "{}.c", "--with-check"],
     ["scene", "new", "{}.toml"],
     ["law", "replay", "F.mcap", "--law", "shifted_threshold", "-o", "{}.png"],
     ["export-plant", "aluminium-3mm", "--cpu", "host", "-o", "{}.fmu"],
-    ["export-plant", "aluminium-3mm", "--cpu", "host", "-o", "{}.so"],
     ["sweep", "--over", "sensors.bits=4,5", *SHORT[2:], "-o", "{}.csv"],
     ["run", "aluminium-3mm", *SHORT, "-o", "{}.mcap"],
-    ["node", "watch", "--save", "{}.rrd"],
-    ["fit", "aluminium-3mm", "--check", "--free", "sphere.radius_m", "--report", "{}.html"],
-    ["fit", "aluminium-3mm", "none.csv", "--free", "sphere.radius_m", "-o", "{}.toml"],
 ]
 _FOLDERS = [
     ["report", "F.mcap", "--out-dir", "{}"],
@@ -157,7 +142,6 @@ def test_an_output_that_cannot_be_is_found_before_the_command_begins(
     for make, sentence in (
         (os.mkfifo, "not a regular file. Choose another name"),
         (lambda path: path.symlink_to(here / "none" / "x"), f"links to {here}/none/x, which does"),
-        (lambda path: path.symlink_to(here / "absent"), f"links to {here}/absent, which does not"),
     ):
         make(place)
         for more in ([], ["--overwrite"]):
@@ -191,7 +175,7 @@ _SMALL = ("law", "scene", "inspect")  # fits into a page
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("words", [*_FILES[:16], *_FOLDERS], ids=_name_of)
+@pytest.mark.parametrize("words", [*_FILES[:13], *_FOLDERS], ids=_name_of)
 def test_a_full_disk_leaves_no_part(
     words: list[str], recording: Path, full: Path, here: Path
 ) -> None:
@@ -222,14 +206,3 @@ def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path, here
     result = call("repair", str(recording), "-o", str(old), "--overwrite")
     assert (result.exit_code, old.read_bytes()) == (1, b"old"), result.output
     assert f"cannot write {old}: {_FULL}" in said(result)
-
-
-@pytest.mark.full
-def test_json_goes_to_devices_and_open_files(recording: Path, here: Path) -> None:
-    words = ("inspect", str(recording), "--json")
-    assert hertzloop(*words, "/dev/null", cwd=here).returncode == 0
-    alone = hertzloop(*words, "-", cwd=here).stdout
-    assert hertzloop(*words, "/dev/stdout", cwd=here).stdout == alone
-    with (here / "into.json").open("w") as file:
-        subprocess.run([*HERTZLOOP, *words, "/dev/stdout"], cwd=here, stdout=file, check=True)
-    assert (here / "into.json").read_text() == alone

@@ -35,12 +35,6 @@ def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
     assert free["radiated_maidanik_j"] > 209.4e-6 > free["sound_maidanik_j"]
 
 
-def test_no_damping_by_air_is_the_same_run() -> None:
-    off, none = (simulate(load("aluminium-3mm", [SHORT, *s])) for s in
-                 ((), ("plate.radiation=none",)))  # fmt: skip
-    assert off.truth.tobytes() == none.truth.tobytes()
-
-
 @pytest.mark.full
 def test_air_damps_the_plate() -> None:
     """Of the plate's energy most goes into air, more of it by two faces than by one."""

@@ -1,6 +1,7 @@
 """Scenes: what is accepted, and the sentences for what is not."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -9,14 +10,12 @@ from hypothesis import strategies as st
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.results.listening import radiator_of
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.verification import check_verifiable
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT, load, parse, shipped
-from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml, toml_value
 from hertzloop.scene.varying import vary
@@ -32,15 +31,8 @@ def test_the_scenes_that_come_with_it() -> None:
         assert scene.name == name
         assert scene.shows
         build_plant(resolve(scene))
-    for name in ("aluminium-3mm", "aluminium-20mm"):
-        assert load(name).contact.damping == "none"
     default = load(DEFAULT)
     assert (default.sphere.radius_m, default.sphere.drop_height_m) == (0.02, 0.05)
-    assert (default.controller.kappa, default.controller.v_thr_m_s) == (0.8, -0.25)
-    assert default.run.step_ns == 1000
-    apart = load("offcentre-6mm").plate
-    assert apart.size_m[0] != apart.size_m[1]
-    assert apart.contact_point_m != apart.actuator_point_m
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -69,58 +61,27 @@ def test_any_text_and_number_survive_the_recording(
     assert parse(to_toml(scene)) == scene
 
 
-def test_the_keys_that_others_rely_on() -> None:
-    scene = load(DEFAULT, [
-        "sphere.radius_m=0.004", "sphere.drop_height_m=0.1", 'plate.material="oak"',
-        "plate.size_m=[0.3, 0.4]", "plate.thickness_m=0.01", "plate.contact_point_m=[0.1, 0.2]",
-        "sensors.bits=12", 'controller.law="fade_out"', "controller.kappa=-0.5",
-        "controller.v_thr_m_s=-0.6", "controller.latency_us=10", "run.duration_s=0.01",
-        "run.step_ns=500", "run.accuracy=1e-2", "run.seed=9",
-    ])  # fmt: skip
-    assert (scene.sphere.radius_m, scene.sphere.drop_height_m) == (0.004, 0.1)
-    assert (scene.plate.material, scene.plate.size_m) == ("oak", (0.3, 0.4))
-    assert (scene.plate.thickness_m, scene.plate.contact_point_m) == (0.01, (0.1, 0.2))
-    assert (scene.sensors.bits, scene.controller.law) == (12, "fade_out")
-    assert scene.controller.kappa == -0.5
-    assert (scene.controller.v_thr_m_s, scene.controller.latency_us) == (-0.6, 10.0)
-    assert (scene.steps, scene.run.accuracy, scene.run.seed) == (20_000, 0.01, 9)
-    assert load(DEFAULT, ["run.seed=9"], seed=4).run.seed == 4
-    assert load(DEFAULT, ["controller.law=off"]).controller.law == "off"
-
-
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
         ("sphere.radius_m=-1", ("sphere.radius_m = -1", "must be at least 1e-05")),
         ("sphere.radius_m=nan", ("sphere.radius_m = nan", "finite")),
         ("sphere.radius_m=3 mm", ("sphere.radius_m = '3 mm'", "number")),
-        ("sphere.drop_height_m=0", ("sphere.drop_height_m = 0",)),
-        ("plate.material=cheese", ("plate.material = 'cheese'", "aluminium")),
-        ("plate.size_m=[0.5]", ("plate.size_m",)),
         ("plate.size_m=0.5", ("plate.size_m = 0.5",)),
         ("plate.size_m=[1e9, 1]", ("plate.size_m",)),
-        ("plate.thickness_m=0", ("plate.thickness_m = 0",)),
         ("plate.contact_point_m=[0.5, 0.25]", ("lies outside the plate", "[0.5, 0.25]")),
         ("plate.actuator_point_m=[-0.1, 0.25]", ("plate.actuator_point_m", "outside")),
-        ("sensors.bits=0", ("sensors.bits = 0",)),
-        ("sensors.bits=25", ("sensors.bits = 25",)),
-        ("sensors.bits=12.5", ("sensors.bits = 12.5",)),
         ("sensors.quantity=v_p", ("sensors.quantity = 'v_p'", "controller.law")),
         ("sensors.full_scale=[1.0, -1.0]", ("sensors.full_scale", "lower")),
         ("controller.law=pid", ("controller.law = 'pid'", "slope_threshold")),
         ("controller.law=profile", ("controller.profile_n is empty",)),
         ("controller.law=constant", ("controller.duration_us = 0",)),
         ("controller.latency_us=1.5", ("controller.latency_us = 1.5", "multiple of 1 us")),
-        ("controller.latency_us=-1", ("controller.latency_us = -1",)),
         ("controller.bits=8", ("controller.full_scale_n",)),
         ("controller.kapa=1", ("controller.kapa: unknown scene key", "Did you mean kappa?")),
         ("contoller.kappa=1", ("contoller", "controller")),
-        ("run.duration_s=0", ("run.duration_s = 0",)),
         ("run.duration_s=1e-10", ("run.duration_s", "0 steps")),
         ("run.duration_s=1e9", ("run.duration_s", "steps")),
-        ("run.step_ns=0", ("run.step_ns = 0",)),
-        ("run.seed=-1", ("run.seed = -1",)),
-        ("run.accuracy=2", ("run.accuracy = 2",)),
         ("run=3", ("run",)),
         ("name=../../etc/passwd", ("name",)),
         ("kappa", ("invalid setting", "table.key=value")),
@@ -136,47 +97,20 @@ def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "sentence"),
+    ("settings", "words"),
     [
-        (
-            ["controller.law=off", "controller.kappa=3"],
-            "controller.kappa = 3: has no effect on controller.law = 'off', whose keys are: none. "
-            "Leave the key out, or choose a law that has it: acceleration_feedback",
-        ),
+        (["controller.law=off", "controller.kappa=3"], "law = 'off', whose keys are: none."),
         (
             ["controller.lead_us=3", "controller.law=predicted"],
-            "controller.lead_us = 3: has no effect on controller.law = 'predicted', whose keys "
-            "are: kappa, v_thr_m_s, window_samples. Leave the key out, or choose a law that has ",
+            "are: kappa, v_thr_m_s, window",
         ),
-        (
-            ["contact.restitution=0.5"],
-            "contact.restitution = 0.5: has no effect with contact.damping = 'none'. Leave the key "
-            "out, or set contact.damping = 'hunt_crossley'",
-        ),
-        (
-            ["contact.damping=hunt_crossley", "contact.viscous_n_s_m=2"],
-            "contact.viscous_n_s_m = 2.0: has no effect with contact.damping = 'hunt_crossley'",
-        ),
-        (
-            ["contact.relaxation_solve=published"],
-            "contact.relaxation_solve = 'published': has no effect with contact.damping = 'none'",
-        ),
-        (
-            ["contact.limiting_pressure_pa=1e9"],
-            "contact.limiting_pressure_pa = 1000000000.0: has no effect with contact.plasticity = "
-            "'none'. Leave the key out, or set contact.plasticity = 'thornton'",
-        ),
-        (
-            ["actuator.damping=0.3", "actuator.mass_kg=0.01"],
-            "actuator.damping = 0.3: has no effect without actuator.bandwidth_hz. Leave the key "
-            "out, or set actuator.bandwidth_hz",
-        ),
+        (["contact.restitution=0.5"], "with contact.damping = 'none'. Leave the key out"),
+        (["actuator.damping=0.3", "actuator.mass_kg=0.01"], "without actuator.bandwidth_hz. Leave"),
     ],
 )
-def test_a_key_without_effect_is_refused(settings: list[str], sentence: str) -> None:
-    with pytest.raises(SceneError) as caught:
+def test_a_key_without_effect_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=rf"has no effect .*{re.escape(words)}"):
         load(DEFAULT, settings)
-    assert str(caught.value).startswith(sentence), str(caught.value)
     values = dict(setting.split("=") for setting in settings)
     with pytest.raises(SceneError, match=r"has no effect|controller\.law"):
         vary(load(DEFAULT), {key: toml_value(value) for key, value in values.items()})
@@ -254,16 +188,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     assert {model(name) for name in shipped()} == {"modal"}
 
 
-def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
-    with pytest.raises(SceneError, match="thicker plate"):
-        build_plant(resolve(
-            load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
-                                   "plate.thickness_m=1e-4"])
-        ))  # fmt: skip
-
-
 def test_an_infinite_plate_may_be_of_any_size() -> None:
-    """It has no modes; what would sum them is not known, and no other metric differs."""
     huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
     scene = load("aluminium-3mm", [*huge, *short])
@@ -272,10 +197,6 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     usual = load("aluminium-3mm", short)
     expected = metrics_of(resolve(usual), simulate(resolve(usual)).truth)
     assert found.impacts == expected.impacts
-    sums = {name for name, value in vars(found.noise[0]).items() if math.isnan(value)}
-    assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",
-                    "sound_maidanik_j"}  # fmt: skip
-    assert not any(math.isnan(value) for value in vars(expected.noise[0]).values())
     case = metrics_of_case(resolve(scene), "run")
     assert expected.whole_run is not None
     assert case.plate_energy_j == expected.whole_run.plate_energy_j
@@ -283,18 +204,11 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
         check_verifiable(resolve(scene))
-    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz radiate"):
-        radiator_of(resolve(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"])))
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ("name = ", "not valid TOML"),
-        ("", "is missing"),
-        ('name = "x"\nsphere = 3', "sphere"),
-        ("\x00", "not valid TOML"),
-    ],
+    [("name = ", "not valid TOML"), ("", "is missing"), ("\x00", "not valid TOML")],
 )
 def test_broken_scene_text(text: str, words: str) -> None:
     with pytest.raises(SceneError, match=words):
@@ -324,9 +238,3 @@ def test_accuracy_decides_how_many_modes() -> None:
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)
     assert counts[0] < counts[-1]
-
-
-def test_a_scene_cannot_be_changed() -> None:
-    scene: Scene = load(DEFAULT)
-    with pytest.raises(ValueError, match="frozen"):
-        scene.run.seed = 3  # type: ignore[misc]

@@ -5,8 +5,6 @@ from pathlib import Path
 import pytest
 
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scene.setup import load
-from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_cli import call, said
 from tests.tiers import default
 
@@ -23,25 +21,6 @@ def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) -> None:
-    """150 000 modes that all move: it took 9.4 GB."""
-    import resource
-
-    sides = ["plate.size_m=[2.0, 2.0]", "plate.contact_point_m=[0.93, 1.03]"]
-    spec = load("thesis-aluminium", sides).plant
-    assert spec.plate.modes_below(spec.frequency_limit_hz) > 150_000
-    words = ["--transport", "compiled", "--out", str(tmp_path / "a.mcap")]
-    words += [word for side in sides for word in ("--set", side)]
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
-
-    done = hertzloop("run", "thesis-aluminium", *words, timeout_s=280.0, preexec_fn=limit)
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
 @pytest.mark.parametrize(
     ("scene", "settings", "words"),
     [
@@ -54,11 +33,11 @@ def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) 
     ],
 )  # fmt: skip
 def test_what_cannot_be_run_leaves_no_file(
-    transport: str, scene: str, settings: list[str], words: str, tmp_path: Path
+    scene: str, settings: list[str], words: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "a.mcap"
     sets = [word for setting in settings for word in ("--set", setting)]
-    done = call("run", scene, *sets, "--transport", transport, "--out", str(file))
+    done = call("run", scene, *sets, "--out", str(file))
     assert done.exit_code == 2, done.output
     assert words in said(done)
     assert not file.exists()

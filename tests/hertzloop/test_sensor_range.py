@@ -47,6 +47,7 @@ def test_the_flight_fits_into_the_range(latency_us: int) -> None:
     assert np.all(run.modes[: 980 - 2 * latency_us] == 0)
 
 
+@pytest.mark.full
 def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
     limit = Limit(0.44e9, 0.003)
     contact = Contact(4.5e9, limit=limit)

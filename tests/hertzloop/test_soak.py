@@ -1,17 +1,12 @@
-"""Runs in a row, by one process: nothing of them stays behind; and runs that are interrupted.
+"""Runs in a row, by one process: nothing of them stays behind.
 
-`pytest -m soak -n 0 -s` prints what was held; SOAK_RUNS is how many runs of each way there are, and
-how many are interrupted.
+`pytest -m soak -n 0 -s` prints what was held; SOAK_RUNS is how many runs of each way there are.
 """
 
 import gc
 import os
-import random
-import signal
 import tempfile
-import time
 from dataclasses import astuple, dataclass
-from functools import partial
 from pathlib import Path
 
 import psutil
@@ -21,7 +16,7 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import Setup
 from hertzloop.views.run_json import run_as_json
-from tests.hertzloop.processes import EVENTUALLY_S, finish, start, wait_for
+from tests.hertzloop.processes import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
 
 RUNS = int(os.environ.get("SOAK_RUNS", "40"))
@@ -98,37 +93,3 @@ def test_runs_in_a_row(
     )
     assert astuple(before)[2:] == (0, 0, 0)
     assert grown < NOISE + LEAST_LEAK * half
-
-
-FIRST_S = 3.0  # of a run, in which it is interrupted
-
-
-def test_the_first_interrupt_ends_a_run_in_a_sentence(tmp_path: Path) -> None:
-    """Whenever it comes: while modules are imported, roles start, the loop runs, or metrics are
-    made. Before the first line of the program runs, Python itself reports it."""
-    times, done, early = random.Random(1), 0, 0
-    wrong: list[str] = []
-    for number in range(RUNS):
-        process = start("run", "aluminium-3mm", "--out", str(tmp_path / f"{number}.mcap"))
-        wait_for(partial(_catches_interrupts, process.pid))
-        at_s = times.uniform(0.0, FIRST_S)
-        time.sleep(at_s)
-        process.send_signal(signal.SIGINT)
-        code, err, _ = finish(process)
-        if "Traceback" in err and "hertzloop/" not in err.replace(str(tmp_path), ""):
-            early += 1
-        elif code == 0:
-            done += 1
-        elif code != 130 or "interrupted" not in err.lower() or "Traceback" in err:
-            wrong.append(f"try {number}, {at_s:.3f} s: {code}, {err}")
-        assert not psutil.Process().children(recursive=True)
-    print(f"\n{RUNS} runs: {done} had ended before, {early} had not begun")
-    assert not wrong, "\n".join(wrong)
-    assert done + early < RUNS
-
-
-def _catches_interrupts(pid: int) -> bool:
-    """Whether a process has a handler for Ctrl-C, as Python has once it runs a program."""
-    status = Path(f"/proc/{pid}/status").read_text()
-    caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
-    return bool(int(caught.split()[1], 16) >> (signal.SIGINT - 1) & 1)

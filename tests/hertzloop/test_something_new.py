@@ -67,62 +67,6 @@ assert np.array_equal(recording.truth.arrays["xi_m"], found[0])
 assert verify(half, found).penetration < 0.1
 """
 
-FOURTH_ORDER = """
-from pathlib import Path
-
-Path("fourth.py").write_text('''
-import sys
-from typing import Any, NamedTuple
-
-from hertzloop.common.jit import kernel
-from hertzloop.plant.schemes import collocation_kernels as whole
-from hertzloop.plant.schemes.collocation import CollocationPlant
-
-FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotations__.items()))
-close_balance, contact_energy = whole.close_balance, whole.contact_energy
-has_slope, yields = whole.has_slope, whole.yields
-
-@kernel
-def step(model, state, f_a):
-    return whole.step(model, state, f_a)
-
-class FourthPlant(CollocationPlant):
-    kernels: Any = sys.modules[__name__]
-
-    def _build_model(self):
-        return FourthModel(*super()._build_model())
-''')
-from tests.hertzloop.with_lines import with_line
-
-with_line(
-    "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
-    '    "fourth": Scheme("fourth:FourthPlant", records_slope=True, '
-    'supports_truncated_modes=True),\\n',
-)
-import numpy as np
-
-from hertzloop.loop.in_process import record_in_process
-from hertzloop.loop.simulate import simulate
-from hertzloop.scene.setup import load
-from hertzloop.plant.time_series import TRUTH
-from hertzloop.recordings.reader import read
-
-scenes = [
-    load("aluminium-3mm", [
-        f"run.scheme={scheme}", "run.duration_s=0.0013", "run.accuracy=0.1",
-        "run.plate_model=modal", "controller.law=off",
-    ])
-    for scheme in ("fourth", "modal")
-]
-found, by_default = (simulate(scene).truth for scene in scenes)
-assert np.array_equal(found, by_default)
-record_in_process(scenes[0], Path("a.mcap"), compiled=True)
-recording = read(Path("a.mcap"))
-assert recording.problems == []
-slope = recording.truth.arrays["f_c1_n"]
-assert np.any(slope != 0.0)
-assert np.array_equal(slope, found[list(TRUTH).index("f_c1_n")])
-"""
 
 STRUCTURE = """
 from pathlib import Path
@@ -376,12 +320,6 @@ def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
     """Setup, transports and `--verify` follow."""
     # Kernels of its own: other processes could not read those of its types.
     run(SCHEME, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
-
-
-@pytest.mark.full
-def test_a_scheme_of_fourth_order_keeps_its_slope(tmp_path: Path) -> None:
-    """A row says so, whatever the name."""
-    run(FOURTH_ORDER, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
 
 
 @pytest.mark.full

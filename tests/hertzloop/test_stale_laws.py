@@ -4,7 +4,6 @@ import importlib
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import hertzloop
@@ -12,6 +11,7 @@ from hertzloop.controller.loading import compiled, registry
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
 from hertzloop.scene.errors import SceneError
+from tests.hertzloop.own_laws import ROOT
 from tests.hertzloop.processes import hertzloop as command
 from tests.hertzloop.test_cli import call, said
 from tests.tiers import default
@@ -24,7 +24,7 @@ SHORT = {"run.duration_s": 0.0012, "run.plate_model": "modal", "controller.law":
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", "")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     return tmp_path
 
 
@@ -51,28 +51,10 @@ LAWS = {
     "text file": {
         "mine.py": law(f"{READS}K = float((HERE / 'k.txt').read_text())"), "k.txt": "GAIN",
     },
-    "loadtxt": {
-        "mine.py": law("import numpy as np\nK = float(np.loadtxt('k.txt'))"), "k.txt": "GAIN",
-    },
     "array": {"mine.py": law("import numpy as np\nK = np.array([1.0, GAIN])", "K[1]")},
-    "array from a file": {
-        "mine.py": law("import numpy as np\nK = np.loadtxt('k.txt')", "K[1]"), "k.txt": "9 GAIN",
-    },
-    "helper beside it": {"mine.py": law("from own_gains import K"), "own_gains.py": "K = GAIN\n"},
-    "subfolder": {"mine.py": law("from own_lib.gains import K"), "own_lib/gains.py": "K = GAIN\n"},
     "attributes of a module": {
         "mine.py": law("import own_lib.gains", "own_lib.gains.K"), "own_lib/__init__.py": "",
         "own_lib/gains.py": "K = GAIN\n",
-    },
-    "helper's helper": {
-        "mine.py": law("from own_first import K"), "own_first.py": "from own_second import K\n",
-        "own_second.py": "K = GAIN\n",
-    },
-    "function of a helper's helper": {
-        "mine.py": law("from own_first import k", "k()"),
-        "own_first.py": "from own_second import k\n",
-        "own_second.py": f"import numba\nfrom own_third import K\n\n@numba.njit\n{GIVES}",
-        "own_third.py": "K = GAIN\n",
     },
     "function that Numba keeps": {
         "mine.py": law("from own_first import k", "k()"),
@@ -89,24 +71,6 @@ LAWS = {
         "mine.py": f"{SENSES}from hertzloop.law import kernel\nfrom own_gains import K\n\n"
         "@kernel\ndef scaled(x, k=K):\n    return k * x\n"
         "\ndef command(p, s, samples, i):\n    return scaled(samples[i])\n",
-        "own_gains.py": "K = GAIN\n",
-    },
-    "NamedTuple": {
-        "mine.py": law("from collections import namedtuple\nfrom own_gains import K\n"
-                       "BOTH = namedtuple('Both', 'a b')(1.0, K)", "BOTH.b"),
-        "own_gains.py": "K = GAIN\n",
-    },
-    "enum": {
-        "mine.py": law("from own_gains import Gain", "Gain.HIGH.value"),
-        "own_gains.py": "from enum import Enum\n\nclass Gain(Enum):\n    HIGH = GAIN\n",
-    },
-    "class of numbers, in Python": {
-        "mine.py": law("from own_gains import Gains", "Gains.k"),
-        "own_gains.py": "class Gains:\n    k = GAIN\n",
-    },
-    "partial, in Python": {
-        "mine.py": law("from functools import partial\nfrom operator import mul\n"
-                       "from own_gains import K\nscaled = partial(mul, K)", "scaled(1.0)"),
         "own_gains.py": "K = GAIN\n",
     },
     "initial state": {
@@ -128,7 +92,9 @@ def plain(gain: float) -> float:
 
 @pytest.mark.parametrize(
     "kind",
-    default(LAWS, quick=("text file", "subfolder", "function that Numba keeps", "prepare")),
+    default(
+        LAWS, quick=("text file", "attributes of a module", "function that Numba keeps", "prepare")
+    ),
 )
 def test_the_gain_is_what_it_is_now(kind: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one process, and with code that another process has left on the disk."""
@@ -181,22 +147,12 @@ def test_a_module_that_was_imported_before(here: Path, monkeypatch: pytest.Monke
         del sys.modules["own_array"]
 
 
-def test_two_laws_with_helpers_of_one_name(here: Path) -> None:
-    for folder, gain in (("a", 0.2), ("b", 0.5)):
-        Path(folder).mkdir()
-        Path(folder, "mine.py").write_text(law("from own_gains import K"))
-        Path(folder, "own_gains.py").write_text(f"K = {gain}\n")
-        assert peak_n(f"{folder}/mine.py") == plain(gain)
-
-
 @pytest.mark.parametrize(
     ("before", "unknown"),
     [
         ("CONFIG = {'k': 0.2}\nK = CONFIG['k']\n", ""),
         ("CONFIG = {'k': 0.2}", "CONFIG is a dict"),
-        ("CONFIG = [0.2]", "CONFIG is a list"),
         ("import numpy as np\nCONFIG = np.array([{}])", "CONFIG is a ndarray"),
-        ("import os\nCONFIG = os.environ", "CONFIG is a _Environ"),
         ("import time\nCONFIG = time.time", "CONFIG is the function time.time"),
     ],
 )
@@ -234,14 +190,11 @@ def test_prepare_that_changes_a_global(here: Path) -> None:
 # Laws that are no functions of their keys, their state and their samples.
 UNREPEATABLE = {
     "counter": ("N = 0\n", "    global N\n    N += 1\n    return 1e-3 * N", "sample 0"),
-    "list": ("SEEN = []\n", "    SEEN.append(i)\n    return 1e-3 * len(SEEN)", "sample 0"),
-    "random": ("import random\n", "    return random.random()", "sample 0"),
     "numpy.random": ("import numpy as np\n", "    return np.random.random()", "sample 0"),
     "in contact": (
         "import numpy as np\n",
         "    return np.random.random() if samples[i] > 0.0 else 0.0", "sample",
     ),
-    "clock": ("import time\n", "    return 1e-3 * (time.perf_counter_ns() % 1000003)", "sample"),
     "calibration": (
         "FIRST = None\n",
         "    global FIRST\n    if FIRST is None and samples[i] > 0.0:\n        FIRST = i\n"
@@ -274,16 +227,6 @@ def test_a_law_that_does_not_repeat_its_commands(kind: str, here: Path) -> None:
     if "sample" in why:
         assert "is not deterministic" in said(done)
         assert said(done).count(" N ") >= 2
-    with pytest.raises(SceneError, match=why):
-        peak_n()
-
-
-def test_a_seeded_law_repeats_its_commands(here: Path) -> None:
-    Path("mine.py").write_text(
-        law("import numpy as np\nNOISE = np.random.default_rng(1).random(2000)", "NOISE[i % 2000]")
-    )
-    assert peak_n() > 0.0
-    assert np.isfinite(peak_n())
 
 
 @pytest.mark.full
@@ -300,10 +243,6 @@ def test_commands_in_processes_of_their_own(here: Path) -> None:
         assert "the same forces" in done.stdout
         found.append(hertzloop.read(f"{gain}.mcap"))
     assert found[0].impacts[0].peak_force_n < found[1].impacts[0].peak_force_n
-    assert (
-        "the forces differ first"
-        in command("law", "replay", "0.2.mcap", "--law", "mine.py", "--overwrite").stdout
-    )
     peaks = []
     for gain in (0.2, 0.5):
         write(LAWS["text file"], gain)

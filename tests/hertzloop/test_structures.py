@@ -1,6 +1,7 @@
 """What is struck, from scene to recording: edges, files of modes, materials of one's own."""
 
 import importlib
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,11 @@ from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.registry import STRUCTURES, Kind
-from hertzloop.plant.structures.structure import oscillator_shapes
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection, modes_of_scene
-from hertzloop.results.impacts import first_impact
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import build_controller
@@ -30,7 +28,6 @@ from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.views.run_json import run_as_json
-from hertzloop.warmup import ensure_compiled
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
@@ -45,8 +42,7 @@ def recorded(
     return found
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", CONSISTENT)
+@pytest.mark.parametrize(("name", "suffix"), zip(CONSISTENT, cycle(SUFFIXES), strict=False))
 def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     tmp_path: Path, name: str, suffix: str
 ) -> None:
@@ -63,7 +59,6 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     "settings",
     [
         [],
-        ["plate.actuator_point_m=[0.3, 0.2]"],
         ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
         ["plate.theory=3d", "plate.actuator_point_m=[0.3, 0.2]"],
         ["plate.radiation=one_face"],
@@ -93,18 +88,12 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     x, y, shapes = table.grid
     i, j = (int(np.argmin(abs(a - p))) for a, p in zip((x, y), spec.contact_point_m, strict=True))
     assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
-    limit = 2.0 * np.pi * spec.frequency_limit_hz
-    points = spec.contact_point_m, spec.actuator_point_m
-    at_actuator = spec.plate.modes(limit, *points).at_actuator
-    moved = oscillator_shapes(spec.plate, *points, limit, at_actuator)
-    assert moved == pytest.approx(table.shape_actuator, abs=1e-9)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
     "settings",
     [
-        ["plate.edges=cccc", "plate.material=titanium"],
         ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
         ["plate.edges=cfsf", "plate.size_m=[0.4, 0.6]", "plate.contact_point_m=[0.21, 0.17]"],
     ],
@@ -123,20 +112,6 @@ def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[s
     i, j = plate.contact_node
     assert abs(moved).max() > 1e-6
     assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * abs(moved).max()
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("edges", ["cccc", "ffff", "csff"])
-def test_before_reflections_return_edges_do_not_matter(edges: str) -> None:
-    """The first contact of a thin plate's centre: as on an infinite plate, whatever the edges."""
-    settings = [*SHORT, "controller.law=off", "run.accuracy=3e-4"]
-    infinite = load("aluminium-3mm", [*settings, "run.plate_model=infinite"])
-    expected = metrics_of_case(infinite)
-    metrics = metrics_of_case(load("aluminium-3mm", [*settings, f"plate.edges={edges}"]))
-    assert metrics.plate_model == "modal"
-    speed = infinite.plant.sphere.impact_speed_m_s
-    assert abs(metrics.rebound_m_s - expected.rebound_m_s) < 3e-4 * speed
-    assert metrics.plate_energy_j == pytest.approx(expected.plate_energy_j, rel=3e-4)
 
 
 def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
@@ -159,7 +134,7 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
+def test_processes_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
     plain = load("aluminium-3mm", [*SHORT, "run.accuracy=0.05"])
     table = modes_of_scene(plain)
     losses = np.linspace(1e-3, 5e-2, len(table.omega_rad_s))
@@ -171,22 +146,15 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
     assert parse(to_toml(scene.scene)) == scene
-    ensure_compiled(scene)
     file.unlink()  # nobody needs it any more
     recordings = []
-    for transport in Transport:
+    for transport in (Transport.COMPILED, Transport.ZENOH):
         path = tmp_path / f"{transport.value}.mcap"
-        report = run_as_json(
-            run_and_assess(scene, path, RunOptions(transport=transport, timeout_s=120.0))
-        )
+        report = run_as_json(run_and_assess(scene, path, RunOptions(transport, timeout_s=120.0)))
         assert abs(report["residuals"]["energy"]) < 1e-10
         assert "the modes of lossy.csv" in report["struck"]["name"]
-        assert report["noise"][0]["radiated_j"] != report["noise"][0]["radiated_j"]  # nan
         recordings.append(read(path))
-    assert first_difference(recordings[0], recordings[1]) is None
-    assert first_difference(recordings[0], recordings[2]) is None
-    impact = first_impact(scene, truth_of(recordings[0]))
-    assert impact is not None
+    assert first_difference(*recordings) is None
 
 
 MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
@@ -200,13 +168,8 @@ MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
     [
         (["plate.edges=cccc"], "plate.edges = 'cccc': cannot be combined with plate.modes"),
         (["plate.loss_factor=0.1"], "plate.loss_factor = 0.1: plate.modes give a loss factor"),
-        (["run.plate_model=infinite"], "run.plate_model = 'infinite' has no modes"),
-        (
-            ["run.scheme=thesis2008"],
-            "run.scheme = 'thesis2008' supports a simply supported plate only",
-        ),
+        (["run.scheme=thesis2008"], "supports a simply supported plate only"),
         (["plate.thickness_m=0.3"], "times as mobile as an infinite plate"),
-        (["plate.residual_flexibility_m_n=-1"], "plate.residual_flexibility_m_n = -1"),
     ],
 )
 def test_what_does_not_go_with_a_file_of_modes(
@@ -263,18 +226,12 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
         build_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
 
 
-@pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])
+@pytest.mark.parametrize("key", ["size_m", "thickness_m"])
 def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
     text = Path(__file__).parents[2] / "hertzloop/scene/aluminium-3mm.toml"
     lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
     with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
         parse("\n".join(lines))
-
-
-def test_edges_do_not_go_with_the_published_scheme() -> None:
-    with pytest.raises(SceneError, match="supports a simply supported plate only"):
-        load("thesis-aluminium", ["plate.edges=cccc"])
-    assert load("thesis-aluminium", ["plate.edges=ssss"]).plant.simply_supported
 
 
 def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) -> None:

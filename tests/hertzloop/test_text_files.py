@@ -1,7 +1,6 @@
 """Scenes, laws, requirements, traces and mode files in the encodings that editors write."""
 
 import codecs
-import html
 import importlib
 import re
 import shlex
@@ -10,19 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.common.text_files import python_text, text_of
 from hertzloop.controller.loading.law import LawError
-from hertzloop.controller.loading.registry import find, load_anew
+from hertzloop.controller.loading.registry import find
 from hertzloop.identification.records.reading import read_records
 from hertzloop.plant.structures.mode_file import read_modes
-from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import load, parse, shipped_text
-from hertzloop.scene.setup import load as setup_load
 from hertzloop.studies.budget.requirements import read_requirements
-from hertzloop.views.run import next_lines
 from tests.commands import invoke
-from tests.recordings import rewriting
 
 READ = {
     "mark": lambda text: codecs.BOM_UTF8 + text.encode(),
@@ -72,27 +66,20 @@ def test_files_that_are_read(encoded, tmp_path: Path) -> None:
     record.write_bytes(
         encoded("time_s,force_n\n" + "".join(f"{i}e-6,{i % 5}\n" for i in range(20)))
     )
+    requirements = tmp_path / "requirements.toml"
+    requirements.write_bytes(encoded(REQUIREMENTS))
+    assert [row.name for row in read_requirements(requirements)] == ["peak"]
+
     beside = tmp_path / "record.toml"
     beside.write_bytes(encoded('[record]\nquantity = "force"\n'))
     assert read_records(record)[0].quantity
-
-
-@pytest.mark.parametrize("encoded", READ.values(), ids=READ)
-def test_requirements_are_read(encoded, tmp_path: Path) -> None:
-    path = tmp_path / "requirements.toml"
-    path.write_text(REQUIREMENTS, "utf-8")
-    expected = [row.name for row in read_requirements(path)]
-    path.write_bytes(encoded(REQUIREMENTS))
-    assert [row.name for row in read_requirements(path)] == expected
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (SCENE.encode("latin-1"), "is not in UTF-8: byte 0xf6 in line 1"),
-        (codecs.BOM_UTF8 + SCENE.encode("latin-1"), "is not in UTF-8: byte 0xf6 in line 1"),
         (SCENE.encode("utf-16-le"), "null bytes, as UTF-32 has, and UTF-16 without a mark"),
-        (SCENE.encode("utf-32"), "null bytes"),
         (SCENE.encode("utf-16")[:-1], "is not in UTF-16"),
     ],
 )  # fmt: skip
@@ -108,15 +95,13 @@ def test_scenes_that_are_refused(content: bytes, words: str, tmp_path: Path) -> 
     "content",
     [
         ("# -*- coding: latin-1 -*-\n" + UMLAUT).encode("latin-1"),
-        ("#!/usr/bin/env python\n# vim: set fileencoding=cp1252 :\n" + UMLAUT).encode("cp1252"),
         ("# coding: shift_jis\n" + UMLAUT.replace("Verst", "制御 Verst").replace("ä", "a")).encode(
             "shift_jis"
         ),
         codecs.BOM_UTF8 + UMLAUT.encode(),
-        codecs.BOM_UTF8 + ("# coding: utf-8\n" + UMLAUT).encode(),
         UMLAUT.replace("\n", "\r\n").encode(),
     ],
-    ids=["latin-1", "cp1252", "shift_jis", "mark", "mark and line", "windows"],
+    ids=["latin-1", "shift_jis", "mark", "windows"],
 )
 def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
@@ -128,21 +113,12 @@ def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
     assert find(str(tmp_path / "back.py")).source == law.source
 
 
-def test_helpers_of_a_law_have_their_own_encoding(tmp_path: Path) -> None:
-    (tmp_path / "gains.py").write_bytes("# coding: latin-1\nÜ = 0.2\n".encode("latin-1"))
-    path = tmp_path / "mine.py"
-    path.write_text(UMLAUT + "\nimport gains\n", "utf-8")
-    assert "gains" in load_anew(str(path)).source
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (UMLAUT.encode("utf-16"), "its text is in UTF-16, which Python does not read"),
         (UMLAUT.encode("latin-1"), "is not in UTF-8: byte 0xe4 in line 1"),
         (("# coding: klingon\n" + UMLAUT).encode(), "unknown encoding"),
-        (("# coding: ascii\n" + UMLAUT).encode(), "is not in ASCII"),
-        (UMLAUT.encode("utf-16-le"), "not"),
     ],
 )  # fmt: skip
 def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:
@@ -153,51 +129,18 @@ def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> No
     assert words in str(caught.value)
 
 
-def test_texts() -> None:
-    assert text_of(b"a\r\nb\rc\n") == "a\nb\nc\n"
-    assert text_of(b"") == python_text(b"") == ""
-
-
-@pytest.mark.parametrize("name", ["stöße", "sto\u0308ße", "梁", "Ωmega-3_b.2"])
+@pytest.mark.parametrize("name", ["sto\u0308ße", "梁"])
 def test_letters_of_any_language_in_a_name(name: str) -> None:
     """A letter and its accent as two characters, as macOS writes them, count as one."""
     named = parse(shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"'))
     assert named.name == unicodedata.normalize("NFC", name)
 
 
-@pytest.mark.parametrize(
-    ("name", "use"), [("a b", "a-b"), ("it's", "it-s"), ("../a", "a"), ("_a", "a"), ("$", "mine")]
-)
+@pytest.mark.parametrize(("name", "use"), [("a b", "a-b"), ("../a", "a"), ("$", "mine")])
 def test_names_that_are_refused(name: str, use: str) -> None:
     text = shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"')
     with pytest.raises(SceneError, match=rf"and '-' only\. Use '{use}'\."):
         parse(text)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("run.duration_s", 0, "must be more than 0. Give a value more than 0 and at most 1e+09."),
-        ("sensors.resonance_damping", 1, "Give a value more than 0 and less than 1."),
-        ("controller.drop_out_probability", 1, "Give a value at least 0 and less than 1."),
-        ("controller.latency_us", -1, "must be at least 0. Give a value from 0 to "),
-    ],
-)
-def test_the_ends_of_a_range(key: str, value: float, words: str) -> None:
-    with pytest.raises(SceneError) as caught:
-        load("aluminium-3mm", [f"{key}={value}"])
-    assert words in str(caught.value)
-
-
-def test_a_mass_on_the_modes_of_a_free_structure(tmp_path: Path) -> None:
-    """The remedy is one that a file of modes has."""
-    rows = [f"{4000 * i},0.01,0.01,1.0" for i in range(12)]
-    header = "# residual_flexibility_m_n = 1e-9\nfrequency_hz,loss_factor,modal_mass_kg,"
-    (tmp_path / "m.csv").write_text("\n".join([f"{header}shape_contact", *rows]))
-    for key in ("actuator.mass_kg", "sensors.mass_kg"):
-        scene = setup_load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", f"{key}=0.001"])
-        with pytest.raises(SceneError, match=r"give plate\.modes of the structure that carries"):
-            build_plant(scene)
 
 
 ODD = "it's $x y"
@@ -208,20 +151,11 @@ def test_printed_commands_can_be_copied(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     for words, expected in (
         (["scene", "new", f"{ODD}.toml"], ["hertzloop", "run", f"{ODD}.toml"]),
-        (
-            ["law", "new", f"{ODD}.py"],
-            ["hertzloop", "run", "--set", f"controller.law={ODD}.py"],
-        ),
+        (["law", "new", f"{ODD}.py"], ["hertzloop", "run", "--set", f"controller.law={ODD}.py"]),
     ):
         done = invoke(words, env={"COLUMNS": "300"})
         assert done.exit_code == 0, done.output
         assert shlex.split(done.output.partition("Next: ")[2]) == expected
-    head = (tmp_path / f"{ODD}.toml").read_text("utf-8").splitlines()[0]
-    assert shlex.split(head.partition("with   ")[2]) == ["hertzloop", "run", f"{ODD}.toml"]
-
-    [_, then] = next_lines(f"{ODD}.mcap")
-    assert shlex.split(then.plain)[1:] == ["hertzloop", "replay", f"{ODD}.mcap"]
-
     Path(f"{ODD}-requirements.toml").write_text(
         REQUIREMENTS.replace('scene = "aluminium-3mm"', f'scene = "{ODD}.toml"'), "utf-8"
     )
@@ -229,23 +163,3 @@ def test_printed_commands_can_be_copied(tmp_path: Path, monkeypatch: pytest.Monk
     words = shlex.split(row.command({"plate.material": "it's"}))
     assert words[:3] == ["hertzloop", "run", f"{ODD}.toml"]
     assert "plate.material=it's" in words
-    for name in (f"{ODD}.mcap", f"{ODD}.py"):
-        with pytest.raises(SceneError) as caught:
-            load(name)
-        assert shlex.quote(name) in str(caught.value) or shlex.quote(
-            f"controller.law={name}"
-        ) in str(caught.value)
-
-
-@pytest.mark.full
-def test_a_report_has_a_default_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    rewriting.record(tmp_path / f"{ODD}.mcap", compiled=True)
-    done = invoke(["report", f"{ODD}.mcap"], env={"COLUMNS": "300"})
-    assert done.exit_code == 0, done.output
-    page = html.unescape((tmp_path / f"{ODD}.html").read_text("utf-8"))
-    files = f"{ODD}-again.mcap", f"{ODD}.mcap"
-    assert shlex.join(["hertzloop", "compare", *files]) in page
-    again = invoke(["report", f"{ODD}.mcap"], env={"COLUMNS": "300"})
-    assert again.exit_code == 2
-    assert "Choose another name with --out-dir" in again.output

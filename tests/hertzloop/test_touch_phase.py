@@ -75,11 +75,6 @@ def test_random_is_drawn_by_the_seed() -> None:
     assert again == drawn[7]
 
 
-def test_half_a_step_is_what_it_was() -> None:
-    plain, said = (load("aluminium-3mm", [*SHORT, *more]) for more in ([], ["run.touch_phase=0.5"]))
-    assert np.array_equal(simulate(plain).truth, simulate(said).truth)
-
-
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

@@ -48,10 +48,6 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
             "Worse: rebound height 156 % of that without control.",
             "Reason: the first force comes 13 us after contact begins (45 % of it).",
             "Reason: 19 % of the control impulse", "Reason: the actuator adds 103 uJ"]),
-        (["controller.latency_us=10"], [
-            "Control increases plate energy by 2.1 dB.", "Worse: ",
-            "Reason: the first force", "Reason: 81 % of the control impulse acts without contact",
-            "Reason: the actuator adds"]),
         (["contact.plasticity=thornton", "controller.v_thr_m_s=-0.6"], [
             "Control increases plate energy by 0.8 dB.", "Better: ", "Worse: ",
             "Reason: the first force", "Reason: 21 % of", "Reason: the actuator adds",
@@ -89,14 +85,6 @@ def test_a_contact_that_is_cut_off_is_not_called_a_short_one(tmp_path: Path) -> 
     assert data["impacts"][0]["duration_s"] < 11e-6
     (energy,) = (f for f in data["validity"] if f["name"] == "plate theory (energy)")
     assert energy["state"] == "left out"  # of 9 us it would be out of range
-
-
-def test_an_unstable_loop_is_all_there_is_to_say(tmp_path: Path) -> None:
-    feedback = ("controller.law=velocity_feedback", "controller.kappa=0.4")
-    said, _ = run(tmp_path, *feedback, "run.duration_s=0.02", scene="aluminium-20mm")
-    assert said[0].startswith("UNSTABLE: the actuator supplies ")
-    assert "ms on, it supplies more than the impact energy" in said[1]
-    assert not any(sentence.startswith("Control") for sentence in said)
 
 
 def impact(plate_energy_j: float) -> Impact:
@@ -174,24 +162,17 @@ def ended(number: int) -> EventData:
     return EventData(EventKind.CONTACT_ENDED, number)
 
 
-def left(quantity: str) -> EventData:
-    return EventData(EventKind.RANGE_LEFT, quantity=quantity)
-
-
-def back(quantity: str) -> EventData:
-    return EventData(EventKind.RANGE_REGAINED, quantity=quantity)
+OUT = EventData(EventKind.RANGE_LEFT, quantity="xi")
+BACK = EventData(EventKind.RANGE_REGAINED, quantity="xi")
 
 
 @pytest.mark.parametrize(
     ("announced", "expected"),
     [
         ([began(1), ended(1)], None),
-        ([left("xi"), back("xi"), began(1), ended(1)], None),
-        ([left("xi"), began(1), ended(1), began(2)], (1, 2)),
-        ([began(1), left("xi"), back("xi"), left("xi")], (2, 2)),
-        ([began(1), left("xi"), ended(1), back("xi"), left("xi")], (1, 2)),
-        ([left("v_p"), began(1), ended(1), back("v_p")], (1, 1)),
-        ([began(1), left("v_p"), back("v_p"), left("v_p")], (2, 2)),
+        ([OUT, began(1), ended(1), began(2)], (1, 2)),
+        ([began(1), OUT, BACK, OUT], (2, 2)),
+        ([began(1), OUT, ended(1), BACK, OUT], (1, 2)),
     ],
 )
 def test_a_gap_out_of_range_counts_while_it_matters(
@@ -199,6 +180,6 @@ def test_a_gap_out_of_range_counts_while_it_matters(
 ) -> None:
     """Once each time that it leaves, however many contacts pass until it is back."""
     events = [Event(int(1e6 * ms), "plant", 3, "...", data) for ms, data in enumerate(announced, 1)]
-    events.append(Event(0, "controller", 3, "...", left("v_p")))
+    events.append(Event(0, "controller", 3, "...", EventData(EventKind.RANGE_LEFT, quantity="v_p")))
     found = saturation_of(events)
     assert (found and (found.times, pytest.approx(found.since_s * 1e3))) == expected

@@ -1,29 +1,14 @@
-"""What has to be compiled follows from the types of a scene's parts; who compiles is waited for."""
+"""What has to be compiled follows from the types of a scene's parts."""
 
 import os
 import subprocess
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
-from numba.core import event
 
 from hertzloop import warmup
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
-from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.controller.controller import Controller
-from hertzloop.loop import controller_node
-from hertzloop.loop.plant_node import PlantNode
-from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
-from hertzloop.recordings.reader import read
-from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup, load
-from tests.bus.meshes import PATIENCE_S, url
-from tests.hertzloop.short_runs import scene
-from tests.ports import free_ports
 
 COARSE = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 # Kernels are compiled for each of these kinds of plant.
@@ -105,43 +90,6 @@ def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
         text=True,
     )
     assert done.stdout.split() == ["[]", "[]"], done.stderr
-
-
-@pytest.mark.full
-def test_a_controller_that_compiles_its_law_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It takes three times as long as the others wait for anything else."""
-    timeout_s, urls, path = 2.0, [url(port) for port in free_ports(3)], tmp_path / "run.mcap"
-    build = build_controller
-
-    def compiled_long(*arguments: Any) -> Controller:
-        with event.trigger_event("numba:compile"):
-            time.sleep(3 * timeout_s)
-        return build(*arguments)
-
-    monkeypatch.setattr(controller_node, "build_controller", compiled_long)
-
-    def address(place: int) -> BusAddress:
-        return BusAddress(
-            "slow", urls[place : place + 1], urls[:place], None, timeout_s, PATIENCE_S
-        )
-
-    plant = ZenohPort(PLANT, "slow", urls[:1])
-    with ThreadPoolExecutor(2) as others:
-        controller = others.submit(run_controller, address(1))
-        recorder = others.submit(run_recorder, path, address(2))
-        try:
-            node = PlantNode(scene(), plant, timeout_s=timeout_s)
-            plant.liveliness.announce()
-            plant.liveliness.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
-            node.run()
-            plant.liveliness.wait_for_completion(RECORDER, PATIENCE_S)
-        finally:
-            plant.close()
-        controller.result(PATIENCE_S)
-        recorder.result(PATIENCE_S)
-    assert not read(path).problems
 
 
 LEAN = """

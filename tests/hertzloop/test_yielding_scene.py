@@ -8,9 +8,7 @@ import pytest
 import hertzloop
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.metrics.impacts import impacts_in
-from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.time_series import DEEPEST, XI
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
@@ -108,13 +106,10 @@ def test_verify_a_contact_that_yields() -> None:
         (["contact.plasticity=thornton", "sphere.material=bearing_steel",
           "plate.material={young_pa=7e10, density_kg_m3=2700, poisson=0.3}"],
          "the yield pressure of the plate's material is unknown. Give"),
-        (["contact.limiting_pressure_pa=1e9"], "set contact.plasticity = 'thornton'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
           "run.scheme=thesis2008"], "use the scheme 'modal'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
           "run.plate_model=infinite"], "plate_model = 'auto'"),
-        (["contact.plasticity=hill"], "contact.plasticity = 'hill': must be"),
-        (["contact.limiting_pressure_pa=0"], "contact.limiting_pressure_pa = 0: must be"),
     ],
 )  # fmt: skip
 def test_what_is_refused(settings: list[str], words: str) -> None:
@@ -126,7 +121,6 @@ def test_what_is_refused(settings: list[str], words: str) -> None:
     ("settings", "gigapascal", "words"),
     [
         ([], 1.05, "1.05 GPa: 1 times the hardness of the plate, 1.05 GPa, known to 20 %"),
-        (["plate.material=pmma"], 0.182, "0.182 GPa: 2.8 times the yield strength of the plate"),
         (["plate.material=bearing_steel", "sphere.material=brass"], 1.1, "of the sphere"),
         (["plate.material=bearing_steel"], 7.0, "hardness of the plate, 7 GPa, known to 10 %"),
         (["contact.limiting_pressure_pa=0.5e9"], 0.5, "0.5 GPa, as the scene says"),
@@ -142,13 +136,3 @@ def test_the_limiting_pressure_comes_from_the_softer_body(
     found = limiting_pressure(scene)
     assert found is not None
     assert words in pressure_words(found)
-
-
-def test_every_shipped_strength_lies_where_a_material_can_have_it() -> None:
-    for name, material in MATERIALS.items():
-        if material.yield_pa is not None and material.hardness_pa is not None:
-            assert 2.0 < material.hardness_pa / material.yield_pa < 7.0, name
-        found = strength(material)
-        if found is not None:
-            assert 0.0 < found.first_yield_pa < found.pressure_pa, name
-            assert found.pressure_pa < 0.1 * material.youngs_modulus_pa, name

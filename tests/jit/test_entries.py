@@ -10,7 +10,6 @@ from numba.core.errors import TypingError
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type
 from hertzloop.common.jit.progress import report_compiling
-from hertzloop.plant.state_kernels import released
 
 
 def third(x):
@@ -42,29 +41,6 @@ def test_a_kernel_that_kernels_called_first_answers_python_too() -> None:
     assert inner(0.7) == third(0.7)
     assert "cpython" in "".join(inner.inspect_llvm().values())
     assert compiled_for(lambda: (inner(0.1), outer(0.1), of_third(inner)(0.1))) == 1  # the new one
-
-
-FALL = (-1.0, 9.8, 1e-3, 1e-6, 0.5)  # arguments of a kernel of hertzloop, which is kept
-
-
-def calling(inner: Any) -> Any:
-    @kernel
-    def outer(*fall):
-        return inner(*fall)
-
-    return outer
-
-
-def test_what_python_calls_comes_from_the_disk_and_its_parts_are_not_kept() -> None:
-    for _ in range(2):  # the second time at least, nothing is left to compile
-        called, part = kernel(released.py_func), kernel(released.py_func)
-
-        found = called(*FALL)
-        assert calling(part)(*FALL) == found
-    assert sum(called.stats.cache_hits.values()) == 1
-    assert not called.stats.cache_misses
-    assert not part.stats.cache_hits
-    assert part(*FALL) == found
 
 
 class Half(NamedTuple):

@@ -57,14 +57,3 @@ def test_the_published_setting_never_helps_the_light_ball(
     assert found.ideal_db > 0.0
     assert found.critical_latency_us != found.critical_latency_us  # nan
     assert found.critical_bits != found.critical_bits
-
-
-@pytest.mark.parametrize("scene", ["aluminium-3mm, early", "offcentre-6mm"])
-def test_compensation_moves_the_critical_latency_up(
-    scene: str, pool: Pool, measured: dict[tuple[str, str], Critical]
-) -> None:
-    two_points = measured[scene, "slope_threshold"].critical_latency_us
-    shifted = measured[scene, "shifted_threshold"].critical_latency_us
-    predicted = critical(pool, NAMED[scene], "predicted", 12).critical_latency_us
-    wide = critical(pool, NAMED[scene], "least_squares", 12).critical_latency_us
-    assert wide <= two_points < shifted < predicted

@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.time_series import F_A, XI
-from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
 from tests.latency.modes_alone import modes_alone
 
@@ -121,25 +120,3 @@ def test_the_latched_delay_tends_to_the_continuous_one(plate: Plate) -> None:
     for step in STEPS_NS:
         latched = simulate(scene(plate, step)).delays[-1] * step * 1e-9
         assert abs(latched - delay) <= 2.0 * step * 1e-9
-
-
-@pytest.mark.parametrize("law", ["slope_threshold", "predicted", "velocity_feedback"])
-def test_finer_converters_tend_to_the_ideal_one(law: str) -> None:
-    settings = ["run.duration_s=0.0013", "run.accuracy=0.05", f"controller.law={law}",
-                "controller.kappa=0.4"]  # fmt: skip
-    if law != "velocity_feedback":
-        settings.append("controller.v_thr_m_s=-0.6")
-    ideal = metrics_of_case(load("aluminium-3mm", settings)).plate_energy_db
-    finest = [
-        abs(
-            metrics_of_case(
-                load("aluminium-3mm", [*settings, f"sensors.bits={bits}", f"controller.bits={bits}",
-                                       "controller.full_scale_n=200"])
-            ).plate_energy_db
-            - ideal
-        )
-        for bits in (10, 16, 24)
-    ]  # fmt: skip
-    assert finest[2] < 2e-4
-    assert finest[2] < 0.1 * max(finest[0], 1e-2)
-    assert finest[1] < 0.02

@@ -15,8 +15,8 @@ from tests.latency.modes_alone import modes_alone
 SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 
 
-@pytest.mark.parametrize("law", ["slope_threshold", "least_squares", "fade_out", "force_feedback"])
-@pytest.mark.parametrize("latency_us", [1, 2, 7, 30])
+@pytest.mark.parametrize("law", ["slope_threshold", "force_feedback"])
+@pytest.mark.parametrize("latency_us", [1, 30])
 def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us: int) -> None:
     """With a gain so small that the impact does not feel it, the force is the same, shifted."""
     keys = [*SHORT, f"controller.law={law}", "controller.kappa=1e-9"]
@@ -28,15 +28,7 @@ def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us:
     np.testing.assert_allclose(late[latency_us:], at_once[:-latency_us], rtol=1e-5, atol=1e-18)
 
 
-def test_without_latency_the_force_of_a_sample_acts_one_step_later() -> None:
-    scene = load(
-        "aluminium-3mm", [*SHORT, "controller.law=force_feedback", "controller.kappa=1e-9"]
-    )
-    run = simulate(scene)
-    np.testing.assert_array_equal(run.truth[F_A][1:], 1e-9 * run.samples[:-1])
-
-
-@pytest.mark.parametrize("latency_us", [0, 5, 40])
+@pytest.mark.parametrize("latency_us", [0, 40])
 @pytest.mark.parametrize("kappa", [0.8, -0.5])
 def test_the_ledger_s_injected_energy_is_force_times_way(
     latency_us: int, kappa: float, tmp_path: Path
@@ -78,11 +70,3 @@ def test_a_force_after_the_contact_only_feeds_the_plate() -> None:
     assert late.injected_j > 0.0
     gained = late.plate_energy_j - free.plate_energy_j
     assert gained == pytest.approx(late.injected_j, rel=1e-3)
-
-
-def test_a_force_in_time_takes_energy_off_the_plate_by_the_ledger() -> None:
-    """Early and not late, the plate does work on the actuator."""
-    early = metrics_of_case(load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback",
-                                                   "controller.kappa=0.4"]))  # fmt: skip
-    assert early.injected_j < 0.0
-    assert early.plate_energy_db < -1.0

@@ -7,9 +7,8 @@ import pytest
 
 pytest.importorskip("cosmic_ray", reason="mutants need the extra: pip install -e '.[mutants]'")
 
-from tests.mutants.__main__ import Row, drawn, mutation_of, run, table
-from tests.mutants.choosing import ranks
-from tests.mutants.listing import Mutation, draw, mutated, mutations, sources
+from tests.mutants.__main__ import Row, mutation_of, run, table
+from tests.mutants.listing import Mutation, mutated, mutations, sources
 from tests.mutants.trying import Busy, copy_of
 
 pytestmark = pytest.mark.full
@@ -76,24 +75,6 @@ def test_only_what_changes_a_program_is_listed(toy: Path) -> None:
     assert {one.operator for one in found if one.line == 4} == {"NumberReplacer"}
     assert mutated("x = 1\n", Mutation("", 1, "NumberReplacer", 0)) == "x = 2\n"
     assert mutated("def f(*, a): 1", Mutation("", 1, "ReplaceBinaryOperator_Mul_Add", 0)) is None
-
-
-def test_every_line_has_the_same_chance_and_a_seed_repeats_the_draw(toy: Path) -> None:
-    found = mutations(toy, "toy/sums.py")
-    assert [one.line for one in draw(found, "3")] != [one.line for one in draw(found, "4")]
-    assert sorted(one.line for one in draw(found, "3")) == [4, 5, 12]
-    assert drawn(toy, "toy", 2, 5, []) == drawn(toy, "toy", 2, 5, [])
-    assert len(drawn(toy, "toy", 2, 5, [])) == 2
-    assert drawn(toy, "toy", 2, 5, ["toy/far.py"]) == []
-
-
-def test_tests_near_the_module_come_first(toy: Path) -> None:
-    assert ranks(toy, "toy/sums.py") == {
-        "tests/toy/test_sums.py": 0,
-        "tests/above/test_far.py": 3,
-        "tests/above/test_broken.py": 3,
-        "tests/toy/test_other.py": 4,
-    }
 
 
 def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(

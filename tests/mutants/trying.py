@@ -5,7 +5,7 @@ import hashlib
 import json
 import math
 import os
-import select
+import resource
 import shutil
 import signal
 import subprocess
@@ -23,7 +23,6 @@ from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")
 _MARK = "HERTZLOOP_MUTANTS"  # in the environment of all that a test starts, and its children
-_SERVER = Path(__file__).with_name("server.py")
 _LIMIT_S = 1200.0  # of all tests of a mutant; each has the limit of its own of the test suite
 
 
@@ -52,15 +51,6 @@ class Copy:
         self.seconds: dict[str, float | None] = {
             test: took for test, (took, of) in known.items() if of == _digest(self.tree / test)
         }
-        environment = dict(os.environ, PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1")
-        self._server = subprocess.Popen(
-            [sys.executable, "-P", str(_SERVER), _MARK], cwd=self.tree, env=environment,
-            start_new_session=True, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        )  # fmt: skip
-
-    def close(self) -> None:
-        """End the process that tests are forks of."""
-        self._server.communicate()
 
     def tests(self, module: str, near: bool) -> list[str]:
         """Test files for a mutant of `module`, in its own folder's or elsewhere; those whose time
@@ -72,7 +62,7 @@ class Copy:
 
     def _measure(self, test: str) -> float | None:
         """Processor time that a test file takes without a mutant, s; None if it fails, or takes
-        more than there is for a mutant."""
+        far longer than there is for a mutant."""
         outcome, took = self.run([test], most_s=1.5 * self.most_s)
         if outcome == "survived":
             return took
@@ -105,27 +95,33 @@ class Copy:
         """Run test files in the copy: what came of it, and the processor time it took, s; its
         own, without that of its children, is `most_s` at most."""
         words = [
-            "-x", "-q", "-n", "0", "-p", "no:cacheprovider", f"--basetemp={self._scratch}",
-            *self._tier, *files,
-        ]  # fmt: skip
-        self._log.write_text("")
-        assert self._server.stdin
-        assert self._server.stdout
-        job = [words, str(self._log), math.ceil(most_s)]
-        print(json.dumps(job), file=self._server.stdin, flush=True)
-        child = int(self._server.stdout.readline())
-        in_time = False
-        try:
-            in_time = bool(select.select([self._server.stdout], [], [], limit_s)[0])
-        finally:  # also when interrupted
-            for end in () if in_time else (os.killpg, os.kill):
-                with suppress(ProcessLookupError):  # it has no group yet, or has just ended
-                    end(child, signal.SIGKILL)
-        code, took = self._server.stdout.readline().split()
-        _end_all(self.tree)
-        unnoticed = code in ("0", "5")  # 5: no test of the tier in these files
-        outcome = ("survived" if unnoticed else "killed") if in_time else "timed out"
-        return outcome, float(took)
+            *(sys.executable, "-P", "-m", "pytest", "-x", "-q", "-n", "0"),
+            *("-p", "no:cacheprovider", f"--basetemp={self._scratch}", *self._tier, *files),
+        ]
+        tree = str(self.tree)
+        own = {"PYTHONPATH": tree, "PYTHONDONTWRITEBYTECODE": "1", _MARK: tree}
+        most = (math.ceil(most_s),) * 2
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        with self._log.open("w") as log:
+            process = subprocess.Popen(
+                words, cwd=tree, env=os.environ | own, stdin=subprocess.DEVNULL, stdout=log,
+                stderr=subprocess.STDOUT, start_new_session=True,
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, most),
+            )  # fmt: skip
+            code = None
+            try:
+                code = process.wait(limit_s)
+            except subprocess.TimeoutExpired:
+                pass
+            finally:  # also when interrupted
+                process.kill()
+                process.wait()
+                _end_all(self.tree)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        unnoticed = code in (0, 5)  # 5: no test of the tier in these files
+        outcome = "timed out" if code is None else "survived" if unnoticed else "killed"
+        took = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return outcome, round(took, 2)
 
 
 @contextmanager
@@ -145,11 +141,7 @@ def copy_of(
             flock(lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
             raise Busy(f"{folder} is in use by another run of this command") from None
-        copy = Copy(root, folder, most_s, near, default)
-        try:
-            yield copy
-        finally:
-            copy.close()
+        yield Copy(root, folder, most_s, near, default)
 
 
 def _end_all(tree: Path) -> None:
