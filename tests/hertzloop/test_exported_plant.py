@@ -18,7 +18,7 @@ from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
-from tests.commands import invoke
+from tests.commands import as_options, refused, succeed
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc
@@ -42,27 +42,25 @@ def plant(short: Path) -> Iterator[InC]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["short", "noisy"])
+@pytest.mark.parametrize("settings", [SHORT, NOISY], ids=["short", "noisy"])
 def test_a_program_in_c_gets_the_bytes_of_the_loop(
-    name: str, request: pytest.FixtureRequest
+    settings: tuple[str, ...], short: Path, noisy: Path
 ) -> None:
-    loop = simulate(scene_of(SHORT if name == "short" else NOISY))
+    loop = simulate(scene_of(settings))
     assert np.max(loop.forces) > 1.0  # the law acted
-    driven = drive(build(request.getfixturevalue(name)), loop.forces)
+    program = build(short if settings == SHORT else noisy)
+    driven = drive(program, loop.forces)
     assert same_bytes(loop, driven)
     balance = loop.balance
     for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",
                  "modal_dissipated_j", "contact_dissipated_j"):  # fmt: skip
         assert driven.energies[what] == getattr(balance, what), what
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_one_bit_of_difference_is_seen(short: Path) -> None:
-    loop = simulate(scene_of(SHORT))
+    # One bit of difference is seen.
     forces = loop.forces.copy()
     pushed = np.flatnonzero(forces)[0]
     forces[pushed] = np.nextafter(forces[pushed], math.inf)
-    assert not same_bytes(loop, drive(build(short), forces))
+    assert not same_bytes(loop, drive(program, forces))
 
 
 def test_the_library_needs_libc_and_libm_only(short: Path) -> None:
@@ -163,47 +161,27 @@ def test_a_processor_without_the_instructions_is_refused(
     )
 
 
-def call(*words: str) -> tuple[int, str]:
-    done = invoke(["export-plant", *words], env={"COLUMNS": "200"})
-    return done.exit_code, " ".join(done.output.split())
-
-
 def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "plant.so"
-    settings = [word for key in SHORT for word in ("--set", key)]
-    status, said = call("aluminium-3mm", *settings, "-o", str(out), "--cpu", "host")
-    assert status == 0, said
-    assert said.startswith(f"written: {out}, for host, ")
+    told = succeed("export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host")
+    assert told.startswith(f"written: {out}, for host, ")
     assert out.read_bytes() == (short / "libhertzloop_plant.so").read_bytes()
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["aluminium-3mm", "-o", "plant.dll"], "plant.dll: must end in"),
-        (["aluminium-3mm", "-o", "no/plant.so"], "the folder no does not exist"),
-        (["aluminium-3mm", "-o", "there.so"], "there.so exists. Choose another name with --out"),
-        (
-            ["aluminium-3mm", "--out-dir", "full"],
-            "--out-dir = full: the folder is not empty. Choose another",
-        ),
-        (["thesis-aluminium", "-o", "plant.so"], "run.scheme = 'thesis2008' cannot be exported"),
-        (["no-scene", "-o", "plant.so"], "SCENE = 'no-scene': unknown scene"),
+        ("aluminium-3mm -o plant.dll", "plant.dll: must end in"),
+        ("aluminium-3mm -o there.so", "there.so exists. Choose another name with --out"),
+        ("aluminium-3mm --out-dir full", "--out-dir = full: the folder is not empty. Choose"),
+        ("thesis-aluminium -o plant.so", "run.scheme = 'thesis2008' cannot be exported"),
+        ("aluminium-3mm -o plant.so --cpu host", "there is no C compiler `cc` here"),
     ],
 )
 def test_bad_input_ends_with_a_sentence(words, sentence, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "there.so").touch()
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "a").touch()
-    status, said = call(*words)
-    assert status == 2
-    assert sentence in said
-    assert not (tmp_path / "plant.so").exists()
-
-
-def test_without_a_compiler_it_says_so(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    status, said = call("aluminium-3mm", "-o", str(tmp_path / "plant.so"), "--cpu", "host")
-    assert status == 2
-    assert "there is no C compiler `cc` here" in said
+    (tmp_path / "there.so").touch()
+    (tmp_path / "full" / "a").mkdir(parents=True)
+    refused(sentence, "export-plant", *words.split())
+    assert not (tmp_path / "plant.so").exists()
