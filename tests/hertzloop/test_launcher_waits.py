@@ -1,6 +1,5 @@
 """The launcher waits for nobody without end, whatever a process of the run does."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -19,8 +18,11 @@ from hertzloop.processes.launcher import Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 
-DONE, STAYS = {"done": {"wall_s": 0.0}}, {"ready": True}
-BEATS = {"ready": True, "beats": True}  # again and again
+# Programs that report one thing each.
+DONE = "say({'done': {'wall_s': 0.0}})"
+STAYS = "say({'ready': True}); time.sleep(600)"
+BEATS = "say({'ready': True}); [say({'beat': True}) or time.sleep(0.1) for _ in range(6000)]"
+SAY = "import json, time\ndef say(report): print(json.dumps(report), flush=True)\n"
 
 
 @pytest.fixture(autouse=True)
@@ -32,15 +34,12 @@ def bounded() -> Iterator[None]:
     timer.cancel()
 
 
-def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
-    """A launcher with processes that report one thing each; those that are not done stay."""
+def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
+    """A launcher with these programs as its processes."""
     launcher = Launcher(scene(), folder / "run.mcap", RunOptions(timeout_s=0.1), wait_s=0.1)
-    for role, report in reports.items():
-        beats = """[print('{"beat": true}', flush=True) or time.sleep(0.1) for _ in range(6000)]"""
-        stay = {id(DONE): "", id(BEATS): f"; {beats}"}.get(id(report), "; time.sleep(600)")
-        code = f"import time; print('{json.dumps(report)}', flush=True){stay}"
+    for role, program in programs.items():
         process = subprocess.Popen(
-            [sys.executable, "-c", code],
+            [sys.executable, "-c", SAY + program],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         child = ChildProcess(role, process, folder / role)
