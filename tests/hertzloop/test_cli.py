@@ -146,8 +146,6 @@ def test_compare_shows_metrics_of_two_laws(here: Path) -> None:
     energy = rows["first_impact", "plate_energy_j"]
     assert energy["unit"] == "dB"
     assert energy["b_to_a"] == pytest.approx(10.0 * math.log10(energy["b"] / energy["a"]))
-    speed = rows["whole_run", "rebound_speed_m_s"]
-    assert speed["b_to_a"] == pytest.approx(100.0 * (speed["b"] / speed["a"] - 1.0))
     for wrong in (["--json", "d.json"], ["--metrics", "--tolerance", "1e-9"]):
         refused("error: ", "compare", "a.mcap", "b.mcap", *wrong)
 
