@@ -10,14 +10,9 @@ import pytest
 from hertzloop.cli import app
 from hertzloop.cli.commands import CommandEntry, all_commands
 from tests.commands import succeed
+from tests.hertzloop.processes import hertzloop
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
-
-
-def called(words: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hertzloop", *words], capture_output=True, text=True, check=False
-    )
 
 
 def test_there_are_at_most_30_leaves_each_once() -> None:
@@ -26,7 +21,7 @@ def test_there_are_at_most_30_leaves_each_once() -> None:
 
 
 def test_the_help_fits_on_one_screen() -> None:
-    done = called(["--help"])
+    done = hertzloop("--help")
     assert done.returncode == 0
     assert len(done.stdout.splitlines()) <= 50
     for entry in all_commands():
@@ -63,7 +58,7 @@ def test_out_is_a_file_and_out_dir_a_folder() -> None:
 
 def test_quiet_prints_nothing() -> None:
     for words in (["scene", "list", "--quiet"], ["-q", "scene", "list"]):
-        assert called(words).stdout == ""
+        assert succeed(*words) == ""
 
 
 def test_help_and_version_import_no_numerics() -> None:
