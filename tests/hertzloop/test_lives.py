@@ -18,7 +18,12 @@ import pytest
 
 from hertzloop.bus.streams import PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import _ids
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.scene.setup import load
+from tests.commands import as_options
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,
@@ -177,11 +182,22 @@ def test_controller_never_started(recording: Path) -> None:
     assert not recording.exists()  # nothing was to be recorded
 
 
+SECOND = ["run.duration_s=1"]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """A second that nobody disturbs."""
+    path = tmp_path_factory.mktemp("alone") / "alone.mcap"
+    record_in_process(load("aluminium-3mm", SECOND), path, compiled=True)
+    return read(path)
+
+
 @pytest.mark.full
-def test_a_run_whose_processes_were_all_stopped_goes_on(tmp_path: Path, recording: Path) -> None:
+def test_a_run_whose_processes_were_all_stopped_goes_on(alone: Recording, recording: Path) -> None:
     """The launcher is stopped, too, and messages wait for the recorder: all arrive."""
-    words = ["aluminium-3mm", "--set", "run.duration_s=1"]
-    run = start("run", *words, "--timeout", "2", "--out", str(recording))
+    words = ["aluminium-3mm", *as_options(SECOND), "--timeout", "2"]
+    run = start("run", *words, "--out", str(recording))
     stopped = [psutil.Process(run.pid), *(child_of(run, role) for role in ROLES)]
     wait_for(grown_to(recording, 50_000))
     for process in stopped:
@@ -191,9 +207,7 @@ def test_a_run_whose_processes_were_all_stopped_goes_on(tmp_path: Path, recordin
         process.send_signal(signal.SIGCONT)
     code, err, _ = finish(run)
     assert code == 0, err
-    alone = str(tmp_path / "alone.mcap")
-    assert hertzloop("run", *words, "--transport", "compiled", "--out", alone).returncode == 0
-    assert hertzloop("compare", alone, str(recording)).returncode == 0
+    assert first_difference(alone, read(recording)) is None
 
 
 STRANGER = """
@@ -226,22 +240,23 @@ time.sleep(600)
 @pytest.mark.parametrize(
     "words", [["0"], ["0.5"], ["0", _ids("victim", "recorder")[7]]], ids=["stops", "lags", "id"]
 )
-def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, words: list[str]) -> None:
+def test_a_stranger_that_does_not_keep_up_changes_nothing(
+    alone: Recording, recording: Path, words: list[str]
+) -> None:
     """It has an id that follows from the run's name, or not. It hears something, then stops (0), or
     takes half a second for every message. Its lease is short, so that zenoh gives its link up."""
     base = free_ports(3, in_a_row=True)[0]
-    run = ["--set", "run.duration_s=1", "--port", str(base), "--timeout", "30", "--name", "victim"]
-    alone, beside = tmp_path / "alone.mcap", tmp_path / "beside.mcap"
-    assert hertzloop("run", "aluminium-3mm", *run, "--out", str(alone)).returncode == 0
     urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
     with subprocess.Popen(
         [sys.executable, "-c", STRANGER, urls, *words], stdout=subprocess.PIPE, text=True
     ) as stranger:
         try:
             assert next_line(stranger) == "listening\n"
-            done = hertzloop("run", "aluminium-3mm", *run, "--out", str(beside))
+            run = ["--port", str(base), "--timeout", "30", "--name", "victim"]
+            scene = ["aluminium-3mm", *as_options(SECOND)]
+            done = hertzloop("run", *scene, *run, "--out", str(recording))
             assert done.returncode == 0, done.stderr
             assert next_line(stranger) == "heard\n"
         finally:
             stranger.kill()
-    assert hertzloop("compare", str(alone), str(beside)).returncode == 0
+    assert first_difference(alone, read(recording)) is None
