@@ -95,7 +95,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["metal tip", "sensor mass", "modes from a file"])
+@pytest.mark.parametrize("name", ["metal tip", "sensor mass"])
 @needs_cc
 def test_an_exported_plant_steps_as_the_loop(name: str, modes: Path) -> None:
     pytest.importorskip("gymnasium")

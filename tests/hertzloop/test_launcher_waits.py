@@ -48,40 +48,43 @@ def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
     return launcher
 
 
-def outcome(launcher: Launcher) -> dict[str, Any]:
+@pytest.mark.parametrize(
+    ("patience", "programs", "sentence"),
+    [
+        (
+            {"_LEAVE_S": 0.5},
+            {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE},
+            "^plant does not respond; the others had ended",
+        ),
+        pytest.param(
+            {"LONGEST_S": 0.5},
+            dict.fromkeys(ROLES, STAYS),
+            "^controller and plant and recorder do not respond; the launcher has received nothing",
+            marks=pytest.mark.full,
+        ),
+        (
+            {"_SILENT_S": 0.5, "_PATIENCE_S": 0.2},
+            {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS},
+            "^recorder does not respond; no sign of life for 1 s",
+        ),
+    ],
+)
+def test_one_that_does_not_end_is_named(
+    patience: dict[str, float],
+    programs: dict[str, str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, seconds in patience.items():
+        monkeypatch.setattr(launchers, name, seconds)
+    launcher = waiting_for(tmp_path, programs)
     try:
-        return launcher.wait()
+        with pytest.raises(RunFailed, match=sentence):
+            launcher.wait()
     finally:
         launcher._end_all()
-        assert all(child.process.poll() is not None for child in launcher.children)
-
-
-def test_one_that_does_not_end_when_the_others_have_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launchers, "_LEAVE_S", 0.5)
-    launcher = waiting_for(tmp_path, {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE})
-    with pytest.raises(RunFailed, match=r"^plant does not respond; the others had ended"):
-        outcome(launcher)
-
-
-@pytest.mark.full
-def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launchers, "LONGEST_S", 0.5)
-    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, STAYS))
-    said = "^controller and plant and recorder do not respond; the launcher has received nothing"
-    with pytest.raises(RunFailed, match=said):
-        outcome(launcher)
-
-
-def test_one_that_does_not_run_any_more_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launchers, "_SILENT_S", 0.5)
-    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.2)
-    launcher = waiting_for(tmp_path, {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS})
-    with pytest.raises(RunFailed, match=r"^recorder does not respond; no sign of life for 1 s"):
-        outcome(launcher)
+    assert all(child.process.poll() is not None for child in launcher.children)
 
 
 class StopsWhoIsDone:
