@@ -31,19 +31,6 @@ def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: li
     assert impact.steps < run.steps
 
 
-def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
-    keys = ["run.accuracy=0.05", "run.duration_s=0.006", "controller.kappa=0.3"]
-    scene = load("aluminium-20mm", [*keys, "controller.law=velocity_feedback"])
-    metrics = metrics_of_case(scene, "impact")
-    both = (scene, scene.without_control())
-    first, free = (impacts_in(each.plant, simulate(each).truth)[0] for each in both)
-    assert metrics.contacts == 1
-    assert metrics.steps < scene.steps
-    assert metrics.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
-    change = first.plate_energy_j / free.plate_energy_j
-    assert 10.0 ** (0.1 * metrics.plate_energy_db) == pytest.approx(change, rel=1e-9)
-
-
 def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
     scene = load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback"])
     rows, found = simulate(scene).truth, set()

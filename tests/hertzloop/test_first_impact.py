@@ -74,7 +74,7 @@ OWN = {
     # Pushes the plate on until it meets the sphere again.
     "long.py": LATE.format(force=60.0, first=0, last=4000),
 }
-LAWS = default([*shipped(), *OWN], ["off", "force_feedback", "slope_threshold", *OWN])
+LAWS = default([*shipped(), *OWN], ["off", "velocity_feedback", "slope_threshold", *OWN])
 FORCES = {
     "constant": ["controller.force_n=20", "controller.duration_us=200", "controller.delay_us=1400"],
     "profile": ["controller.profile_n=[10.0, 20.0, 30.0]", "controller.lead_us=1"],
