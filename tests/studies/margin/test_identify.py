@@ -73,7 +73,10 @@ def test_constants_of_shipped_laws_agree_with_a_probe(law, quantity):
     assert np.abs(read - probed).max() <= 1e-9 * np.abs(read).max()
 
 
-@pytest.mark.parametrize("key", ["controller.jitter_us=3", "controller.drop_out_probability=0.1"])
+@pytest.mark.parametrize(
+    "key",
+    ["controller.jitter_us=3", "controller.clock_ppm=5", "controller.drop_out_probability=0.1"],
+)
 def test_a_line_that_varies_is_refused(key):
     with pytest.raises(NotLinearError):
         law_filter(load("oak-20mm", ["controller.law=velocity_feedback", key]))
