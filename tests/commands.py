@@ -1,7 +1,7 @@
 """Call a command line within this process."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -19,11 +19,41 @@ def invoke(words: Sequence[str], env: Mapping[str, str] | None = None) -> Result
         return CliRunner().invoke(commands, list(words), env=env)
 
 
+def call(*words: object) -> Result:
+    """Call `hertzloop WORDS` on a wide terminal. Fails where an exception passes the command."""
+    result = invoke([str(word) for word in words], env={"COLUMNS": "200"})
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def said(result: Result) -> str:
+    """What was printed, without line breaks and frames."""
+    return " ".join(result.output.replace("│", " ").split())
+
+
+def succeed(*words: object) -> str:
+    """What a command that succeeds says, in one line."""
+    result = call(*words)
+    assert result.exit_code == 0, result.output
+    return said(result)
+
+
+def refused(sentence: str, *words: object) -> None:
+    """Fail unless a command ends as the user's mistake, with this sentence."""
+    result = call(*words)
+    assert result.exit_code == 2, result.output
+    assert sentence in said(result)
+
+
+def as_options(settings: Iterable[str]) -> list[str]:
+    """`--set KEY=VALUE` for each setting."""
+    return [word for setting in settings for word in ("--set", setting)]
+
+
 def run_and_inspected(folder: Path, *settings: str) -> list[tuple[str, Any]]:
     """What `run --details` and `inspect --details` print of a compiled run, and what they write."""
     file, found = str(folder / "a.mcap"), []
-    run = ["run", "aluminium-3mm", "--transport", "compiled", "--out", file]
-    run += [word for setting in settings for word in ("--set", setting)]
+    run = ["run", "aluminium-3mm", "--transport", "compiled", "--out", file, *as_options(settings)]
     for words in (run, ["inspect", file]):
         report = folder / f"{words[0]}.json"
         done = invoke([*words, "--details", "--json", str(report)])

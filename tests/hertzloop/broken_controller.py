@@ -32,10 +32,6 @@ def at_the_end(change: Callable[[Any], object]) -> Callable[[str, Any], None]:
     return lambda stream, message: change(message) if stream == "end/controller" else None
 
 
-def last_force(message: Any, value: float) -> None:
-    message.force_n[-1] = value
-
-
 def next_bit(message: Any) -> None:
     """Another last bit of the first force that is none."""
     for i, force in enumerate(message.force_n):
@@ -52,30 +48,15 @@ def by_its_number(stream: str, message: Any) -> None:
 
 ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
     "no-run-id": at(0, lambda m: m.ClearField("run_id")),
-    "another-run": at(3, lambda m: setattr(m, "run_id", 7)),
-    "no-step-ns": at(2, lambda m: m.ClearField("step_ns")),
-    "no-sequence": at(1, lambda m: m.ClearField("sequence")),
     "gap": at(4, lambda m: setattr(m, "sequence", 6)),
-    "hole": at(4, lambda m: setattr(m, "first_step", m.first_step + 1)),
-    "too-many-seen": at(2, lambda m: setattr(m, "samples_seen", m.samples_seen + 1)),
     "short": at(2, lambda m: m.force_n.pop()),
-    "beyond-the-end": at(0, lambda m: m.force_n.extend([0.0] * 3000)),
-    "nan": at(5, lambda m: last_force(m, math.nan)),
-    "nan-level": at(5, lambda m: setattr(m, "promise_level", math.nan)),
+    "nan": at(5, lambda m: m.force_n.__setitem__(-1, math.nan)),
     "next-bit": lambda stream, m: next_bit(m) if stream == "force" else None,
     "by-the-cut": by_its_number,
     "late": at(3, lambda m: time.sleep(30)),
     "dies": at(3, lambda m: os._exit(3)),
     "fault": at_the_end(lambda m: setattr(m, "fault", "out of force")),
-    "wrong-count": at_the_end(lambda m: setattr(m.count[0], "samples", 3)),
     "no-count-of-events": at_the_end(lambda m: m.count.pop()),
-    "no-set-up": at_the_end(lambda m: m.ClearField("report")),
-    "other-scene": at_the_end(
-        lambda m: setattr(
-            m.report, "scene_toml", m.report.scene_toml.replace("kappa = 0.8", "kappa = 2.0")
-        )
-    ),
-    "other-stiffness": at_the_end(lambda m: setattr(m.report, "stiffness", 1.0)),
     "no-role": at_the_end(lambda m: m.ClearField("role")),
 }
 
@@ -89,8 +70,6 @@ class Broken(own.Controller):
             if rule == "rubbish" and stream == "force" and message.sequence == 2:
                 message = Rubbish(message)
             say(stream, message)
-            if rule == "twice" and stream == "force" and message.sequence == 4:
-                say(stream, message)
 
         super().__init__(otherwise)
 

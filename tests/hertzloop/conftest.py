@@ -1,8 +1,14 @@
 """Fixtures of the tests of the lock-step."""
 
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from hertzloop.loop import plant_streams
+from tests.hertzloop.own_laws import ROOT
 
 
 @pytest.fixture
@@ -15,3 +21,13 @@ def short_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def warm(warm_kernels: None) -> None:
     """Processes of these tests start at once, also where this is the first test of all."""
+
+
+@pytest.fixture(scope="session")
+def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the messages as the examples of controllers import them."""
+    folder = tmp_path_factory.mktemp("messages")
+    shutil.copy(ROOT / "bus" / "messages.proto", folder)
+    words = ["-m", "grpc_tools.protoc", "-I.", "--python_out=.", "messages.proto"]
+    subprocess.run([sys.executable, *words], cwd=folder, check=True)
+    return folder

@@ -6,11 +6,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 import psutil
+
+from hertzloop.bus.streams import ROLES
+from tests.ports import free_ports
 
 HERTZLOOP = [sys.executable, "-m", "hertzloop"]
 # Long enough to be hit by a fault while it runs, far longer than a test waits.
@@ -36,6 +40,25 @@ def start(*words: str, **more: object) -> subprocess.Popen:
     )
 
 
+class Bus:
+    """Endpoints of a run in separate processes: each connects to those before it in `ROLES`."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        ports = free_ports(len(ROLES))
+        self.urls = {role: f"tcp/127.0.0.1:{port}" for role, port in zip(ROLES, ports, strict=True)}
+
+    def words(self, role: str, wait_s: float = EVENTUALLY_S) -> list[str]:
+        """Options of the process of a role."""
+        before = [self.urls[other] for other in ROLES[: ROLES.index(role)]]
+        connect = [word for url in before for word in ("--connect", url)]
+        return ["--name", self.name, "--wait", str(wait_s), "--listen", self.urls[role], *connect]
+
+    def start(self, role: str, *words: str, wait_s: float = EVENTUALLY_S) -> subprocess.Popen:
+        """Start the process of a role."""
+        return start("node", role, *words, *self.words(role, wait_s))
+
+
 def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str, float]:
     """Exit code, standard error in one line, seconds it took. Raises AssertionError with the stacks
     of a process that does not end."""
@@ -48,6 +71,17 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
         _, err = process.communicate(timeout=EVENTUALLY_S)
         raise AssertionError(f"not ended within {timeout_s} s: {process.args}\n{err}") from None
     return process.returncode, " ".join(err.split()), time.monotonic() - began
+
+
+@contextmanager
+def killed_at_the_end(processes: Iterable[subprocess.Popen]) -> Iterator[None]:
+    """None of the processes is left."""
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
 
 
 def next_line(

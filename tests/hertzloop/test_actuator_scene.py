@@ -51,9 +51,7 @@ def critical_us(*settings: str) -> float:
     ("setting", "energy_db", "latency_us"),
     [
         ("actuator.bandwidth_hz=1e6", -1.36, 2.83),
-        ("actuator.bandwidth_hz=3e5", -1.06, 2.32),
         ("actuator.bandwidth_hz=1e5", -0.33, 0.81),
-        ("actuator.mass_kg=5e-4", -1.01, 2.06),
         ("actuator.mass_kg=3e-3", -2.94, 6.81),
     ],
 )
@@ -67,7 +65,7 @@ def test_bandwidth_and_mass_cost_the_law_its_latency(
 # Rebound (m/s) and work on plate and mass (uJ) without law: from an independent solver.
 @pytest.mark.parametrize(
     ("mass_kg", "rebound_m_s", "work_uj"),
-    [(1e-4, 0.5571, 295.8), (1e-3, 0.5767, 286.0), (1e-2, 0.8534, 111.5)],
+    [(1e-3, 0.5767, 286.0), (1e-2, 0.8534, 111.5)],
 )
 def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
     settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
@@ -77,15 +75,11 @@ def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj:
     assert 1e6 * impact.plate_energy_j == pytest.approx(work_uj, rel=2e-3)
 
 
-def test_a_slow_actuator_never_helps() -> None:
-    assert plate_energy_db(0, "actuator.bandwidth_hz=5e4") == pytest.approx(0.49, abs=0.02)
-
-
-@pytest.mark.parametrize("name", ["aluminium-3mm", "offcentre-6mm"])
-@pytest.mark.parametrize("mass", [[], ["actuator.mass_kg=2e-3"]])
-def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[str]) -> None:
-    settings = ["run.duration_s=0.0016", "actuator.bandwidth_hz=1e5", *mass]
-    scene = load(name, settings)
+@pytest.mark.parametrize(
+    ("name", "mass"), [("aluminium-3mm", ["actuator.mass_kg=2e-3"]), ("offcentre-6mm", [])]
+)
+def test_work_on_the_plate_is_that_of_the_balance(name: str, mass: list[str]) -> None:
+    scene = load(name, ["run.duration_s=0.0016", "actuator.bandwidth_hz=1e5", *mass])
     run = simulate(scene)
     assert np.any(run.truth[F_A1])
     work = sum(i.plate_energy_j for i in impacts_in(scene.plant, run.truth))
@@ -94,7 +88,6 @@ def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[s
     assert work == pytest.approx(taken, rel=2e-4)
 
 
-@pytest.mark.full
 def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.force_limit_n=12"])
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
@@ -174,27 +167,21 @@ def test_an_actuator_keeps_the_modes() -> None:
     real = load("aluminium-3mm", [*short, "actuator.bandwidth_hz=1e5"])
     assert real.plate_model == "modal"
     assert np.any(simulate(real).truth[F_A] != 0.0)
+    for nothing in ("actuator.mass_kg=0", "actuator.preload_n=0"):
+        assert load("aluminium-3mm", [nothing]) == load("aluminium-3mm")
 
 
 def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> None:
     rows = [f"{20000 + 8000 * i},{0.01 * (i + 1)},0.01,1.0" for i in range(12)]
-    header = (
-        "# residual_flexibility_m_n = 1e-9\nfrequency_hz,loss_factor,modal_mass_kg,shape_contact"
-    )
-    (tmp_path / "m.csv").write_text("\n".join(["# residual_flexibility_m_n = 1e-9", header, *rows]))
-    scene = load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"])
-    with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
-        build_plant(scene)
-
-
-def test_a_mass_on_a_plate_that_moves_freely_is_refused() -> None:
-    scene = load("aluminium-3mm", ["plate.edges=ffff", "actuator.mass_kg=0.001"])
-    with pytest.raises(SceneError, match=r"is not supported for a free plate"):
-        build_plant(scene)
-
-
-def test_a_preload_of_nothing_is_none() -> None:
-    assert load("aluminium-3mm", ["actuator.preload_n=0"]) == load("aluminium-3mm")
+    flexible = "# residual_flexibility_m_n = 1e-9"
+    header = "frequency_hz,loss_factor,modal_mass_kg,shape_contact"
+    (tmp_path / "m.csv").write_text("\n".join([flexible, flexible, header, *rows]))
+    for support, words in (
+        (f"plate.modes={tmp_path / 'm.csv'}", r"actuator\.mass_kg = 0\.001 needs one loss factor"),
+        ("plate.edges=ffff", r"is not supported for a free plate"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            build_plant(load("aluminium-3mm", [support, "actuator.mass_kg=0.001"]))
 
 
 def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
@@ -243,7 +230,3 @@ def test_a_fit_refuses_a_preload() -> None:
     model = FrozenModel(load("aluminium-3mm", ["actuator.preload_n=5"]), 1e-4, 1e-3)
     with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
         model.run({}, 1e-4)
-
-
-def test_a_mass_of_nothing_is_none() -> None:
-    assert load("aluminium-3mm", ["actuator.mass_kg=0"]) == load("aluminium-3mm")

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from hertzloop.controller.law import LawError
-from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import check_buildable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
+from tests.commands import succeed
+from tests.hertzloop.own_laws import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "combinations.md").read_text()
 
 
@@ -50,13 +50,8 @@ PAIRS = [
 @pytest.fixture(scope="session")
 def modes_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Modes of the default plate, as a file."""
-    table = build_plant(load("aluminium-3mm")).modes
     path = tmp_path_factory.mktemp("combined") / "modes.csv"
-    lines = ["frequency_hz,loss_factor,shape_contact,modal_mass_kg"]
-    for omega, shape in zip(table.omega, table.contact, strict=True):
-        mass = 1.0 / table.scale_per_kg
-        lines.append(f"{omega / 6.283185307179586},1e-4,{shape},{mass}")
-    path.write_text("\n".join(lines) + "\n")
+    succeed("scene", "modes", "aluminium-3mm", "-o", path)
     return path
 
 

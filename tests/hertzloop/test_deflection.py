@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.in_process import record_in_process
-from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
@@ -27,30 +26,7 @@ def replayed(folder: Path, scene: Setup) -> tuple[Recording, Deflection]:
     return recording, deflection(scene, recording)
 
 
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [
-        ("aluminium-3mm", SHORT),
-        ("offcentre-6mm", [*SHORT, "run.accuracy=1e-2"]),
-        ("aluminium-20mm", [*SHORT, "plate.loss_factor=0.05"]),
-        ("aluminium-20mm", [*SHORT, "run.lead_in_s=0"]),  # it touches in the first step
-    ],
-)
-def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings: list[str]) -> None:
-    # All modes take part. What is left is rounding: modes of equal frequency are summed apart
-    # and several steps are advanced at once. Rows tell the modes apart from a spring for those left
-    # out, not from a damped mode.
-    scene = load(name, [*settings, "plate.tail=spring"])
-    recording, plate = replayed(tmp_path, scene)
-    modes = modal_displacement(scene.plant, truth_of(recording))
-    recorded = modes[plate.times_ns // recording.truth.step_ns]
-    i, j = plate.contact_node
-    largest = abs(recorded).max()
-    assert largest > 1e-6
-    assert abs(plate.w_m[:, i, j] - recorded).max() < 1e-9 * largest
-
-
-def _of_the_damped_mode(spec: PlantSpec, forces: np.ndarray) -> np.ndarray:
+def of_the_residual_mode(spec: PlantSpec, forces: np.ndarray) -> np.ndarray:
     """Displacement (m) of the mode that stands for those left out, at the start of every step,
     under forces up on the plate, shape (2, steps): mean and slope. The forces over the past steps,
     weighted with the mode's impulse response exp(-a t) (Y cos b t + B sin b t)."""
@@ -77,14 +53,12 @@ def _of_the_damped_mode(spec: PlantSpec, forces: np.ndarray) -> np.ndarray:
     ("name", "settings"),
     [
         ("aluminium-3mm", SHORT),
-        ("aluminium-3mm", [*SHORT, "run.accuracy=1e-2"]),
         ("offcentre-6mm", [*SHORT, "run.accuracy=1e-2"]),
         ("aluminium-20mm", [*SHORT, "plate.loss_factor=0.05"]),
+        ("aluminium-20mm", [*SHORT, "run.lead_in_s=0"]),  # it touches in the first step
     ],
 )
-def test_with_the_damped_mode_the_contact_node_moves_as_recorded(
-    tmp_path: Path, name: str, settings: list[str]
-) -> None:
+def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings: list[str]) -> None:
     """What is drawn is the modes; what was recorded has beside it the mode for those left out,
     which no place but the contact has."""
     scene = load(name, settings)
@@ -92,22 +66,13 @@ def test_with_the_damped_mode_the_contact_node_moves_as_recorded(
     assert spec.damped_residual
     recording, plate = replayed(tmp_path, scene)
     forces = forces_on_plate(spec, truth_of(recording))
-    tail = _of_the_damped_mode(spec, forces[:2] + (forces[2:] if spec.same_point else 0.0))
+    tail = of_the_residual_mode(spec, forces[:2] + (forces[2:] if spec.same_point else 0.0))
     steps = plate.times_ns // recording.truth.step_ns
     recorded = recording.truth.arrays["xi_p_m"][steps]
     i, j = plate.contact_node
     largest = abs(recorded).max()
     assert abs(tail[steps]).max() > 1e-3 * largest  # without it they would differ
     assert abs(plate.w_m[:, i, j] + tail[steps] - recorded).max() < 1e-9 * largest
-
-
-def test_fewer_modes_than_the_plant_had_cost_accuracy(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", SHORT)
-    recording, _ = replayed(tmp_path, scene)
-    plate = deflection(scene, recording, per_axis=10)
-    recorded = recording.truth.arrays["xi_p_m"][plate.times_ns // recording.truth.step_ns]
-    i, j = plate.contact_node
-    assert abs(plate.w_m[:, i, j] - recorded).max() > 0.1 * abs(recorded).max()
 
 
 def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +17,11 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
 from hertzloop.studies.sweeps.sweep import read_results
+from tests.commands import as_options, refused, succeed
+from tests.hertzloop.own_laws import EXAMPLES
+from tests.hertzloop.test_cli import here
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-
-
-def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hertzloop", *words],
-        cwd=folder, capture_output=True, text=True, timeout=280, check=False,
-    )  # fmt: skip
+__all__ = ["here"]  # the fixture
 
 
 def copied(folder: Path, *names: str) -> None:
@@ -43,29 +40,27 @@ def copied(folder: Path, *names: str) -> None:
         ("l_shaped.toml", ["l_shaped_modes.py"], "the modes of l_shaped.npz"),
     ],
 )
-def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> None:
-    copied(tmp_path, scene, *files)
-    ran = command(tmp_path, "run", scene, "--details", "--json", "report.json")
-    assert ran.returncode == 0, ran.stderr
-    report = json.loads((tmp_path / "report.json").read_text())
+def test_example(here: Path, scene: str, files: list[str], struck: str) -> None:
+    copied(here, scene, *files)
+    told = succeed("run", scene, "--details", "--json", "report.json")
+    assert "not defined" in told
+    report = json.loads((here / "report.json").read_text())
     assert report["struck"]["name"] == struck
     assert abs(report["residuals"]["energy"]) < 1e-10
     assert abs(report["residuals"]["momentum"]) < 1e-12
     assert report["impacts"][0]["peak_force_n"] > 10.0
-    assert "not defined" in ran.stdout
     # Rows cannot tell the modes' displacement from that of a damped mode left out, only a spring's.
-    ran = command(tmp_path, "run", scene, "--set", "plate.tail=spring", "--out", "spring.mcap")
-    assert ran.returncode == 0, ran.stderr
+    spring = ["--set", "plate.tail=spring", "--out", "spring.mcap"]
+    succeed("run", scene, *spring)
     # Alone with its recording.
-    recording = shutil.copy(tmp_path / "spring.mcap", tmp_path / "moved.mcap")
-    for file in tmp_path.iterdir():
-        if file.name != "moved.mcap":
+    recording = (here / "spring.mcap").rename(here / "moved.mcap")
+    for file in here.iterdir():
+        if file != recording:
             file.unlink()
-    assert command(tmp_path, "inspect", "moved.mcap").returncode == 0
-    saved = command(tmp_path, "replay", "moved.mcap", "--save", "moved.rrd")
-    assert saved.returncode == 0, saved.stderr
+    succeed("inspect", "moved.mcap")
+    succeed("replay", "moved.mcap", "--save", "moved.rrd")
     # The contact's node moves as recorded where the shapes are known.
-    found = read(Path(recording))
+    found = read(recording)
     again = parse(found.scene_toml)
     drawn = deflection(again, found)
     if scene == "beam.toml":
@@ -131,30 +126,24 @@ def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
-    short = ["--set", "run.duration_s=0.003", "--transport", "compiled"]
-    edges = ["--set", "plate.edges=cfsc", "--set", "run.accuracy=0.1"]
-    for file in ("modes.npz", "modes.csv"):
-        grid = ["--grid"] * file.endswith(".npz")
-        wrote = command(tmp_path, "scene", "modes", "aluminium-3mm", *edges, "-o", file, *grid)
-        assert wrote.returncode == 0, wrote.stderr
-    ran = command(tmp_path, "run", "aluminium-3mm", *edges, *short, "--out", "plate.mcap")
-    assert ran.returncode == 0, ran.stderr
+def test_modes_of_a_scene_run_again(here: Path) -> None:
+    run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.003", "--transport", "compiled"]
+    edges = as_options(["plate.edges=cfsc", "run.accuracy=0.1"])
+    succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.npz", "--grid")
+    succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.csv")
+    succeed(*run, *edges, "--out", "plate.mcap")
     for file in ("modes.npz", "modes.csv"):
         by = ["--set", f"plate.modes={file}", "--out", "file.mcap", "--overwrite"]
-        ran = command(tmp_path, "run", "aluminium-3mm", *by, *short)
-        assert ran.returncode == 0, ran.stderr
-        compared = command(tmp_path, "compare", "plate.mcap", "file.mcap")
-        assert compared.returncode == 0, compared.stdout
-    assert command(tmp_path, "scene", "modes", "-o", "modes.txt").returncode == 2
-    assert command(tmp_path, "scene", "modes", "-o", "modes.csv").returncode == 2  # is there
-    refused = command(tmp_path, "scene", "modes", "-o", "other.csv", "--grid")
-    assert (refused.returncode, "Use an .npz" in refused.stderr) == (2, True)
+        succeed(*run, *by)
+        succeed("compare", "plate.mcap", "file.mcap")
+    refused("error: ", "scene", "modes", "-o", "modes.txt")
+    refused("modes.csv exists", "scene", "modes", "-o", "modes.csv")
+    refused("Use an .npz", "scene", "modes", "-o", "other.csv", "--grid")
 
 
-def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
-    copied(tmp_path, "beam.toml", "beam_modes.py")
-    lines = (tmp_path / "beam.csv").read_text().splitlines()
+def test_a_wrong_file_ends_the_command_with_a_sentence(here: Path) -> None:
+    copied(here, "beam.toml", "beam_modes.py")
+    lines = (here / "beam.csv").read_text().splitlines()
     cells = [line.split(",") for line in lines[2:]]
     kilohertz = [",".join([repr(float(row[0]) / 1e3), *row[1:]]) for row in cells]
     for rows, words in (
@@ -162,49 +151,32 @@ def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
         ([*lines[3:], lines[2]], "frequencies must rise"),
         ([lines[2].replace(cells[0][2], "0"), *lines[3:]], "modal_mass_kg of mode 1 is 0"),
     ):
-        (tmp_path / "beam.csv").write_text("\n".join([*lines[:2], *rows]))
-        ran = command(tmp_path, "run", "beam.toml", "--out", "wrong.mcap")
-        assert ran.returncode == 2
-        assert words in " ".join(ran.stderr.split())
-        assert not (tmp_path / "wrong.mcap").exists()
+        (here / "beam.csv").write_text("\n".join([*lines[:2], *rows]))
+        refused(words, "run", "beam.toml", "--out", "wrong.mcap")
+        assert not (here / "wrong.mcap").exists()
 
 
 @pytest.mark.full
-def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None:
-    quick = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.003", "--workers", "1"]
-    by_edges = ["--over", "plate.edges=ssss,cccc,ffff", "--over", "plate.material=titanium,glass"]
-    swept = command(tmp_path, "sweep", "aluminium-3mm", *by_edges, *quick, "-o", "edges.csv")
-    assert swept.returncode == 0, swept.stderr
-    rows = read_results(tmp_path / "edges.csv")[0]
+def test_a_sweep_over_edges_materials_and_files_of_modes(here: Path) -> None:
+    coarse = as_options(["run.accuracy=0.05"])
+    quick = [*coarse, "--set", "run.duration_s=0.003", "--workers", "1"]
+
+    def swept(out: str, *over: str) -> list[dict[str, Any]]:
+        varied = [word for each in over for word in ("--over", each)]
+        succeed("sweep", "aluminium-3mm", *varied, *quick, "-o", out)
+        return read_results(here / out)[0]
+
+    rows = swept("e.csv", "plate.edges=ssss,cccc,ffff", "plate.material=titanium,glass")
     assert [(row["plate.edges"], row["plate.material"]) for row in rows][:2] == [
         ("ssss", "titanium"), ("ssss", "glass"),
     ]  # fmt: skip
     assert len({row["digest"] for row in rows}) == 6
-    by_number = ["--over", "plate.material.young_pa=60e9:80e9:10e9"]
-    swept = command(tmp_path, "sweep", "aluminium-3mm", *by_number, *quick, "-o", "young.parquet")
-    assert swept.returncode == 0, swept.stderr
-    contacts = [row["contact_us"] for row in read_results(tmp_path / "young.parquet")[0]]
+    rows = swept("young.parquet", "plate.material.young_pa=60e9:80e9:10e9")
+    contacts = [row["contact_us"] for row in rows]
     assert contacts == sorted(contacts, reverse=True)
     for edges in ("ssss", "cccc"):
-        settings = ["--set", f"plate.edges={edges}", *quick[:2]]
-        wrote = command(
-            tmp_path, "scene", "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv"
-        )
-        assert wrote.returncode == 0, wrote.stderr
-    swept = command(
-        tmp_path,
-        "sweep",
-        "aluminium-3mm",
-        "--over",
-        "plate.modes=ssss.csv,cccc.csv",
-        *quick,
-        "-o",
-        "m.csv",
-    )
-    assert swept.returncode == 0, swept.stderr
-    by_file = read_results(tmp_path / "m.csv")[0]
-    assert by_file[0]["digest"] != by_file[1]["digest"]
-    checked = command(
-        tmp_path, "sweep", "--verify", "m.csv", "--cases", "2", "--transport", "inprocess"
-    )
-    assert checked.returncode == 0, checked.stdout + checked.stderr
+        settings = ["--set", f"plate.edges={edges}", *coarse]
+        succeed("scene", "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv")
+    rows = swept("m.csv", "plate.modes=ssss.csv,cccc.csv")
+    assert rows[0]["digest"] != rows[1]["digest"]
+    succeed("sweep", "--verify", "m.csv", "--cases", "2", "--transport", "inprocess")

@@ -18,7 +18,7 @@ from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
-from tests.commands import invoke
+from tests.commands import as_options, refused, succeed
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc
@@ -35,11 +35,6 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return exported(tmp_path_factory.mktemp("noisy"), scene_of(NOISY))
 
 
-@pytest.fixture(scope="module")
-def preloaded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return exported(tmp_path_factory.mktemp("preloaded"), scene_of(PRELOADED))
-
-
 @pytest.fixture
 def plant(short: Path) -> Iterator[InC]:
     plant = InC(short / "libhertzloop_plant.so")
@@ -48,13 +43,13 @@ def plant(short: Path) -> Iterator[InC]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["short", "noisy", "preloaded"])
+@pytest.mark.parametrize("settings", [SHORT, NOISY, PRELOADED], ids=["short", "noisy", "preloaded"])
 def test_a_program_in_c_gets_the_bytes_of_the_loop(
-    name: str, request: pytest.FixtureRequest
+    settings: tuple[str, ...], tmp_path: Path
 ) -> None:
-    loop = simulate(scene_of({"short": SHORT, "noisy": NOISY, "preloaded": PRELOADED}[name]))
+    loop = simulate(scene_of(settings))
     assert np.max(loop.forces) > 1.0  # the law acted
-    driven = drive(build(request.getfixturevalue(name)), loop.forces)
+    driven = drive(build(exported(tmp_path, scene_of(settings))), loop.forces)
     assert same_bytes(loop, driven)
     balance = loop.balance
     for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",
@@ -95,19 +90,15 @@ def test_a_state_is_come_back_to(plant: InC) -> None:
     while plant.values()["gap_m"] >= 0.0:
         assert plant.step(1.0) == 0
     before, kept, forces = plant.values(), plant.state(), np.linspace(0.0, 5.0, 500)
+    energies = (ctypes.c_double * 11)()
+    plant.c.hertzloop_plant_energies(plant.plant, energies)
+    assert energies[0] > 0.0
+    assert plant.state() == kept
     once = plant.run(forces)
     assert once[-1]["gap_m"] > 0.0  # the contact is over
     assert plant.set_state(kept) == 0
     assert plant.values() == before
     assert plant.run(forces).tobytes() == once.tobytes()
-
-
-def test_energies_leave_the_plant_as_it_is(plant: InC) -> None:
-    plant.run(np.full(700, 1.0))
-    kept, energies = plant.state(), (ctypes.c_double * 11)()
-    plant.c.hertzloop_plant_energies(plant.plant, energies)
-    assert plant.state() == kept
-    assert energies[0] > 0.0
 
 
 def test_it_starts_anew_from_another_height(plant: InC) -> None:
@@ -169,47 +160,27 @@ def test_a_processor_without_the_instructions_is_refused(
     )
 
 
-def call(*words: str) -> tuple[int, str]:
-    done = invoke(["export-plant", *words], env={"COLUMNS": "200"})
-    return done.exit_code, " ".join(done.output.split())
-
-
 def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "plant.so"
-    settings = [word for key in SHORT for word in ("--set", key)]
-    status, said = call("aluminium-3mm", *settings, "-o", str(out), "--cpu", "host")
-    assert status == 0, said
-    assert said.startswith(f"written: {out}, for host, ")
+    told = succeed("export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host")
+    assert told.startswith(f"written: {out}, for host, ")
     assert out.read_bytes() == (short / "libhertzloop_plant.so").read_bytes()
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["aluminium-3mm", "-o", "plant.dll"], "plant.dll: must end in"),
-        (["aluminium-3mm", "-o", "no/plant.so"], "the folder no does not exist"),
-        (["aluminium-3mm", "-o", "there.so"], "there.so exists. Choose another name with --out"),
-        (
-            ["aluminium-3mm", "--out-dir", "full"],
-            "--out-dir = full: the folder is not empty. Choose another",
-        ),
-        (["thesis-aluminium", "-o", "plant.so"], "run.scheme = 'thesis2008' cannot be exported"),
-        (["no-scene", "-o", "plant.so"], "SCENE = 'no-scene': unknown scene"),
+        ("aluminium-3mm -o plant.dll", "plant.dll: must end in"),
+        ("aluminium-3mm -o there.so", "there.so exists. Choose another name with --out"),
+        ("aluminium-3mm --out-dir full", "--out-dir = full: the folder is not empty. Choose"),
+        ("thesis-aluminium -o plant.so", "run.scheme = 'thesis2008' cannot be exported"),
+        ("aluminium-3mm -o plant.so --cpu host", "there is no C compiler `cc` here"),
     ],
 )
 def test_bad_input_ends_with_a_sentence(words, sentence, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "there.so").touch()
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "a").touch()
-    status, said = call(*words)
-    assert status == 2
-    assert sentence in said
-    assert not (tmp_path / "plant.so").exists()
-
-
-def test_without_a_compiler_it_says_so(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    status, said = call("aluminium-3mm", "-o", str(tmp_path / "plant.so"), "--cpu", "host")
-    assert status == 2
-    assert "there is no C compiler `cc` here" in said
+    (tmp_path / "there.so").touch()
+    (tmp_path / "full" / "a").mkdir(parents=True)
+    refused(sentence, "export-plant", *words.split())
+    assert not (tmp_path / "plant.so").exists()

@@ -14,25 +14,46 @@ from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
-from tests.commands import invoke
+from tests.commands import succeed
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
 ROW = "modes end below the impact"
+HEADER = "frequency_hz,loss_factor,modal_mass_kg,shape_contact"
+# A contact of 41 us on six modes up to 462 Hz.
+SIX_TOML = """
+name = "six"
+sphere = {radius_m = 0.0046, drop_height_m = 0.05}
+plate = {material = "aluminium", modes = "modes.csv"}
+controller.law = "off"
+run.duration_s = 0.002
+"""
+# A support of one mode at 0 Hz.
+RIGID_TOML = """
+name = "rigid"
+sphere = {radius_m = 0.005, drop_height_m = 0.05}
+controller.law = "off"
+run.duration_s = 0.0015
+[plate]
+material = "aluminium"
+modes = "modes.csv"
+tail = "spring"
+residual_flexibility_m_n = 0.0
+"""
 
 
-def six(tmp_path: Path, *settings: str) -> Setup:
-    """A contact of 41 us on six modes up to 462 Hz."""
+def scene_of(folder: Path, text: str, rows: list[str], settings: tuple[str, ...]) -> Setup:
+    (folder / "modes.csv").write_text("\n".join([HEADER, *rows]))
+    (folder / "scene.toml").write_text(text)
+    return load(str(folder / "scene.toml"), settings)
+
+
+def six(folder: Path, *settings: str) -> Setup:
     rows = [f"{hz},0.01,0.3,{1.0 - 0.05 * i}" for i, hz in enumerate(SIX)]
-    (tmp_path / "six.csv").write_text(
-        "\n".join(["frequency_hz,loss_factor,modal_mass_kg,shape_contact", *rows])
-    )
-    text = (
-        'name = "six"\n[sphere]\nradius_m = 0.0046\ndrop_height_m = 0.05\n'
-        '[plate]\nmaterial = "aluminium"\nmodes = "six.csv"\n[controller]\nlaw = "off"\n'
-        "[run]\nduration_s = 0.002\n"
-    )
-    (tmp_path / "six.toml").write_text(text)
-    return load(str(tmp_path / "six.toml"), settings)
+    return scene_of(folder, SIX_TOML, rows, settings)
+
+
+def rigid(folder: Path, *settings: str) -> Setup:
+    return scene_of(folder, RIGID_TOML, ["0.0,0.0,1e6,1.0"], settings)
 
 
 def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
@@ -65,19 +86,6 @@ def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Pa
     assert "impacts may be off by 100 %" in found.sentence
 
 
-def rigid(folder: Path, *settings: str) -> Setup:
-    """A support of one mode at 0 Hz, with residual_flexibility_m_n = 0."""
-    rows = "frequency_hz,loss_factor,modal_mass_kg,shape_contact\n0.0,0.0,1e6,1.0\n"
-    (folder / "rigid.csv").write_text(rows)
-    text = (
-        'name = "rigid"\n[sphere]\nradius_m = 0.005\ndrop_height_m = 0.05\n'
-        '[plate]\nmaterial = "aluminium"\nmodes = "rigid.csv"\nresidual_flexibility_m_n = 0.0\n'
-        'tail = "spring"\n[controller]\nlaw = "off"\n[run]\nduration_s = 0.0015\n'
-    )
-    (folder / "rigid.toml").write_text(text)
-    return load(str(folder / "rigid.toml"), settings)
-
-
 _PUSH = ("controller.law=constant", "controller.force_n=10", "controller.duration_us=10")
 
 
@@ -94,47 +102,40 @@ def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
     assert not setup.plant.damped_residual
     with pytest.raises(SceneError, match=r"tail = 'damped' starts at the last mode.*end at 0 Hz"):
         _ = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=damped").plant
-    text = (tmp_path / "rigid.toml").read_text().replace("residual_flexibility_m_n = 0.0\n", "")
-    (tmp_path / "rigid.toml").write_text(text)
+    scene = tmp_path / "scene.toml"
+    scene.write_text(RIGID_TOML.replace("residual_flexibility_m_n = 0.0\n", ""))
     with pytest.raises(SceneError, match="has modes of a rigid body only"):
-        load(str(tmp_path / "rigid.toml"), ["plate.thickness_m=0.003"])
+        load(str(scene), ["plate.thickness_m=0.003"])
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        ("run", "--transport", "compiled", "--out", "a.mcap"),
-        ("scene", "check"),
-        ("scene", "modes", "--out", "modes.csv"),
-        ("sweep", "--over", "sphere.drop_height_m=0.03,0.05", "--out", "a.parquet"),
-        ("budget", "--law", "force_feedback", "--quick", "--only", "latency_us",
-         "--no-real-plant", "--out-dir", "budget"),
+        "run SCENE --transport compiled --out a.mcap",
+        "scene check SCENE",
+        "scene modes SCENE --out a.csv",
+        "sweep SCENE --over sphere.drop_height_m=0.03,0.05 --out a.parquet",
+        "budget SCENE --law force_feedback --quick --only latency_us --no-real-plant --out-dir b",
     ],
-)  # fmt: skip
+)
 def test_commands_accept_a_rigid_support(
-    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rigid(tmp_path)
     monkeypatch.chdir(tmp_path)
-    options = command[2:] if command[0] == "scene" else command[1:]
-    done = invoke([*command[: len(command) - len(options)], "rigid.toml", *options])
-    assert done.exit_code == 0, done.output
+    succeed(*(word.replace("SCENE", "scene.toml") for word in command.split()))
 
 
 def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:
     """The modes are taken to go on as they are: as many in a band, as mobile."""
     hz = np.arange(1, 81) * 1000.0
     rows = [f"{one},0.01,0.3,1.0" for one in hz]
-    six(tmp_path, "plate.residual_flexibility_m_n=0")
-    (tmp_path / "six.csv").write_text(
-        "\n".join(["frequency_hz,loss_factor,modal_mass_kg,shape_contact", *rows])
-    )
-    setup = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=0"])
+    setup = scene_of(tmp_path, SIX_TOML, rows, ("plate.residual_flexibility_m_n=0",))
     beyond = np.sum(1 / 0.3 / (2 * np.pi * np.arange(81, 200_000) * 1000.0) ** 2)
     assert beyond_m_n(setup.structure) == pytest.approx(beyond, rel=0.02)
     [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert 0.0 < found.value < 0.1
-    with_rest = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=1e-9"])
+    with_rest = load(str(tmp_path / "scene.toml"), ["plate.residual_flexibility_m_n=1e-9"])
     assert not [one for one in neglected_of_scene(with_rest).checks if one.name == ROW]
 
 

@@ -73,26 +73,19 @@ def test_every_force_is_a_finite_number(law: str) -> None:
     keys = {f"controller.{k}": values_of(f) for k, f in fields.items()}
     if law == "constant":
         keys["controller.duration_us"] = st.integers(1, 10**6)  # it refuses 0
+    keys["controller.latency_us"] = st.sampled_from([0, 1, 30, 1000]) | st.integers(0, 10**6)
+    keys["sensors.every_steps"] = st.sampled_from([1, 2, 7, 100])
 
-    @settings(
-        max_examples=40, deadline=None, derandomize=True,
-        suppress_health_check=[HealthCheck.too_slow],
-    )  # fmt: skip
+    @settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
     @given(
         name=st.sampled_from(SCENES),
         values=st.fixed_dictionaries(keys),
-        latency_us=st.sampled_from([0, 1, 30, 1000, 10**6]) | st.integers(0, 10**6),
-        every=st.sampled_from([1, 2, 7, 100]),
         scale=st.sampled_from([1.0, -1.0, 0.0, 1e-3, 100.0, 1e6]),
         noise=st.sampled_from([0.0, 1e-3, 1.0]),
         seed=st.integers(0, 9),
     )
-    def check(
-        name: str, values: dict[str, Any], latency_us: int, every: int, scale: float, noise: float,
-        seed: int,
-    ) -> None:  # fmt: skip
-        line = {"controller.latency_us": latency_us, "sensors.every_steps": every, **LONGER}
-        scene = load(name).vary({"controller.law": law, **values, **line})
+    def check(name: str, values: dict[str, Any], scale: float, noise: float, seed: int) -> None:
+        scene = load(name).vary({"controller.law": law, **LONGER, **values})
         found = commands(scene, samples_of(scene, scale, noise, seed))
         assert np.isfinite(found).all()
 
@@ -107,7 +100,7 @@ def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name
     assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ["aluminium-3mm", "oak-20mm"])
 @pytest.mark.parametrize(("every", "ahead"), [(1, 300), (1, 10_000), (100, 3)])
 def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
     name: str, every: int, ahead: int

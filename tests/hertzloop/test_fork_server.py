@@ -42,17 +42,6 @@ def test_the_exit_code_and_the_error_are_those_of_the_command(errors: Path) -> N
     assert "no-such-scene" in errors.read_text()
 
 
-def test_a_large_environment_reaches_a_role(errors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(12):
-        monkeypatch.setenv(f"LARGE_{number}", "x" * 100_000)
-    assert fork_server.start(["--version"], errors).wait() == 0, errors.read_text()
-
-
-def test_an_argument_may_hold_bytes_that_are_not_utf_8(errors: Path) -> None:
-    assert fork_server.start(["run", os.fsdecode(b"\xe4.toml")], errors).wait() == 2
-    assert r"\udce4.toml" in errors.read_text()
-
-
 def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors: Path) -> None:
     words = ["node", "recorder", "--out", str(errors.with_suffix(".mcap")), "--machine"]
     role = fork_server.start(words, errors)

@@ -1,4 +1,4 @@
-"""A full /dev/shm: a run over zenoh needs nothing of it, workers of a sweep say that they do."""
+"""A full /dev/shm, as in a container: a run needs nothing of it, a sweep says that it does."""
 
 import subprocess
 from pathlib import Path
@@ -19,31 +19,16 @@ def in_full(*words: str) -> tuple[int, str]:
     return done.returncode, " ".join(done.stdout.split())
 
 
-@pytest.fixture(autouse=True, scope="module")
-def it_can_be_full() -> None:
+@pytest.mark.full
+def test_a_run_goes_on_and_a_sweep_says_why_it_cannot(tmp_path: Path) -> None:
     code, said = in_full("sh", "-c", "! echo more > /dev/shm/more")
     if code:
         pytest.skip(f"no mount namespace of one's own here: {said}")
-
-
-def test_a_run_needs_no_shared_memory(tmp_path: Path) -> None:
     short = ["--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1"]
-    code, said = in_full(
-        *HERTZLOOP, "run", "aluminium-3mm", *short, "--out", str(tmp_path / "a.mcap")
-    )
+    code, said = in_full(*HERTZLOOP, "run", *short, "--out", str(tmp_path / "a.mcap"))
     assert code == 0, said
-
-
-def test_workers_that_cannot_be_started(tmp_path: Path) -> None:
-    words = [
-        "--over",
-        "controller.kappa=0:1:0.0002",
-        "--workers",
-        "2",
-        "--out",
-        str(tmp_path / "a.csv"),
-    ]
-    code, said = in_full(*HERTZLOOP, "sweep", "aluminium-3mm", *words)
+    over = ["--over", "controller.kappa=0:1:0.0002", "--workers", "2"]
+    code, said = in_full(*HERTZLOOP, "sweep", *over, "--out", str(tmp_path / "a.csv"))
     assert code == 1
     assert "workers cannot be started: No space left on device (they need some room in" in said
     assert "Traceback" not in said

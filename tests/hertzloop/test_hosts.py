@@ -1,9 +1,7 @@
 """Runs on several hosts, by certificates and access control: who is let in, and who is not."""
 
 import json
-import queue
 import subprocess
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,19 +9,27 @@ import pytest
 
 pytest.importorskip("cryptography")
 
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import common_name, secured
 from hertzloop.certificates import CertificateAuthority, in_base64
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
+from tests.commands import as_options
 from tests.hertzloop.networks import Network, network
-from tests.hertzloop.processes import EVENTUALLY_S, finish, grown_to, hertzloop, wait_for
+from tests.hertzloop.processes import (
+    EVENTUALLY_S,
+    finish,
+    grown_to,
+    hertzloop,
+    killed_at_the_end,
+    next_line,
+    wait_for,
+)
 
 pytestmark = [pytest.mark.timeout(600), pytest.mark.full]
 
-ROLES = (PLANT, CONTROLLER, RECORDER)
 INTRUDERS = ("other authority", "other name", "replayed")
 SHORT = ["run.duration_s=0.003", "run.accuracy=0.1"]
 PATIENT = ["--timeout", "60", "--wait", str(EVENTUALLY_S)]
@@ -55,26 +61,22 @@ def begin(
     roles: tuple[str, ...] = (RECORDER, CONTROLLER, PLANT),
 ) -> dict[str, subprocess.Popen]:
     """The commands of the documentation, each on its host; `settings` of the scene."""
-    sets = [word for setting in settings for word in ("--set", setting)]
     # Shared memory would join processes that are on one machine after all.
     commands = {
-        RECORDER: ["node", "recorder", "--out", str(recording)],
-        CONTROLLER: ["node", "controller", "--no-fast-lane"],
-        PLANT: ["node", "plant", "aluminium-3mm", "--no-fast-lane", *sets],
+        RECORDER: ["--out", str(recording)],
+        CONTROLLER: ["--no-fast-lane"],
+        PLANT: ["aluminium-3mm", "--no-fast-lane", *as_options(settings)],
     }
     return {
-        role: hosts.start(
-            role,
-            "-m",
-            "hertzloop",
-            *words,
-            "--zenoh-config",
-            str(keys / f"{role}.json5"),
-            *patience,
-        )
+        role: node(hosts, role, keys / f"{role}.json5", *commands[role], *patience)
         for role in roles
-        for words in [commands[role]]
     }
+
+
+def node(hosts: Network, role: str, config: Path, *words: str) -> subprocess.Popen:
+    """Start a role on its host."""
+    command = ["-m", "hertzloop", "node", role, "--zenoh-config", str(config)]
+    return hosts.start(role, *command, *words)
 
 
 def end_all(processes: dict[str, subprocess.Popen]) -> dict[str, tuple[int, str]]:
@@ -90,23 +92,15 @@ def same_as_here(recording: Path, folder: Path) -> None:
     assert first_difference(there, read(folder / "here.mcap")) is None
 
 
-@pytest.mark.full
 def test_three_hosts_by_the_commands_of_the_documentation(
     hosts: Network, keys: Path, tmp_path: Path
 ) -> None:
-    recording = tmp_path / "run.mcap"
-    for role, (code, err) in end_all(begin(hosts, keys, recording, *SHORT)).items():
-        assert code == 0, (role, err)
-        assert "connected" not in err, (role, err)  # nobody is taken for a stranger
-    same_as_here(recording, tmp_path)
-
-
-@pytest.mark.full
-def test_delay_and_loss_change_no_sample(hosts: Network, keys: Path, tmp_path: Path) -> None:
+    """Delay and loss change no sample."""
     hosts.delay_s, hosts.loss = 0.020, 0.01
     recording = tmp_path / "run.mcap"
     for role, (code, err) in end_all(begin(hosts, keys, recording, *SHORT)).items():
         assert code == 0, (role, err)
+        assert "connected" not in err, (role, err)  # nobody is taken for a stranger
     assert hosts.lost
     same_as_here(recording, tmp_path)
 
@@ -135,28 +129,18 @@ class Intruder:
     def __init__(self, hosts: Network, host: str, config: Path, *options: str) -> None:
         command = ["-m", "tests.hertzloop.intruder", str(config), "hertzloop", *options]
         self._process = hosts.start(host, *command, stdin=subprocess.PIPE)
-        self._lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._listen, daemon=True).start()
         self.began = self.says()
 
-    def _listen(self) -> None:
-        for line in self._process.stdout:
-            self._lines.put(line)
-        self._lines.put("{}")  # it has ended
-
     def says(self) -> dict:
-        """The next line of its output; empty if it has ended."""
-        return json.loads(self._lines.get(timeout=EVENTUALLY_S))
+        """The next line of its output."""
+        return json.loads(next_line(self._process))
 
     def result(self) -> dict:
         """What it got, at its end."""
         assert self._process.stdin
+        assert self._process.stdout
         self._process.stdin.close()
-        last = {}
-        while line := self.says():
-            last = line
-        assert last, finish(self._process)
-        return last
+        return json.loads(self._process.stdout.read().splitlines()[-1])
 
 
 class Paper:
@@ -216,8 +200,9 @@ def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: P
     got = {host: intruder.result() for host, intruder in intruders.items()}
     for role, (code, err) in ends.items():
         assert code == 0, (role, err)
-    assert "'stranger' (tls/10.77.0.5:" in "".join(err for _, err in ends.values())
-    assert "is connected, but not authorised" in "".join(err for _, err in ends.values())
+    errors = "".join(err for _, err in ends.values())
+    assert "'stranger' (tls/10.77.0.5:" in errors
+    assert "is connected, but not authorised" in errors
     same_as_here(recording, tmp_path)
     for host, one in got.items():
         assert (one["heard"], one["tokens"]) == ([], []), host
@@ -241,26 +226,14 @@ def test_who_is_not_let_in_is_told_so(hosts: Network, paper: Paper) -> None:
     config = paper.folder / "misnamed.json5"
     texts = paper._texts(*paper.authority.certificate("stranger", hosts.address(CONTROLLER)))
     config.write_text(json.dumps(secured(CONTROLLER, paper.endpoints, *texts)))
-    plant = hosts.start(
-        PLANT, "-m", "hertzloop", "node", "plant", "aluminium-3mm", "--zenoh-config",
-        str(paper.folder / "plant.json5"), *PATIENT,
-    )  # fmt: skip
-    controller = hosts.start(
-        CONTROLLER, "-m", "hertzloop", "node", "controller", "--zenoh-config", str(config), *PATIENT
-    )
-    try:
-        told = [await_line(process, "is connected") for process in (plant, controller)]
-    finally:
-        for process in (plant, controller):
-            process.terminate()
-            process.wait()
+    plant = node(hosts, PLANT, paper.folder / "plant.json5", "aluminium-3mm", *PATIENT)
+    controller = node(hosts, CONTROLLER, config, *PATIENT)
+    with killed_at_the_end([plant, controller]):
+        told = [
+            next(line for line in process.stderr or () if "is connected" in line)
+            for process in (plant, controller)
+        ]
     assert told[0].startswith(f"'stranger' (tls/{hosts.address(CONTROLLER)}:")
     assert "not authorised: the access control of" in told[0]
     assert told[1].startswith("'hertzloop plant' (tls/")
     assert "connected as the plant, but sends nothing" in told[1]
-
-
-def await_line(process: subprocess.Popen, words: str) -> str:
-    """The first line of its standard error with these words."""
-    assert process.stderr
-    return next(line for line in process.stderr if words in line)

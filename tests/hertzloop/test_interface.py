@@ -14,12 +14,13 @@ from hertzloop import api as interface
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml
 from hertzloop.views.run_json import run_as_json
+from tests.hertzloop.own_laws import EXAMPLES, ROOT
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "python.md"
-EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+PAGE = ROOT / "docs" / "how-to" / "python.md"
 SHORT = {"run.duration_s": 0.0015, "controller.v_thr_m_s": -0.6}
 
 
@@ -36,6 +37,9 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
     assert run.truth["time_s"].values[-1] == pytest.approx(0.0015 - 1e-6)
     assert run.impacts[0].plate_energy_j < run.without_control().impacts[0].plate_energy_j
     assert abs(run.energy_residual) < 1e-11
+    seen = hertzloop.simulate(hertzloop.vary(scene, {"sensors.bits": 8, "sensors.every_steps": 5}))
+    assert seen.samples.attrs["units"] == "m"
+    assert seen.samples["time_s"].values[1] == pytest.approx(5e-6)
 
 
 @pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
@@ -65,8 +69,6 @@ def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
     assert hertzloop.linear("aluminium-3mm").poles.size
     over = {"controller.latency_us": [0]}
     assert hertzloop.sweep(source, over).equals(hertzloop.sweep(run.scene, over))
-    with pytest.raises(hertzloop.SceneError, match="no-such"):
-        hertzloop.simulate("no-such")
 
 
 def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
@@ -86,16 +88,6 @@ def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path
     assert hertzloop.simulate(scene).pacing is None
 
 
-def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
-    scene = hertzloop.load("aluminium-3mm", {**SHORT, "sensors.bits": 8, "sensors.every_steps": 5})
-    memory = hertzloop.simulate(scene)
-    recorded = hertzloop.run(scene, transport="inprocess")
-    assert recorded.path is None
-    assert recorded.samples.identical(memory.samples)
-    assert memory.samples.attrs["units"] == "m"
-    assert memory.samples["time_s"].values[1] == pytest.approx(5e-6)
-
-
 def test_a_run_has_metrics_and_a_verdict_those_of_the_command(
     scene: hertzloop.Scene, tmp_path: Path
 ) -> None:
@@ -111,7 +103,8 @@ def test_a_run_has_metrics_and_a_verdict_those_of_the_command(
     found = hertzloop.compare(free, memory)
     rows = {(row.span, row.metric): row for row in found.rows}
     energy = rows["first_impact", "plate_energy_j"]
-    assert (energy.a, energy.b) == tuple(x.impacts[0].plate_energy_j for x in (free, memory))
+    expected = [one.impacts[0].plate_energy_j for one in (free, memory)]
+    assert [energy.a, energy.b] == pytest.approx(expected, rel=1e-9)
     assert energy.b_to_a == pytest.approx(-1.49, abs=0.01)
     assert "-1.49 dB" in str(found)
     assert hertzloop.compare(free.metrics, memory.metrics) == found
@@ -122,9 +115,6 @@ def test_modes_come_as_a_table_with_units(scene: hertzloop.Scene) -> None:
     assert found.frequency_hz.attrs["units"] == "Hz"
     assert found.frequency_hz.values[0] == pytest.approx(59.76, abs=0.01)
     assert found.attrs["residual_flexibility_m_n"] > 0.0
-    infinite = hertzloop.vary(scene, {"run.plate_model": "infinite"})
-    with pytest.raises(hertzloop.SceneError, match="no modes"):
-        hertzloop.modes(infinite)
 
 
 def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
@@ -155,8 +145,8 @@ def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene)
     table = hertzloop.sweep(scene, {"controller.latency_us": np.arange(3)}, workers=1)
     assert list(table["controller.latency_us"].values) == [0, 1, 2]
     assert list(table["status"].values) == ["", "", ""]
-    late = hertzloop.sweep(scene, {"controller.latency_us": [2]}, workers=1)
-    assert late["digest"].values[0] == table["digest"].values[2]
+    alone = metrics_of_case(resolve(hertzloop.vary(scene, {"controller.latency_us": 2})))
+    assert table["digest"].values[2] == alone.digest
     spread = hertzloop.sweep(
         scene, {"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1
     )
@@ -175,15 +165,15 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda s: hertzloop.load("alu"), "SCENE = 'alu': unknown scene"),
+        (lambda s: hertzloop.simulate("no-such"), "SCENE = 'no-such': unknown scene"),
         (lambda s: hertzloop.load("aluminium-3mm", {"plate.depth": 1}), "plate.depth"),
+        (lambda s: hertzloop.modes(hertzloop.vary(s, {"run.plate_model": "infinite"})), "no modes"),
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
         (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
         (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "processes of their own"),
         (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon = 3 needs the lock-step"),
         (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
-        (lambda s: hertzloop.run(s, pace=-1.0), "use a pace of 8e-07 or more"),
     ],
 )
 def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:

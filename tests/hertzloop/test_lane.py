@@ -3,7 +3,6 @@
 import fcntl
 import os
 import time
-from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -57,59 +56,52 @@ def test_one_core() -> None:
     assert pair.fault == pair.controller_fault == ""
 
 
-class TestFallback:
-    """No lane, and why not; the run is the same."""
+def lane_of_same_run(**how: Any) -> str:
+    """Why there is no lane; the run is the same."""
+    pair = Pair(scene_of(FEEDBACK), **how).run()
+    assert pair.fault == pair.controller_fault == ""
+    assert pair.samples() == over_the_bus()
+    assert pair.stats is not None
+    return pair.stats.lane
 
-    def run(self, **how: Any) -> str:
-        pair = Pair(scene_of(FEEDBACK), **how).run()
-        assert pair.fault == pair.controller_fault == ""
-        assert pair.samples() == over_the_bus()
-        assert pair.stats is not None
-        return pair.stats.lane
 
-    def test_switched_off_by_the_plant(self) -> None:
-        assert self.run(fast_lane=False) == ""
+def test_without_a_lane_the_run_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert lane_of_same_run(fast_lane=False) == ""
+    assert lane_of_same_run(takes_lane=False) == "SWITCHED_OFF"
+    hosts = iter(["one", "another"])
+    with monkeypatch.context() as patch:
+        patch.setattr(lane, "host", lambda: next(hosts))
+        assert lane_of_same_run() == "OTHER_HOST"
 
-    def test_switched_off_by_the_controller(self) -> None:
-        assert self.run(takes_lane=False) == "SWITCHED_OFF"
+    def refuse(*_: object) -> int:
+        raise OSError("no memory")
 
-    def test_another_host(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        hosts = iter(["one", "another"])
-        monkeypatch.setattr(lane, "host", lambda: next(hosts))
-        assert self.run() == "OTHER_HOST"
+    monkeypatch.setattr(os, "memfd_create", refuse)
+    assert lane_of_same_run() == ""
 
-    def test_no_such_memory(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        def refuse(*_: object) -> int:
-            raise OSError("no memory")
 
-        monkeypatch.setattr(os, "memfd_create", refuse)
-        assert self.run() == ""
-
-    @pytest.mark.parametrize("what", ["file", "unsealed", "foreign run", "gone"])
-    def test_what_is_no_segment(self, tmp_path: Path, what: str) -> None:
-        pair = Pair(scene_of(FEEDBACK))
-        offer = pair.plant.streams.hello.lane
-        segment = lane.Segment(1, 2, 3)  # of another run
-        fds = {"foreign run": segment.fd, "gone": 2**20}
-        with (tmp_path / "file").open("wb") as file:
-            file.write(bytes(lane.segment_bytes(2048)))
-            fds["file"] = file.fileno()
-            fds["unsealed"] = os.memfd_create("x")
-            os.ftruncate(fds["unsealed"], lane.segment_bytes(2048))
-            offer.fd = fds[what]
-            pair.run()
-        os.close(fds["unsealed"])
-        segment.withdraw()
-        assert pair.fault == pair.controller_fault == ""
-        assert pair.stats is not None
-        assert pair.stats.lane == "NOT_ALLOWED"
+@pytest.mark.parametrize("what", ["file", "unsealed", "foreign run", "gone"])
+def test_what_is_no_segment_is_not_joined(tmp_path: Path, what: str) -> None:
+    pair = Pair(scene_of(FEEDBACK))
+    segment = lane.Segment(1, 2, 3)  # of another run
+    fds = {"foreign run": segment.fd, "gone": 2**20, "unsealed": os.memfd_create("x")}
+    os.ftruncate(fds["unsealed"], lane.segment_bytes(2048))
+    with (tmp_path / "file").open("wb") as file:
+        file.write(bytes(lane.segment_bytes(2048)))
+        fds["file"] = file.fileno()
+        pair.plant.streams.hello.lane.fd = fds[what]
+        pair.run()
+    os.close(fds["unsealed"])
+    segment.withdraw()
+    assert pair.fault == pair.controller_fault == ""
+    assert pair.stats is not None
+    assert pair.stats.lane == "NOT_ALLOWED"
 
 
 def test_nothing_of_it_has_a_name() -> None:
     before = set(os.listdir("/dev/shm"))
     segment = lane.Segment(1, 2, 3)
-    joined, _ = lane.join(Hello(run_id=1, lane=segment.offer))
-    assert joined is not None
+    assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is not None
     assert set(os.listdir("/dev/shm")) <= before
     segment.withdraw()
     assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is None
@@ -126,88 +118,70 @@ def test_no_end_can_change_its_size_or_seal_it_further() -> None:
     segment.withdraw()
 
 
-class TestLies:
-    """The lane and the bus must say the same."""
+@pytest.mark.parametrize(
+    ("stream", "field", "differs"),
+    [("daq", "value", "at sample"), ("force", "force_n", "at step")],
+)
+def test_the_lane_and_the_bus_must_say_the_same(stream: str, field: str, differs: str) -> None:
+    """The last bit of one number is another on the bus."""
+    pair = Pair(long_scene())
 
-    def spoiled(self, at: str, stream: str, field: str) -> Pair:
-        """A run in which the last bit of one number is another on the bus."""
-        pair = Pair(long_scene())
+    def alter(envelope: Envelope) -> Envelope:
+        if envelope.stream != stream:
+            return envelope
+        block = codec.decode(STREAMS[stream].message, envelope.payload)
+        values = block.arrays[field].copy()
+        if block.header.first_step + len(values) < 3000:
+            return envelope
+        values.view(np.int64)[-1] ^= 1  # a quick controller may send one block for all
+        return Envelope(stream, codec.encode(block.header, **{field: values}))
 
-        def alter(envelope: Envelope) -> Envelope:
-            if envelope.stream != stream:
-                return envelope
-            block = codec.decode(STREAMS[stream].message, envelope.payload)
-            values = block.arrays[field].copy()
-            if block.header.first_step + len(values) < 3000:
-                return envelope
-            values.view(np.int64)[-1] ^= 1  # a quick controller may send one block for all
-            return Envelope(stream, codec.encode(block.header, **{field: values}))
-
-        pair.ports[at].alter = alter
-        return pair.run()
-
-    def test_another_sample(self) -> None:
-        pair = self.spoiled(PLANT, "daq", "value")
-        assert "stream 'daq' sequence" in pair.controller_fault
-        assert "differs from what the lane brought at sample" in pair.controller_fault
-        assert pair.controller_fault in pair.fault
-
-    def test_another_force(self) -> None:
-        pair = self.spoiled(CONTROLLER, "force", "force_n")
-        assert "stream 'force' sequence" in pair.fault
-        assert "differs from what the lane brought at step" in pair.fault
+    pair.ports[PLANT if stream == "daq" else CONTROLLER].alter = alter
+    pair.run()
+    noticed = pair.controller_fault if stream == "daq" else pair.fault
+    assert f"stream '{stream}' sequence" in noticed
+    assert f"differs from what the lane brought {differs}" in noticed
+    assert noticed in pair.fault
 
 
-Spoil = Callable[[lane_kernels.Lane, int], None]
+@pytest.mark.parametrize(
+    ("word", "value", "said"),
+    [
+        (0, 10**6, "has another number than was expected"),
+        (1, 10**6, "answers samples that were not sent"),
+        (1, 0, "answers samples that were not sent, or fewer than before"),
+        (2, np.inf, "holds a number that is infinite"),
+        (3, np.inf, "holds a number that is infinite"),
+    ],
+)
+def test_a_broken_answer_in_the_lane_ends_the_run(
+    word: int, value: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair, spoiled = Pair(long_scene()), list[int]()
+    serve = ControllerNode.work
 
+    def spoil(end: lane_kernels.Lane, seen: int) -> None:
+        at = int(lane_kernels._answer_slot(end, int(end.own[lane_kernels.TAKEN])))
+        end.words[at + 1], end.numbers[at + 2], end.numbers[at + 3] = seen + 1, 0.0, np.nan
+        (end.numbers if word > 1 else end.words)[at + word] = value
+        if word:
+            end.words[at] = end.own[lane_kernels.TAKEN] + 1
 
-class TestBrokenAnswers:
-    """What another controller could put into the lane."""
+    def work(node: ControllerNode, timeout_s: float) -> None:
+        if pair.plant.buffer.uses_lane and node.samples > 2000 and not spoiled:
+            # The plant takes all answers, sends a sample and waits for the next; then it sees
+            # the spoiled one before the true one takes its place.
+            lane = pair.plant.buffer.lane
+            wait_for(lambda: pair.plant.buffer.samples == node.samples)
+            slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
+            wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
+            spoil(lane, node.samples)
+            spoiled.append(node.samples)
+            wait_for(lambda: pair.fault)
+        serve(node, timeout_s)
 
-    def refused(self, spoil: Spoil, monkeypatch: pytest.MonkeyPatch) -> str:
-        pair, spoiled = Pair(long_scene()), list[int]()
-        serve = ControllerNode.work
-
-        def work(node: ControllerNode, timeout_s: float) -> None:
-            if pair.plant.buffer.uses_lane and node.samples > 2000 and not spoiled:
-                # The plant takes all answers, sends a sample and waits for the next; then it sees
-                # the spoiled one before the true one takes its place.
-                lane = pair.plant.buffer.lane
-                wait_for(lambda: pair.plant.buffer.samples == node.samples)
-                slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
-                wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
-                spoil(lane, node.samples)
-                spoiled.append(node.samples)
-                wait_for(lambda: pair.fault)
-            serve(node, timeout_s)
-
-        monkeypatch.setattr(ControllerNode, "work", work)
-        return pair.run().fault
-
-    def next_record(self, end: lane_kernels.Lane) -> int:
-        return int(lane_kernels._answer_slot(end, int(end.own[lane_kernels.TAKEN])))
-
-    @pytest.mark.parametrize(
-        ("word", "value", "said"),
-        [
-            (0, 10**6, "has another number than was expected"),
-            (1, 10**6, "answers samples that were not sent"),
-            (1, 0, "answers samples that were not sent, or fewer than before"),
-            (2, np.inf, "holds a number that is infinite"),
-            (3, np.inf, "holds a number that is infinite"),
-        ],
-    )
-    def test_a_record(
-        self, word: int, value: float, said: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        def spoil(end: lane_kernels.Lane, seen: int) -> None:
-            at = self.next_record(end)
-            end.words[at + 1], end.numbers[at + 2], end.numbers[at + 3] = seen + 1, 0.0, np.nan
-            (end.numbers if word > 1 else end.words)[at + word] = value
-            if word:
-                end.words[at] = end.own[lane_kernels.TAKEN] + 1
-
-        assert said in self.refused(spoil, monkeypatch)
+    monkeypatch.setattr(ControllerNode, "work", work)
+    assert said in pair.run().fault
 
 
 @pytest.mark.parametrize("silent", [PLANT, CONTROLLER])

@@ -10,64 +10,50 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
 
 from hertzloop.bus import lane, lane_kernels
-from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import load
-from tests.hertzloop.processes import finish, grown_to, start, wait_for
-from tests.ports import free_ports
+from tests.commands import as_options
+from tests.hertzloop.own_laws import EXAMPLES, ROOT
+from tests.hertzloop.processes import Bus, finish, grown_to, killed_at_the_end, wait_for
 from tests.tiers import default
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "docs" / "examples"
 SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller.latency_us=2"]
 
 needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 
 
 @pytest.fixture(scope="module")
-def example(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def example(messages: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The example's program and messages, as environment."""
-    folder = tmp_path_factory.mktemp("lane")
+    program = tmp_path_factory.mktemp("lane") / "lane_controller"
     words = ["cc", "-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
-    program = folder / "lane_controller"
     source = EXAMPLES / "lane_controller.c"
     subprocess.run([*words, "-I", ROOT / "bus", "-o", program, source], check=True)
-    shutil.copy(ROOT / "bus" / "messages.proto", folder)
-    protoc = ["-m", "grpc_tools.protoc", "-I.", "--python_out=.", "messages.proto"]
-    subprocess.run([sys.executable, *protoc], cwd=folder, check=True)
-    path = os.pathsep.join([str(folder), str(EXAMPLES)])
+    path = os.pathsep.join([str(messages), str(EXAMPLES)])
     return {**os.environ, "LANE_CONTROLLER": str(program), "PYTHONPATH": path}
 
 
 @contextmanager
 def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[subprocess.Popen]]:
-    """Plant, recorder, and the example; none of them is left."""
-    a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
-    bus = ["--name", f"in-c-{os.getpid()}"]
-    ours = [*bus, "--wait", "240", "--timeout", "30"]
-    settings = [word for key in (*SETTINGS, *words) for word in ("--set", key)]
+    """Plant, recorder, and the example."""
+    bus, patience = Bus(f"in-c-{os.getpid()}"), ["--timeout", "30"]
+    plant = ["aluminium-3mm", *as_options([*SETTINGS, *words]), *patience]
     started = [
-        start("node", "plant", "aluminium-3mm", *ours, "--listen", a, *settings),
-        start("node", "recorder", *ours, "--out", str(recording), "--listen", c, "--connect", a,
-              "--connect", b),
+        bus.start(PLANT, *plant, wait_s=240.0),
+        bus.start(RECORDER, "--out", str(recording), *patience, wait_s=240.0),
         subprocess.Popen(
-            [sys.executable, EXAMPLES / "lane_controller.py", *bus, "--listen", b, "--connect", a,
-             "--wait", "240"],
+            [sys.executable, EXAMPLES / "lane_controller.py", *bus.words(CONTROLLER, 240.0)],
             env=example, text=True, stderr=subprocess.PIPE,
         ),
     ]  # fmt: skip
-    try:
+    with killed_at_the_end(started):
         yield started
-    finally:
-        for process in started:
-            process.kill()
-            process.communicate()
 
 
 @needs_cc
@@ -79,13 +65,14 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
             code, err, _ = finish(process)
             assert code == 0, err
     ours = load("aluminium-3mm", [*SETTINGS, *more])
-    run_and_assess(ours, tmp_path / "ours.mcap", RunOptions(transport=Transport.COMPILED))
+    record_in_process(ours, tmp_path / "ours.mcap", compiled=True)
     found, expected = read(tmp_path / "c.mcap"), read(tmp_path / "ours.mcap")
     assert not found.problems
-    for stream in ("daq", "force", "truth"):
-        theirs, arrays = (getattr(r, stream).arrays for r in (found, expected))
-        for name, values in arrays.items():
-            assert np.array_equal(theirs[name], values), name
+    for stream in ("daq", "force", "truth"):  # it publishes no events
+        theirs, arrays = (getattr(one, stream).arrays for one in (found, expected))
+        assert {name: values.tobytes() for name, values in theirs.items()} == {
+            name: values.tobytes() for name, values in arrays.items()
+        }
     assert expected.force.arrays["force_n"].any()
 
 
@@ -108,14 +95,7 @@ def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Pa
 def test_the_header_has_the_same_layout() -> None:
     text = (ROOT / "bus" / "hertzloop_lane.h").read_text()
     offsets = {name: int(at) for name, at in re.findall(r"(\w+);\s*/\* (\d+):", text)}
-    words = {
-        "run_id": lane_kernels.RUN_ID,
-        "slots": lane_kernels.SLOTS,
-        "steps": lane_kernels.STEPS,
-        "every_steps": lane_kernels.EVERY_STEPS,
-        "joined": lane_kernels.JOINED,
-        "closed": lane_kernels.CLOSED,
-        "answers_taken": lane_kernels.ANSWERS_TAKEN,
-    }
-    assert {name: offsets[name] for name in words} == {n: 8 * w for n, w in words.items()}
+    names = "run_id", "slots", "steps", "every_steps", "joined", "closed", "answers_taken"
+    words = {name: 8 * getattr(lane_kernels, name.upper()) for name in names}
+    assert {name: offsets[name] for name in names} == words
     assert f"{lane.MAGIC:#x}" in text

@@ -12,15 +12,9 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
-from tests.hertzloop.processes import finish, start
-from tests.ports import free_ports
+from tests.hertzloop.processes import Bus, finish
 
-NAME, TIMEOUT_S = "late-start", 2.0
-
-
-def _port(role: str, own: int, *others: int) -> ZenohPort:
-    listen, *connect = (f"tcp/127.0.0.1:{number}" for number in (own, *others))
-    return ZenohPort(role, NAME, [listen], connect)
+TIMEOUT_S = 2.0
 
 
 def _serve(node: ControllerNode) -> None:
@@ -30,11 +24,12 @@ def _serve(node: ControllerNode) -> None:
 
 @pytest.mark.full
 def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
-    path, (a, b, c) = tmp_path / "late.mcap", free_ports(3)
-    words = ["--name", NAME, "--timeout", str(TIMEOUT_S), "--wait", "120", "--out", str(path)]
-    connect = ["--connect", f"tcp/127.0.0.1:{a}", "--connect", f"tcp/127.0.0.1:{b}"]
-    recorder = start("node", "recorder", *words, "--listen", f"tcp/127.0.0.1:{c}", *connect)
-    ports = {PLANT: _port(PLANT, a), CONTROLLER: _port(CONTROLLER, b, a)}
+    path, bus = tmp_path / "late.mcap", Bus("late-start")
+    recorder = bus.start(RECORDER, "--timeout", str(TIMEOUT_S), "--out", str(path))
+    ports = {
+        PLANT: ZenohPort(PLANT, bus.name, [bus.urls[PLANT]], []),
+        CONTROLLER: ZenohPort(CONTROLLER, bus.name, [bus.urls[CONTROLLER]], [bus.urls[PLANT]]),
+    }
     controller = ControllerNode(ports[CONTROLLER])
     for port in ports.values():
         port.liveliness.announce()

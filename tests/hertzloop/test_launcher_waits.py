@@ -1,6 +1,5 @@
 """The launcher waits for nobody without end, whatever a process of the run does."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -19,8 +18,11 @@ from hertzloop.processes.launcher import Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 
-DONE, STAYS = {"done": {"wall_s": 0.0}}, {"ready": True}
-BEATS = {"ready": True, "beats": True}  # again and again
+# Programs that report one thing each.
+DONE = "say({'done': {'wall_s': 0.0}})"
+STAYS = "say({'ready': True}); time.sleep(600)"
+BEATS = "say({'ready': True}); [say({'beat': True}) or time.sleep(0.1) for _ in range(6000)]"
+SAY = "import json, time\ndef say(report): print(json.dumps(report), flush=True)\n"
 
 
 @pytest.fixture(autouse=True)
@@ -32,15 +34,12 @@ def bounded() -> Iterator[None]:
     timer.cancel()
 
 
-def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
-    """A launcher with processes that report one thing each; those that are not done stay."""
+def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
+    """A launcher with these programs as its processes."""
     launcher = Launcher(scene(), folder / "run.mcap", RunOptions(timeout_s=0.1), wait_s=0.1)
-    for role, report in reports.items():
-        beats = """[print('{"beat": true}', flush=True) or time.sleep(0.1) for _ in range(6000)]"""
-        stay = {id(DONE): "", id(BEATS): f"; {beats}"}.get(id(report), "; time.sleep(600)")
-        code = f"import time; print('{json.dumps(report)}', flush=True){stay}"
+    for role, program in programs.items():
         process = subprocess.Popen(
-            [sys.executable, "-c", code],
+            [sys.executable, "-c", SAY + program],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         child = ChildProcess(role, process, folder / role)
@@ -49,40 +48,43 @@ def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
     return launcher
 
 
-def outcome(launcher: Launcher) -> dict[str, Any]:
+@pytest.mark.parametrize(
+    ("patience", "programs", "sentence"),
+    [
+        (
+            {"_LEAVE_S": 0.5},
+            {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE},
+            "^plant does not respond; the others had ended",
+        ),
+        pytest.param(
+            {"LONGEST_S": 0.5},
+            dict.fromkeys(ROLES, STAYS),
+            "^controller and plant and recorder do not respond; the launcher has received nothing",
+            marks=pytest.mark.full,
+        ),
+        (
+            {"_SILENT_S": 0.5, "_PATIENCE_S": 0.2},
+            {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS},
+            "^recorder does not respond; no sign of life for 1 s",
+        ),
+    ],
+)
+def test_one_that_does_not_end_is_named(
+    patience: dict[str, float],
+    programs: dict[str, str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, seconds in patience.items():
+        monkeypatch.setattr(launchers, name, seconds)
+    launcher = waiting_for(tmp_path, programs)
     try:
-        return launcher.wait()
+        with pytest.raises(RunFailed, match=sentence):
+            launcher.wait()
     finally:
         launcher._end_all()
-        assert all(child.process.poll() is not None for child in launcher.children)
-
-
-def test_one_that_does_not_end_when_the_others_have_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launchers, "_LEAVE_S", 0.5)
-    launcher = waiting_for(tmp_path, {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE})
-    with pytest.raises(RunFailed, match=r"^plant does not respond; the others had ended"):
-        outcome(launcher)
-
-
-@pytest.mark.full
-def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launchers, "LONGEST_S", 0.5)
-    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, STAYS))
-    said = "^controller and plant and recorder do not respond; the launcher has received nothing"
-    with pytest.raises(RunFailed, match=said):
-        outcome(launcher)
-
-
-def test_one_that_does_not_run_any_more_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launchers, "_SILENT_S", 0.5)
-    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.2)
-    launcher = waiting_for(tmp_path, {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS})
-    with pytest.raises(RunFailed, match=r"^recorder does not respond; no sign of life for 1 s"):
-        outcome(launcher)
+    assert all(child.process.poll() is not None for child in launcher.children)
 
 
 class StopsWhoIsDone:

@@ -24,9 +24,9 @@ from hertzloop.views.run import print_run
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
 
-def recording(law: str, scene_toml: str = "") -> Recording:
+def recording(law: str) -> Recording:
     end = RunEnd(report=ControllerReport(law=law))
-    return Recording(Path("a.mcap"), scene_toml or to_toml(SCENE.scene), ends={"controller": end})
+    return Recording(Path("a.mcap"), to_toml(SCENE.scene), ends={"controller": end})
 
 
 @pytest.mark.parametrize(
@@ -41,9 +41,6 @@ def recording(law: str, scene_toml: str = "") -> Recording:
 )
 def test_what_is_said(law: str, line: str) -> None:
     assert law_line(law_of(recording(law))) == line
-
-
-def test_without_end_or_scene() -> None:
     lost = Recording(Path("a.mcap"), "no TOML")
     assert law_line(law_of(lost)) == "not reported by the controller"
 

@@ -13,7 +13,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import viewer
 from hertzloop.scene.setup import load
-from tests.commands import invoke
+from tests.commands import as_options, refused
 from tests.hertzloop.processes import (
     LONG,
     child_of,
@@ -24,7 +24,7 @@ from tests.hertzloop.processes import (
 )
 from tests.ports import free_ports
 
-RUN = ["aluminium-3mm", "--set", "run.duration_s=0.1", "--set", "run.accuracy=0.1"]
+RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
@@ -43,22 +43,20 @@ def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
 @pytest.mark.parametrize("hangs", [False, True])
 def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: bool) -> None:
     ports, rrd = free_ports(3), tmp_path / "a.rrd"
-    keys, more = RUN, []
-    if not hangs:  # seconds for a watcher to link, more on a busy machine: nobody waits for it
-        keys, more = [*RUN, "--set", "run.duration_s=1"], ["--no-fast-lane", "--horizon", "200"]
+    keys, more = RUN, list[str]()
     if hangs:  # it may miss the end of the run, and has that of its standard input then
         watcher = watching(ports, rrd, "--machine", stdin=subprocess.PIPE)
-    else:
-        watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
-    if hangs:
         watcher.send_signal(signal.SIGSTOP)
+    else:  # seconds for a watcher to link, more on a busy machine: nobody waits for it
+        keys, more = [*RUN, "run.duration_s=1"], ["--no-fast-lane", "--horizon", "200"]
+        watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
     try:
-        run = ["run", *keys, *more, "--out", str(tmp_path / "a.mcap")]
+        run = ["run", "aluminium-3mm", *as_options(keys), *more, "--out", str(tmp_path / "a.mcap")]
         done = hertzloop(*run, "--name", "mine", "--port", str(ports[0]))
         assert done.returncode == 0, done.stderr
     finally:
         watcher.send_signal(signal.SIGCONT)
-    record_in_process(load("aluminium-3mm", keys[2::2]), tmp_path / "b.mcap", compiled=True)
+    record_in_process(load("aluminium-3mm", keys), tmp_path / "b.mcap", compiled=True)
     assert first_difference(read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")) is None
     code, error, _ = finish(watcher)
     assert code == 0, error
@@ -67,10 +65,9 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path, number: signal.Signals) -> None:
+def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
     run, watcher, rrd = watched_run(tmp_path)
-    watcher.send_signal(number)
+    watcher.send_signal(signal.SIGTERM)
     code, error, _ = finish(watcher)
     assert (code, error) == (130, f"interrupted; what was seen until now is in {rrd}")
     assert "/live/velocity/v_p" in shown_in(rrd)
@@ -87,21 +84,6 @@ def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> No
     assert (code, error) == (1, f"{lost}; what was seen until now is in {rrd}")
     assert "/live/velocity/v_p" in shown_in(rrd)
     assert finish(run)[0] == 1
-
-
-@pytest.mark.full
-def test_only_the_watcher_of_a_run_ends_with_who_started_it(tmp_path: Path) -> None:
-    ports = free_ports(3)
-    beside = watching(ports, tmp_path / "a.rrd", "--machine", stdin=subprocess.PIPE)
-    alone = watching(ports, tmp_path / "b.rrd", stdin=subprocess.PIPE)
-    for watcher in (beside, alone):
-        assert watcher.stdin is not None
-        watcher.stdin.close()
-        watcher.stdin = None  # for `finish`
-    assert finish(beside)[:2] == (0, "")
-    assert alone.poll() is None
-    alone.send_signal(signal.SIGINT)
-    assert finish(alone)[0] == 130
 
 
 def watched_run(tmp_path: Path) -> tuple[subprocess.Popen, subprocess.Popen, Path]:
@@ -132,10 +114,9 @@ def shown_in(rrd: Path) -> str:
 
 @pytest.mark.full
 def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
-    done = hertzloop("run", *RUN, "--live", "--out", str(tmp_path / "a.mcap"), env=NO_SCREEN)
+    live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
+    done = hertzloop(*live, env=NO_SCREEN)
     assert done.returncode == 0, done.stderr
     assert "no screen is available" in done.stderr
     assert read(tmp_path / "a.mcap").problems == []
-    refused = invoke(["run", "--live", "--transport", "compiled"])
-    assert refused.exit_code == 2
-    assert "--live: not available with --transport" in refused.output
+    refused("--live: not available with --transport", "run", "--live", "--transport", "compiled")
