@@ -19,11 +19,21 @@ def invoke(words: Sequence[str], env: Mapping[str, str] | None = None) -> Result
         return CliRunner().invoke(commands, list(words), env=env)
 
 
+def call(*words: object) -> Result:
+    """Call `hertzloop WORDS` on a wide terminal."""
+    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
+
+
+def sets(settings: Sequence[str]) -> list[str]:
+    """The words that give settings to a command."""
+    return [word for setting in settings for word in ("--set", setting)]
+
+
 def run_and_inspected(folder: Path, *settings: str) -> list[tuple[str, Any]]:
     """What `run --details` and `inspect --details` print of a compiled run, and what they write."""
     file, found = str(folder / "a.mcap"), []
     run = ["run", "aluminium-3mm", "--transport", "compiled", "--out", file]
-    run += [word for setting in settings for word in ("--set", setting)]
+    run += sets(settings)
     for words in (run, ["inspect", file]):
         report = folder / f"{words[0]}.json"
         done = invoke([*words, "--details", "--json", str(report)])

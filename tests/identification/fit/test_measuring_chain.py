@@ -5,12 +5,12 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.observation import MeasuringChain
+from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.observation import MeasuringChain, observe
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import parse_record_table
-from hertzloop.scene.setup import load
+from hertzloop.loop.simulate import simulate
+from tests.identification.fitting import RADIUS, assert_holds, fitted, scene
 
 STEP_S, CORNER_HZ = 1e-7, 50e3
 
@@ -63,17 +63,31 @@ def test_a_wrong_filter_is_refused(table: dict[str, object], words: str) -> None
 @pytest.mark.full
 @pytest.mark.parametrize(("kind", "order"), [("bessel", 4), ("sigma-delta", 1)])
 def test_a_filtered_record_gives_the_true_radius(kind: str, order: int) -> None:
-    setup = load("aluminium-3mm", ["controller.law=off"])
     chain = MeasuringChain(low_pass_hz=CORNER_HZ, low_pass=kind, low_pass_order=order)
     given = {"low_pass_hz": CORNER_HZ, "low_pass": kind}
     table = parse_record_table(given | ({"low_pass_order": order} if order > 1 else {}), "drop.csv")
-    one = measured(
-        truth(setup, "contact_force", 2e-4, chain), Spoilt(), 3, quiet_s=4e-4, table=table
-    )
-    base = setup.vary({"sphere.radius_m": 0.0031})
-    found = fit(base, [one], [parse_free_key(base, "sphere.radius_m")])
-    [estimate] = found.estimates
-    assert estimate.low is not None
-    assert estimate.high is not None
-    assert estimate.low < 0.003 < estimate.high
+    seen = truth(scene(), "contact_force", 2e-4, chain)
+    one = measured(seen, Spoilt(), 3, quiet_s=4e-4, table=table)
+    found = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS)
+    assert_holds(found, 0.003)
     assert str(found.model) == "fits"
+
+
+def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
+    """Both take straight lines, the scene's sensor between steps, the chain on a finer grid."""
+    changes = (
+        "sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.ac_coupling_hz=2e3",
+        "sensors.resonance_hz=150e3", "sensors.resonance_damping=0.1", "run.step_ns=100",
+        "sensors.low_pass_order=4",
+        "run.duration_s=3e-4", "run.lead_in_s=1e-4", "run.plate_model=modal", "run.accuracy=1e-4",
+    )  # fmt: skip
+    setup = scene(*changes)
+    values = simulate(setup).values
+    # The touch lies in the middle of a step.
+    time_s = 100e-9 * (np.arange(len(values)) - 0.5) - 1e-4
+    model = FrozenModel(setup, 2.5e-4, 1e-4)
+    chain = MeasuringChain(150e3, 0.1, 2e3, 80e3, low_pass_order=4)
+    seen = observe(model.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
+    inside = time_s < 1.9e-4
+    peak = np.max(np.abs(values))
+    assert np.max(np.abs(seen - values)[inside]) < 2e-4 * peak

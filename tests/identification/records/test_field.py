@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.identification.records.reading import read_record
-from tests.identification.field import ANSWERS, FOLDER, asked, right
+from tests.identification.records.field import ANSWERS, FOLDER, asked, right
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="the files are not beside the clone")
 TEXTS = [name for name in ANSWERS if name.endswith((".csv", ".txt"))]

@@ -4,7 +4,7 @@ Each file is a simulated drop, filter, latency or law that another program could
 folder stands beside the repository; without it, the tests that need it are skipped. The program
 prints the table of the evidence.
 
-Run it with: python -m tests.identification.field ../shared/field
+Run it with: python -m tests.identification.records.field ../shared/field
 """
 
 import json
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from tests.commands import invoke
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "field"
+FOLDER = Path(__file__).resolve().parents[4] / "shared" / "field"
 _PULSE = ("sphere.radius_m", "sphere.drop_height_m")
 
 

@@ -20,6 +20,7 @@ from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.reading import read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
+from tests.identification.fitting import write_csv
 
 STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"
 RATE_HZ = 51_200.0
@@ -115,13 +116,10 @@ def test_hits_share_the_tip_and_one_is_held_out() -> None:
     assert list(by_key) == [STIFFNESS, f"{SPEED}[1]", f"{SPEED}[2]"]
     for key, true in ((STIFFNESS, 2e6), (f"{SPEED}[1]", 0.5), (f"{SPEED}[2]", 0.35)):
         low, high = by_key[key].low, by_key[key].high
-        assert low is not None
-        assert high is not None
         assert low < true < high
     assert by_key[STIFFNESS].verdict is KeyVerdict.IDENTIFIED
     # The sensor is the same in all hits, and so is its gain.
     assert found.nuisances[0].gain == found.nuisances[1].gain == pytest.approx(1.01, abs=0.03)
-    assert found.hold_out is not None
     assert found.hold_out["records"] == ["hits.csv, hit 3"]
     assert found.hold_out["residual_over_noise"] == pytest.approx(1.0, abs=0.15)
     assert 0.0 < found.hold_out["largest_percent"][0] < 1.5
@@ -129,8 +127,6 @@ def test_hits_share_the_tip_and_one_is_held_out() -> None:
     assert any("hit 3 (held out): good to" in line for line in said)
     assert any("holds for hammer.mass_kg = 0.1 and hammer.tip_exponent = 1:" in s for s in said)
     assert found.speeds_m_s == pytest.approx((0.35, 0.5), rel=0.05)
-    assert found.setup is not None
-    assert found.setup.scene.hammer is not None
     assert found.setup.scene.hammer.speed_m_s == by_key[f"{SPEED}[1]"].value
     assert fit_table(found).keys == (STIFFNESS,)
     assert len(fit_table(found).covariance_log) == 1
@@ -142,7 +138,6 @@ def test_any_hit_can_be_held_out() -> None:
     free = [parse_free_key(rig(), STIFFNESS)]
     found = fit(rig(), [record], free, hold_out=[1])
     assert [e.key for e in found.estimates] == [STIFFNESS]
-    assert found.hold_out is not None
     assert found.hold_out["records"] == ["hits.csv, hit 1"]
     assert fit(rig(), [record], free, hold_out=[]).hold_out is None
     with pytest.raises(FitError, match=r"--hold-out 3: cannot be held out\. The hits are 1, 2"):
@@ -152,9 +147,7 @@ def test_any_hit_can_be_held_out() -> None:
 
 def test_check_lists_the_hits(tmp_path: Path) -> None:
     one = train((0.1, 1.0), (0.3, 0.6), (0.31, 0.3))
-    path = tmp_path / "train.csv"
-    np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",", fmt="%.9g",
-               header="time_s,contact_force_n", comments="")  # fmt: skip
+    path = Path(write_csv(tmp_path / "train.csv", one))
     assert len(read_records(path)) == 1
     lines = describe_file(path)
     assert any(line.startswith("train.csv, hit 1: 0.9997 N") and "used." in line for line in lines)

@@ -3,7 +3,7 @@
 Each problem has other materials, sizes, noise and length. Every start is 20 % off. The program
 prints each fit, and counts intervals that hold the truth and verdicts on the model.
 
-Run it with: python -m tests.identification.many_drops --problems 40
+Run it with: python -m tests.identification.fit.many_drops --problems 40
 """
 
 import argparse
@@ -19,8 +19,7 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.scene.setup import load
-from tests.identification.drops import Drop
+from tests.identification.fit.drops import Drop, scene_of
 
 BALLS = {
     "steel": (210e9, 7800.0, 0.31), "glass": (64e9, 2500.0, 0.22),
@@ -50,24 +49,15 @@ def one(number: int, other: int = 0) -> tuple[str, FitResult, dict[str, float]]:
     height, noise = float(g.uniform(0.01, 0.2)), float(g.choice([0.001, 0.003, 0.01]))
     loss_factor = float(np.exp(g.uniform(np.log(5e-4), np.log(5e-3))))
     quantity, keys, contacts, least_s = KINDS[number % 4]
-    yields = LIMIT in keys
-    names = ("young_pa", "density_kg_m3", "poisson")
-    setup = load("aluminium-3mm", [
-        "controller.law=off", "plate.theory=kirchhoff", f"plate.thickness_m={thickness}",
-        f"plate.loss_factor={loss_factor}", f"{RADIUS}={radius}", f"{HEIGHT}={height}",
-        *(f"{body}.material.{name}={value}"
-          for body, values in (("plate", PLATES[plate]), ("sphere", BALLS[ball]))
-          for name, value in zip(names, values, strict=True)),
-        *(("contact.plasticity=thornton", f"{LIMIT}={PRESSURE}") if yields else ()),
-    ])  # fmt: skip
+    drop = Drop(
+        radius, height, thickness, loss_factor, PRESSURE if LIMIT in keys else None,
+        of_ball=BALLS[ball], of_plate=PLATES[plate],
+    )  # fmt: skip
+    setup = scene_of(drop)
     contact_s = rigid_contact_time_s(
         setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
     )
     duration_s = max(contacts * contact_s, least_s) * float(g.uniform(1.0, 1.6))
-    drop = Drop(
-        radius, height, thickness, loss_factor, PRESSURE if yields else None,
-        of_ball=BALLS[ball], of_plate=PLATES[plate],
-    )  # fmt: skip
     time_s, force, speed = drop.simulate(duration_s)
     spline = scipy.interpolate.CubicSpline(time_s, force if quantity == "contact_force" else speed)
     step_s = max(0.5e-6, contact_s / 120.0)
@@ -91,6 +81,19 @@ def one(number: int, other: int = 0) -> tuple[str, FitResult, dict[str, float]]:
     return said, result, {key: true[key] for key in keys}
 
 
+def print_estimates(result: FitResult, true: dict[str, float]) -> int:
+    """Print each estimate against its true value. Returns how many intervals hold it."""
+    held = 0
+    for e in result.estimates:
+        inside = (e.low or 0.0) <= true[e.key] <= (e.high or math.inf)
+        held += inside
+        away = math.log(e.value / true[e.key]) / (e.sd_log or math.nan)
+        half = e.half_width_percent or math.nan
+        words = "" if inside else ", MISSES"
+        print(f"   {e.key}: {e.verdict}, {away:+.2f} sd, +-{half:.2g} %{words}")
+    return held
+
+
 def main() -> None:
     """Fit, print, count."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -107,11 +110,8 @@ def main() -> None:
         for said, result, true in found:
             fits += str(result.model) == "fits"
             print(f"{said}: {result.model}, residual {result.residual_over_noise:.3g}", flush=True)
-            for e in result.estimates:
-                inside = (e.low or 0.0) <= true[e.key] <= (e.high or math.inf)
-                held, asked = held + inside, asked + 1
-                away = math.log(e.value / true[e.key]) / (e.sd_log or math.nan)
-                print(f"   {e.key}: {e.verdict}, {away:+.2f} sd{'' if inside else ', MISSES'}")
+            inside = print_estimates(result, true)
+            held, asked = held + inside, asked + len(true)
     print(f"{held} of {asked} intervals hold the truth; the model fits in {fits}.")
 
 

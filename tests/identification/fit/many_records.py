@@ -4,7 +4,7 @@ Each problem has other bodies, another quantity, noise, converter, clock, gain, 
 time. Each record is written as CSV, read again and fitted from a start up to 20 % off. The program
 prints each fit, and counts intervals that hold the truth and verdicts on the model.
 
-Run it with: python -m tests.identification.many_records --problems 60
+Run it with: python -m tests.identification.fit.many_records --problems 60
 """
 
 import argparse
@@ -23,9 +23,16 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.scene.setup import load
-from tests.identification.drops import GRAVITY, Drop
-from tests.identification.many_drops import BALLS, HEIGHT, LIMIT, PLATES, RADIUS, THICKNESS
+from tests.identification.fit.drops import GRAVITY, Drop, scene_of
+from tests.identification.fit.many_drops import (
+    BALLS,
+    HEIGHT,
+    LIMIT,
+    PLATES,
+    RADIUS,
+    THICKNESS,
+    print_estimates,
+)
 
 COLUMNS = {
     "contact_force": "contact_force_n", "v_p": "v_p_m_s", "acceleration": "acceleration_m_s2",
@@ -67,36 +74,22 @@ def written(number: int, folder: Path, other: int = 0) -> tuple[str, Path, Any, 
     ball, plate = list(BALLS)[g.integers(4)], list(PLATES)[g.integers(4)]
     thickness = float(np.exp(g.uniform(np.log(1e-3), np.log(20e-3))))
     radius = float(np.exp(g.uniform(np.log(1e-3), np.log(12e-3))))
-    height, noise = (
-        float(g.uniform(0.01, 0.3)),
-        float(np.exp(g.uniform(np.log(5e-4), np.log(1e-2)))),
-    )
-    size, loss_factor = (
-        float(g.uniform(0.2, 0.6)),
-        float(np.exp(g.uniform(np.log(3e-4), np.log(5e-3)))),
-    )
+    height = float(g.uniform(0.01, 0.3))
+    noise = float(np.exp(g.uniform(np.log(5e-4), np.log(1e-2))))
+    size = float(g.uniform(0.2, 0.6))
+    loss_factor = float(np.exp(g.uniform(np.log(3e-4), np.log(5e-3))))
     quantity = list(COLUMNS)[g.choice(6, p=[0.3, 0.3, 0.15, 0.1, 0.1, 0.05])]
     choices = KEYS[quantity]
     keys = choices[g.integers(len(choices))]
     pressure = float(g.uniform(5e8, 2e9)) if LIMIT in keys else None
-    names = ("young_pa", "density_kg_m3", "poisson")
-    setup = load("aluminium-3mm", [
-        "controller.law=off", "plate.theory=kirchhoff", f"plate.thickness_m={thickness}",
-        f"plate.size_m=[{size},{size}]", f"plate.contact_point_m=[{size / 2},{size / 2}]",
-        f"plate.actuator_point_m=[{size / 2},{size / 2}]",
-        f"plate.loss_factor={loss_factor}", f"{RADIUS}={radius}", f"{HEIGHT}={height}",
-        *(f"{body}.material.{name}={value}"
-          for body, values in (("plate", PLATES[plate]), ("sphere", BALLS[ball]))
-          for name, value in zip(names, values, strict=True)),
-        *(("contact.plasticity=thornton", f"{LIMIT}={pressure}") if pressure else ()),
-    ])  # fmt: skip
+    drop = Drop(radius, height, thickness, loss_factor, pressure, size,
+                of_ball=BALLS[ball], of_plate=PLATES[plate])  # fmt: skip
+    setup = scene_of(drop)
     contact_s = rigid_contact_time_s(
         setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
     )
     long = {"contact_force": 2.5, "xi": 3.0, "xi_s": 3.0}.get(quantity, 12.0)
     duration_s = min(long * contact_s * float(g.uniform(1.0, 2.0)), 1.5e-3)
-    drop = Drop(radius, height, thickness, loss_factor, pressure, size,
-                of_ball=BALLS[ball], of_plate=PLATES[plate])  # fmt: skip
     time_s, signals = _signals(drop, duration_s + 3 * LEAD_S, setup.sphere.mass_kg)
     step_s = float(time_s[1])
     table, shown = [], signals["v_p" if quantity == "acceleration" else quantity]
@@ -123,7 +116,6 @@ def written(number: int, folder: Path, other: int = 0) -> tuple[str, Path, Any, 
     if quantity in ("xi", "xi_s"):
         speed = math.sqrt(2 * GRAVITY * height)
         clean = np.where(tau < 0.0, -tau * speed - 0.5 * GRAVITY * tau**2, clean)
-        clean -= 0.0
     elif quantity == "contact_force" and not table:
         clean = np.maximum(clean, 0.0)
     peak = float(np.max(np.abs(clean[tau > 0.0]))) if quantity in ("xi", "xi_s") else float(
@@ -189,13 +181,7 @@ def main() -> None:
             verdicts[str(result.model)] = verdicts.get(str(result.model), 0) + 1
             print(f"{said}: {result.model}, residual {result.residual_over_noise:.3g}, "
                   f"{result.wall_s:.2f} s, {' '.join(result.reasons)}", flush=True)  # fmt: skip
-            for e in result.estimates:
-                inside = (e.low or 0.0) <= true[e.key] <= (e.high or math.inf)
-                held, asked = held + inside, asked + 1
-                away = math.log(e.value / true[e.key]) / (e.sd_log or math.nan)
-                half = e.half_width_percent or math.nan
-                words = "" if inside else ", MISSES"
-                print(f"   {e.key}: {e.verdict}, {away:+.2f} sd, +-{half:.2g} %{words}")
+            held, asked = held + print_estimates(result, true), asked + len(true)
     print(f"{held} of {asked} intervals hold the truth; verdicts {verdicts}; {refused} refused.")
 
 

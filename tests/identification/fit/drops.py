@@ -1,6 +1,6 @@
 """A drop on a simply supported plate by other means: steps of 50 ns, all modes to 2 MHz.
 
-The modes above are a spring. It shares nothing with the package: materials, modes, contact and
+The modes above are a spring. `Drop` shares nothing with the package: materials, modes, contact and
 yielding are written out here.
 """
 
@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
+from hertzloop.scene.setup import Setup, load
 
 GRAVITY = 9.81
 
@@ -106,3 +108,25 @@ class Drop:
         flatter = s * math.sqrt(s * deepest**1.5 / load)
         dent = deepest - (load / flatter) ** (2.0 / 3.0)
         return flatter * max(p - dent, 0.0) ** 1.5
+
+
+def scene_of(drop: Drop) -> Setup:
+    """The same drop as a setup of the package."""
+    bodies = ("sphere", drop.of_ball), ("plate", drop.of_plate)
+    middle = f"[{drop.size / 2},{drop.size / 2}]"
+    settings = [
+        "controller.law=off", "plate.theory=kirchhoff", f"plate.thickness_m={drop.thickness}",
+        f"plate.size_m=[{drop.size},{drop.size}]", f"plate.contact_point_m={middle}",
+        f"plate.actuator_point_m={middle}", f"plate.loss_factor={drop.loss_factor}",
+        f"sphere.radius_m={drop.radius}", f"sphere.drop_height_m={drop.height}",
+    ]  # fmt: skip
+    for body, (young_pa, density_kg_m3, poisson) in bodies:
+        settings += [
+            f"{body}.material.young_pa={young_pa}", f"{body}.material.poisson={poisson}",
+            f"{body}.material.density_kg_m3={density_kg_m3}",
+        ]  # fmt: skip
+    if drop.pressure:
+        settings += [
+            "contact.plasticity=thornton", f"contact.limiting_pressure_pa={drop.pressure}",
+        ]  # fmt: skip
+    return load("aluminium-3mm", settings)

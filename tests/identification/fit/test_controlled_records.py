@@ -21,6 +21,7 @@ from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 from tests.commands import invoke
+from tests.identification.fitting import fitted, write_csv
 
 LATENCY, KAPPA = "controller.latency_us", "controller.kappa"
 BANDWIDTH, RADIUS = "actuator.bandwidth_hz", "sphere.radius_m"
@@ -34,12 +35,8 @@ def scene(*changes: str, law: str = "slope_threshold") -> Setup:
 def record(setup: Setup, quantity: str = FORCE, duration_s: float = 90e-6, seed: int = 3,
            phase: float = 0.3, **table: object) -> Record:  # fmt: skip
     seen = truth(setup, quantity, duration_s, accuracy=1e-4, phase=phase)
-    said = Measurement(quantity=quantity, **table)  # type: ignore[arg-type]
+    said = Measurement(quantity=quantity, **table)
     return measured(seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002)
-
-
-def fitted(setup: Setup, records: list[Record], *keys: str) -> FitResult:
-    return fit(setup, records, [parse_free_key(setup, key) for key in keys])
 
 
 def holds(found: FitResult, **true: float) -> bool:
@@ -89,7 +86,6 @@ def test_the_latency_of_a_loop_is_found_with_an_interval() -> None:
     assert estimate.verdict is KeyVerdict.IDENTIFIED
     assert estimate.value % 1.0 == 0.0
     assert found.model is ModelVerdict.FITS
-    assert found.setup is not None
     assert found.setup.latency_us == estimate.value
     assert any("simulated under the law 'slope_threshold'" in note for note in found.notes)
 
@@ -174,22 +170,22 @@ def test_what_cannot_be_identified_is_refused(
     changes: tuple[str, ...], table: dict[str, object], keys: tuple[str, ...], words: str
 ) -> None:
     one = record(scene(f"{LATENCY}=6"))
-    one = replace(one, measurement=replace(one.measurement, **table))  # type: ignore[arg-type]
+    one = replace(one, measurement=replace(one.measurement, **table))
     with pytest.raises((FitError, RecordError), match=words):
         fitted(scene(*changes), [one], *keys)
 
 
 def test_a_force_that_jumps_needs_a_bandwidth() -> None:
     setup, behind = scene(f"{LATENCY}=6"), scene(f"{LATENCY}=6", f"{BANDWIDTH}=5e4")
-    with pytest.raises(RecordError, match=r"jumps at every step, which no sensor shows"):
-        fitted(setup, [record(behind, PUSH)], KAPPA)
-    with pytest.raises(RecordError, match="v_p that is recorded jumps"):
-        fitted(setup, [record(behind, "v_p")], KAPPA)
-    with pytest.raises(RecordError, match="law = off: a record is under control"):
-        fitted(setup.without_control(), [record(behind, PUSH)], RADIUS)
-    off = record(behind, PUSH, control=False)
-    with pytest.raises(RecordError, match="holds the force of the actuator"):
-        fitted(behind, [off], KAPPA)
+    push = record(behind, PUSH)
+    for start, one, key, words in (
+        (setup, push, KAPPA, "jumps at every step, which no sensor shows"),
+        (setup, record(behind, "v_p"), KAPPA, "v_p that is recorded jumps"),
+        (setup.without_control(), push, RADIUS, "law = off: a record is under control"),
+        (behind, record(behind, PUSH, control=False), KAPPA, "holds the force of the actuator"),
+    ):  # fmt: skip
+        with pytest.raises(RecordError, match=words):
+            fitted(start, [one], key)
 
 
 def test_free_keys_of_a_law_are_read_from_their_text() -> None:
@@ -211,10 +207,9 @@ def test_free_keys_of_a_law_are_read_from_their_text() -> None:
 
 def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
     one = record(scene(f"{LATENCY}=6"))
-    rows = "\n".join(f"{t!r},{v!r}" for t, v in zip(
-        one.time_s.tolist(), one.value.tolist(), strict=True))  # fmt: skip
     path, out = tmp_path / "r.csv", tmp_path / "fitted.toml"
-    path.write_text(f"# [record]\n# control = true\ntime_s,contact_force_n\n{rows}\n")
+    write_csv(path, one)
+    path.write_text(f"# [record]\n# control = true\n{path.read_text()}")
     data, page = tmp_path / "fit.json", tmp_path / "fit.html"
     words = ["fit", "aluminium-3mm", str(path), "--free", f"{LATENCY}=0:12", "--out", str(out)]
     result = invoke([*words, "--json", str(data), "--report", str(page)])
