@@ -219,7 +219,7 @@ def of_known_modes(found: MeasuredModes) -> None:
     assert np.allclose(table.shape_contact, CONTACT, rtol=0.02)
 
 
-@pytest.mark.parametrize("samples", [0.5, 1.0, -2.0])
+@pytest.mark.parametrize("samples", [1.0, -0.5])
 def test_a_late_response_is_corrected_and_told(samples: float) -> None:
     late = delayed(hits_of_records(records(CONTACT)), samples)
     found = modes_of_hits(late[:2], late[2:], True, silent)

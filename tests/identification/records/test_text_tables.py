@@ -20,9 +20,7 @@ from tests.commands import invoke
 COUNT, STEP_S = 40, 5e-7
 TIME = STEP_S * np.arange(COUNT) - 2e-6
 FORCE = np.round(np.sin(np.arange(COUNT)) + 0.01, 6)
-HMS = [f"10:12:{13.25 + s:.7f}" for s in STEP_S * np.arange(COUNT)]
 KIND = {"quantity": "contact_force"}
-SIX = [("Points", 40), ("Sample Interval", STEP_S), ("Trigger Time", 0.01)]
 
 
 def read(folder: Path, text: str, **given: Any) -> Any:
@@ -38,82 +36,73 @@ def rows(*columns: Any, form: str = "{},{}") -> str:
 
 def table(above: str, row: str) -> str:
     """Lines `above`, and a row for each sample."""
-    lines = [row.format(k=k, i=5 * k, s=f"{t:.9g}", ms=f"{1e3 * t:.9g}", us=f"{1e6 * t:.9g}",
-                        n=f"{v:.9g}", kn=f"{1e-3 * v:.9g}")
-             for k, (t, v) in enumerate(zip(TIME, FORCE, strict=True))]  # fmt: skip
-    return "\n".join([above, *lines])
+    lines = [above]
+    for k, (t, v) in enumerate(zip(TIME, FORCE, strict=True)):
+        since = f"{13.25 + STEP_S * k:.7f}"
+        lines.append(row.format(
+            k=k, i=5 * k, s=f"{t:.9g}", ms=f"{1e3 * t:.9g}", us=f"{1e6 * t:.9g}", n=f"{v:.9g}",
+            kn=f"{1e-3 * v:.9g}", hms=f"10:12:{since.replace('.', ':')}", d=f"{500 * k:09d}",
+        ))  # fmt: skip
+    return "\n".join(lines) + "\n"
 
 
 XY = rows(TIME, FORCE)
 Y = rows(FORCE, form="{}")
 
 
+# What stands above the rows, and a row.
+LAYOUTS = {
+    "Yokogawa, one trace": (
+        '"TraceName","CH1"\n"VUnit","N"\n"HResolution",5.0E-07\n"HUnit","s"\n"Date","2026/11/26"\n'
+        '"Time","10:15:33.44"\n', "{n},"),
+    "Yokogawa, facts just above the values": (
+        '"VUnit","N"\n"HUnit","s"\n"SampleRate",2.0E+06\n"HResolution",5.0E-07', ",{n}"),
+    "Yokogawa, other units": ('"TraceName","CH1"\n"HResolution",5e-7\n"VUnit","kN"\n', ",{kn}"),
+    "DIAdem": ("Channel;Time;Force\nUnit;s;N\nLength;40;40", ";{s};{n}"),
+    "Pulse, numbered rows without names": (
+        "Header Size: 18\nX-axis unit: s\nX-axis delta: 5e-07\nY-axis unit: N\nTitle 1: Hammer\n",
+        "{k}\t{s}\t{n}"),
+    "Rigol, times in the heading": ("CH1(N),t0 = -2.0e-06, tInc = 5.0e-07,", "{n},"),
+    "a time of day above the values": (
+        "Vertical Units,N\nHorizontal Units,S\nSampling Period,5e-07\nTime,26-Nov-26 10:12:13\n"
+        "Waveform Data,", "{n},"),
+    "a title above two columns": ("Waveform Data,,", "{s},{n},"),
+    "OWON": ("Channel :,CH1\nTime interval :,0.50000uS\n\nindex,CH1(N)", "{k},{n}"),
+    "facts in comments, run together": (
+        "# XAxisUnit = s\n# YAxisUnit = N\n# DeltaX = 5e-07", "{n}"),
+    "milliseconds after a colon": ("Time;Force [N]", "{hms};{n}"),
+    "pandas timedelta": (",force_n", "0 days 00:00:00.{d},{n}"),
+    "MATLAB timetable": ("Time,force_n", "{s} sec,{n}"),
+    "columns of units": ("Time,Unit,Force,Unit", "{us},us,{kn},kN"),
+    "a unit that ends in a digit": ("Time [s];Force [N];Acc [m/s2]", "{s};{n};{n}"),
+    "another rate above the times": ("Sample rate: 1 MHz\nTime (s),Force (N)", "{s},{n}"),
+    "units after a stroke": ("t/us,F/kN,n", "{us},{kn},{k}"),
+    "units after a word": ("in s,C1 in kN", "{s},{kn}"),
+    "the unit of a channel": ("Vertical Units,CH1:kN\nSource,CH1\nSecond,Value", "{s},{kn}"),
+    "times behind the values": ("Force [N],Time [ms]", "{n},{ms}"),
+    "a date beside the times": (
+        "Date,Time,Elapsed (ms),Force", "2024-01-02,10:11:12.{i:07d},{ms},{n}"),
+    "a rate above a sequence": ("#Sample rate: 2e6Hz\nx,CH1\nSequence,kN", "{k},{kn}"),
+    "units and a remark": ("Time;Force\ns;kN\n# remark", "{s};{kn}"),
+    "an index without a name": (",time_s,Force", "{k},{s},{n}"),
+    "spaces": ("time_s contact_force_n", "{s} {n}"),
+    "a line of units": ("time_s,contact_force_n\ns,N", "{s},{n}"),
+    "units in brackets": ("Time,Force\n(us),(kN)", "{us},{kn}"),
+    "quotes": ('"time_s","contact_force_n"', '"{s}","{n}"'),
+}  # fmt: skip
+
+
 def layouts() -> Iterator[tuple[str, str]]:
     """Layouts, each with a text that gives the record."""
+    for name, (above, row) in LAYOUTS.items():
+        yield name, table(above, row)
+    for name, cell in (("semicolons", ";"), ("tabs", "\t")):
+        text = table(f"time_s{cell}contact_force_n", f"{{s}}{cell}{{n}}")
+        yield f"{name} and decimal commas", text.replace(".", ",")
+    facts = ['"Points",40', f'"Sample Interval",{STEP_S}', '"Trigger Time",0.01']
     yield "Tektronix, facts beside the rows", "".join(
-        f'"{SIX[i][0]}",{SIX[i][1]},"s",{t},{v}\n' if i < 3 else f",,,{t},{v}\n"
+        f'{facts[i]},"s",{t},{v}\n' if i < 3 else f",,,{t},{v}\n"
         for i, (t, v) in enumerate(zip(TIME, FORCE, strict=True)))  # fmt: skip
-    yield "Yokogawa, one trace", (
-        '"TraceName","CH1"\n"VUnit","N"\n"HResolution",5.0E-07\n"HUnit","s"\n"Date","2026/11/26"\n'
-        '"Time","10:15:33.44"\n\n' + rows(FORCE, form="{},"))  # fmt: skip
-    yield "Yokogawa, facts just above the values", (
-        '"VUnit","N"\n"HUnit","s"\n"SampleRate",2.0E+06\n"HResolution",5.0E-07\n'
-        + rows(FORCE, form=",{}"))  # fmt: skip
-    yield (
-        "DIAdem",
-        "Channel;Time;Force\nUnit;s;N\nLength;40;40\n" + rows(TIME, FORCE, form=";{};{}"),
-    )
-    yield "Pulse, numbered rows without names", (
-        "Header Size: 18\nX-axis unit: s\nX-axis delta: 5e-07\nY-axis unit: N\nTitle 1: Hammer\n\n"
-        + rows(range(1, COUNT + 1), TIME, FORCE, form="{}\t{}\t{}"))  # fmt: skip
-    yield "Rigol, times in the heading", (
-        "CH1(N),t0 = -2.0e-06, tInc = 5.0e-07,\n" + rows(FORCE, form="{},"))  # fmt: skip
-    yield "a time of day above the values", (
-        "Vertical Units,N\nHorizontal Units,S\nSampling Period,5e-07\nTime,26-Nov-26 10:12:13\n"
-        "Waveform Data,\n" + rows(FORCE, form="{},"))  # fmt: skip
-    yield "a title above two columns", "Waveform Data,,\n" + rows(TIME, FORCE, form="{},{},")
-    yield (
-        "OWON",
-        "Channel :,CH1\nTime interval :,0.50000uS\n\nindex,CH1(N)\n" + rows(range(COUNT), FORCE),
-    )
-    yield (
-        "facts in comments, run together",
-        "# XAxisUnit = s\n# YAxisUnit = N\n# DeltaX = 5e-07\n" + Y,
-    )
-    yield "milliseconds after a colon", "Time;Force [N]\n" + rows(
-        [one.replace(".", ":") for one in HMS], FORCE, form="{};{}")  # fmt: skip
-    yield (
-        "pandas timedelta",
-        ",force_n\n"
-        + rows([f"0 days 00:00:00.{round(1e9 * s):09d}" for s in STEP_S * np.arange(COUNT)], FORCE),
-    )
-    yield "MATLAB timetable", "Time,force_n\n" + rows(TIME, FORCE, form="{} sec,{}")
-    yield (
-        "columns of units",
-        "Time,Unit,Force,Unit\n" + rows(1e6 * TIME, FORCE / 1e3, form="{:.3f},us,{},kN"),
-    )
-    yield (
-        "a unit that ends in a digit",
-        "Time [s];Force [N];Acc [m/s2]\n" + rows(TIME, FORCE, FORCE, form="{};{};{}"),
-    )
-    yield "another rate above the times", "Sample rate: 1 MHz\nTime (s),Force (N)\n" + XY
-    for above, row in (
-        ("t/us,F/kN,n", "{us},{kn},{k}"), ("in s,C1 in kN", "{s},{kn}"),
-        ("Vertical Units,CH1:kN\nSource,CH1\nSecond,Value", "{s},{kn}"),
-        ("Force [N],Time [ms]", "{n},{ms}"),
-        ("Date,Time,Elapsed (ms),Force", "2024-01-02,10:11:12.{i:07d},{ms},{n}"),
-        ('"TraceName","CH1"\n"HResolution",5e-7\n"VUnit","kN"\n', ",{kn}"),
-        ("#Sample rate: 2e6Hz\nx,CH1\nSequence,kN", "{k},{kn}"),
-        ("Time;Force\ns;kN\n# remark", "{s};{kn}"), (",time_s,Force", "{k},{s},{n}"),
-        ("time_s contact_force_n", "{s} {n}"), ("time_s,contact_force_n\ns,N", "{s},{n}"),
-        ("Time,Force\n(us),(kN)", "{us},{kn}"), ('"time_s","contact_force_n"', '"{s}","{n}"'),
-    ):  # fmt: skip
-        yield above, table(above, row)
-    for above, row in (
-        ("time_s;contact_force_n", "{s};{n}"),
-        ("time_s\tcontact_force_n", "{s}\t{n}"),
-    ):
-        yield f"{above} with decimal commas", table(above, row).replace(".", ",")
 
 
 @pytest.mark.parametrize(("layout", "text"), list(layouts()))
