@@ -197,6 +197,7 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
         read_uncertain(path, load(str(path), ["sphere.radius_m=0.004"]))
 
 
+@pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
     from hertzloop.identification.fit.report import fitted_scene
     from hertzloop.studies.sweeps.replay_cases import replay_cases

@@ -31,6 +31,7 @@ from tests.identification.modes.known import (
     near,
     silent,
 )
+from tests.tiers import default
 
 HAMMER = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"
 
@@ -179,6 +180,7 @@ def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
     assert np.any(plain.force_n[plain.first + 20 :])
 
 
+@pytest.mark.full
 def test_hits_of_other_responses_are_told() -> None:
     force, motion, other, last = records(CONTACT, hits=2)
     swapped = hits_of_records([force, last, other, motion])
@@ -219,7 +221,7 @@ def of_known_modes(found: MeasuredModes) -> None:
     assert np.allclose(table.shape_contact, CONTACT, rtol=0.02)
 
 
-@pytest.mark.parametrize("samples", [1.0, -0.5])
+@pytest.mark.parametrize("samples", default([1.0, -0.5], [-0.5]))
 def test_a_late_response_is_corrected_and_told(samples: float) -> None:
     late = delayed(hits_of_records(records(CONTACT)), samples)
     found = modes_of_hits(late[:2], late[2:], True, silent)
