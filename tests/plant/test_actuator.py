@@ -70,7 +70,7 @@ def test_force_is_limited_at_both_ends_of_every_step() -> None:
 
 
 def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
-    plant = CollocationPlant(what)  # type: ignore[arg-type]
+    plant = CollocationPlant(what)
     found = np.empty(len(push))
     for i, command in enumerate(push):
         step(plant.model, plant.state, command)
@@ -155,7 +155,7 @@ FORCES = {
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
+@pytest.mark.parametrize("step_us", [1.0, 20.0])
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize("mass_kg", [0.0, 3e-3])
 def test_the_balance_closes_with_everything(force: str, mass_kg: float, step_us: float) -> None:

@@ -55,53 +55,6 @@ def test_mode_numbers_are_complete_for_a_long_plate() -> None:
     np.testing.assert_allclose(omega, np.sort(wanted_omega), rtol=1e-14)
 
 
-def as_sorted(plate: Plate, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers and frequencies of all modes up to a limit by a general sort."""
-    speed = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    most = int(1e-9 + math.sqrt(omega_max / speed) / math.pi * max(plate.size_m))
-    along_x, along_y = ((np.arange(1, most + 1) * np.pi / side) ** 2 for side in plate.size_m)
-    omega = speed * np.add.outer(along_y, along_x).ravel()
-    order = np.argsort(omega, kind="stable")
-    order = order[omega[order] <= omega_max]
-    return order % most + 1, order // most + 1, omega[order]
-
-
-@pytest.mark.parametrize(
-    ("plate", "limit_hz"),
-    [
-        (ALUMINIUM, 900.0),  # in one slice; a square plate has pairs of one frequency
-        (ALUMINIUM, 500e3),
-        (BESIDE, 500e3),
-        (Plate(MATERIALS["glass"], (2.0, 0.03), 0.001), 3e6),
-        (Plate(MATERIALS["glass"], (0.03, 2.0), 0.001), 3e6),
-    ],
-)
-def test_modes_rise_as_a_stable_sort_has_them(plate: Plate, limit_hz: float) -> None:
-    omega_max = 2.0 * np.pi * limit_hz
-    for found, wanted in zip(
-        plate.mode_numbers(omega_max), as_sorted(plate, omega_max), strict=True
-    ):
-        np.testing.assert_array_equal(found, wanted)
-
-
-@pytest.mark.parametrize(
-    ("plate", "point_m"),
-    [(ALUMINIUM, CENTRE), (ALUMINIUM, (0.1, 0.2)), (BESIDE, (0.2, 0.11))],
-)
-def test_what_is_left_out_is_summed_by_rising_frequency(
-    plate: Plate, point_m: tuple[float, float]
-) -> None:
-    omega_max = 2.0 * np.pi * 60e3
-    m, n, omega = as_sorted(plate, 16.0 * omega_max)
-    out = omega > omega_max
-    summed = np.sum((plate.mode_shape(m[out], n[out], point_m) / omega[out]) ** 2)
-    beyond = 2.0 / (math.pi * plate.infinite_plate_impedance_n_s_m * 16.0 * omega_max)
-    # To the bit: results of sweeps are compared by it.
-    assert plate.residual_flexibility_m_n(omega_max, point_m) == (
-        beyond + plate.modal_scale_per_kg * float(summed)
-    )
-
-
 @pytest.mark.parametrize(
     ("plate", "contact", "actuator"),
     [
