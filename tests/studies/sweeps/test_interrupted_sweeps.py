@@ -5,8 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,21 +21,11 @@ from tests.hertzloop.processes import next_line, wait_for
 from tests.studies.sweeping import COARSE, command, wait_until
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (b"garbage\n", "its line 1 is damaged"),
-        (b"\xff\n", "its line 1 is damaged"),
-        (b"[]\n3\n", "its line 1 is damaged"),
-        (b'{"a": 1}\n{"x": 1}\n', "its line 1 is damaged"),
-    ],
-)
-def test_a_damaged_journal_is_left_alone_with_a_sentence(
-    tmp_path: Path, text: bytes, says: str
-) -> None:
+@pytest.mark.parametrize("text", [b"\xff\n", b'{"a": 1}\n{"x": 1}\n'])
+def test_a_damaged_journal_is_left_alone_with_a_sentence(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "j"
     path.write_bytes(text)
-    with pytest.raises(JournalError, match=says):
+    with pytest.raises(JournalError, match="its line 1 is damaged"):
         Journal(path, {"a": 1})
     assert path.read_bytes() == text
 
@@ -176,7 +164,7 @@ def _heeds_all() -> None:
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGHUP])
 def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
     """No worker, and no semaphore; a terminal that is closed tells all of them."""
     out = tmp_path / "r.csv"
@@ -218,35 +206,13 @@ def _workers(pid: int) -> list[int]:
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.1, 0.5])
-def test_ctrl_c_twice_ends_a_sweep_too(after_s: float, tmp_path: Path) -> None:
-    out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "3"),
-                               stderr=subprocess.DEVNULL, start_new_session=True)  # fmt: skip
-    wait_until(lambda: len(_workers(process.pid)) == 2, process)
-    _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 100, process)
-    workers = _workers(process.pid)
-    for _ in range(2):
-        os.killpg(process.pid, signal.SIGINT)
-        time.sleep(after_s)
-    try:
-        assert process.wait(timeout=60) == 130
-        assert not any(_runs(pid) for pid in workers)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-
-
-@pytest.mark.full
-@pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: Path) -> None:
+def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
     process = subprocess.Popen(
-        command(*HUGE, "-o", str(out), "--workers", str(count)),
+        command(*HUGE, "-o", str(out), "--workers", "3"),
         stderr=subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
-    wait_until(lambda: len(_workers(process.pid)) == count - 1, process)
+    wait_until(lambda: len(_workers(process.pid)) == 2, process)
     # Until all processes are at it, and this one has taken from what was left for them.
     _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 2000, process)
     workers = _workers(process.pid)
@@ -346,27 +312,13 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -
 def test_a_cluster_without_workers_is_waited_for_with_a_word(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At the start, and where all workers are lost."""
     monkeypatch.setattr(study, "_WORKERLESS_S", 4.0)
     monkeypatch.setattr(study, "_LOOK_S", 1.0)
-    out = tmp_path / "r.csv"
     with cluster(0) as (address, _):
-        result = invoke([*HUGE, "-o", str(out), "--dask", address])
+        result = invoke([*HUGE, "-o", str(tmp_path / "r.csv"), "--dask", address])
     assert result.exit_code == 1
     assert f"{address} has no workers; waiting 4 s for one" in result.stderr
     assert "error: the Dask scheduler" in result.stderr
-    with cluster(1) as (address, workers):
-
-        def kill() -> None:
-            while len(_lines(study.journal_of(out))) < 100:
-                time.sleep(0.1)
-            workers[0].kill()
-
-        threading.Thread(target=kill, daemon=True).start()
-        result = invoke([*HUGE, "-o", str(out), "--dask", address])
-    assert result.exit_code == 1
-    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
-    assert "was lost; finished cases are kept" in result.stderr
 
 
 @pytest.mark.full

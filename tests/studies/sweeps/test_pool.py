@@ -1,14 +1,10 @@
 """The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
 import errno
-import os
-import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
-from concurrent.futures import wait
 from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -23,7 +19,7 @@ from hertzloop.studies.sweeps import pool as crew
 from hertzloop.studies.sweeps.evaluate import Numbered, chunked, scene_of
 from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
 
 
@@ -108,16 +104,13 @@ def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("before", [0, 1])
-def test_a_worker_that_cannot_be_started_is_told(
-    before: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once(monkeypatch)
     threads, children = set(threading.enumerate()), set(active_children())
     start, started = SpawnProcess.start, []
 
     def fails(process: SpawnProcess) -> None:
-        if len(started) == before:
+        if started:
             raise OSError(errno.ENOMEM, "Cannot allocate memory")
         started.append(process)
         start(process)
@@ -132,50 +125,23 @@ def test_a_worker_that_cannot_be_started_is_told(
     assert set(active_children()) == children
 
 
-@pytest.mark.usefixtures("warm_kernels")
-def test_an_interrupt_leaves_no_lock_of_the_pool_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is heard when nothing is asked of the workers."""
-    at_once(monkeypatch)
-    before, asked = signal.signal(signal.SIGINT, signal.default_int_handler), []
-
-    def interrupted(given: Any, *more: Any, **named: Any) -> Any:
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.1)  # heard here, if not held back
-        asked.append(len(given))
-        return wait(given, *more, **named)
-
-    monkeypatch.setattr(crew, "wait", interrupted)
-    try:
-        with pytest.raises(KeyboardInterrupt), local_pool(2) as pool:
-            list(pool(TOML, "impact", cases(64)))
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert len(asked) == 1
-
-
 HALVED = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
+import sys
 from hertzloop.studies.sweeps import pool
-from tests.studies.halved import half_an_answer
+from tests.studies.sweeps.halved import half_an_answer
 pool.run_chunk, pool._all_shipped = half_an_answer, lambda *_: False  # so that workers run all
 with pool.local_pool(2) as results:
-    list(results(sys.argv[2], sys.argv[1], [[(0, {})], [(1, {})]]))
+    list(results(sys.argv[1], "impact", [[(0, {})], [(1, {})]]))
 """
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("how", "ends"),
-    [("dies", "SweepFailed: a worker process died"), ("hangs", "KeyboardInterrupt")],
-)
-def test_a_worker_that_ends_within_an_answer_holds_nobody_up(how: str, ends: str) -> None:
+def test_a_worker_that_dies_within_an_answer_holds_nobody_up() -> None:
     """Python's pool waits for the rest of it, for as long as anybody could still write there."""
     said = subprocess.run(
-        [sys.executable, "-c", HALVED, how, TOML],
-        cwd=ROOT, capture_output=True, text=True, timeout=120,
-    ).stderr  # fmt: skip
-    assert said.splitlines()[-1].endswith(ends), said
+        [sys.executable, "-c", HALVED, TOML], cwd=ROOT, capture_output=True, text=True, timeout=120
+    ).stderr
+    assert said.splitlines()[-1].endswith("SweepFailed: a worker process died"), said
 
 
 @pytest.mark.parametrize("by_case", [False, True])

@@ -9,7 +9,8 @@ import pytest
 
 from hertzloop.studies.report import results as report_of_results
 from hertzloop.studies.sweeps.sweep import read_results
-from tests.studies.test_report import BROWSER, call, in_browser
+from tests.commands import call
+from tests.studies.report.test_report import BROWSER, in_browser
 
 COARSE = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016"]
 GRID = ["--over", "controller.kappa=0,0.4,0.8", "--over", "controller.latency_us=0:4:2"]

@@ -13,96 +13,14 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import CaseState, metrics_of_case
 from hertzloop.results.impacts import first_impact
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.sweeps import evaluate
 from hertzloop.studies.sweeps import sweep as study
-from hertzloop.studies.sweeps.design import (
-    Axis,
-    Design,
-    DesignError,
-    fitted,
-    make_design,
-    parse_axis,
-)
+from hertzloop.studies.sweeps.design import Axis, Design, make_design
 from hertzloop.studies.sweeps.replay_cases import replay_cases
 from tests.commands import invoke
 from tests.studies.sweeping import COARSE
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("controller.latency_us=0:6:2", (0, 2, 4, 6)),
-        ("controller.kappa=0:0.3:0.1", (0.0, 0.1, 0.2, 0.3)),
-        ("sensors.bits=8,ideal", (8, "ideal")),
-        ("plate.contact_point_m=[0.1, 0.2],[0.25, 0.25]", ([0.1, 0.2], [0.25, 0.25])),
-        ("sensors.bits=12", (12,)),
-    ],
-)
-def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
-    assert parse_axis(text).values == values
-
-
-@pytest.mark.parametrize(
-    ("over", "says"),
-    [
-        (["controller.latency_us=0:5"], "has no step"),
-        (["controller.latency_us=0:inf:1"], "must consist of numbers"),
-        (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
-        (["controller.latncy_us=0:5:1"], "Did you mean latency_us"),
-        (["sensors.bits=4:30:1"], "sensors.bits = 30"),
-        (["controller.latency_us=0:1:0.5", "run.step_ns=1000"], None),
-        ([], "at least one --over"),
-    ],
-)
-def test_what_cannot_be_swept_is_refused_before_the_work(over: list[str], says: str | None) -> None:
-    if says is None:  # both ends of every axis fit; a case in between does not, and says so itself
-        make_design(load("aluminium-3mm"), over, "grid", 0, 1)
-        return
-    with pytest.raises((DesignError, SceneError), match=says):
-        make_design(load("aluminium-3mm"), over, "grid", 0, 1)
-
-
-@pytest.mark.parametrize("kind", ["lhs", "sobol"])
-def test_spread_points_fill_every_axis_and_are_repeatable(kind: Any) -> None:
-    axes = (Axis("controller.kappa", (), 0.0, 2.0), Axis("sensors.bits", (4, 8, 12, 16)))
-    cases = Design(axes, kind, 64, 3).cases()
-    assert cases == Design(axes, kind, 64, 3).cases()
-    assert cases != Design(axes, kind, 64, 4).cases()
-    kappas = np.sort([case["controller.kappa"] for case in cases])
-    assert np.all(np.abs(kappas - np.linspace(0.0, 2.0, 64)) < 0.07)
-    assert [sum(c["sensors.bits"] == b for c in cases) for b in (4, 8, 12, 16)] == [16] * 4
-
-
-def test_spread_points_are_values_that_their_keys_can_have() -> None:
-    scene = load("aluminium-3mm", ["run.step_ns=500"])
-    over = ["sensors.bits=4:9", "controller.latency_us=1:3", "run.seed=1:4", "controller.kappa=0:2",
-            "controller.law=fade_out", "controller.fade_us=0:1"]  # fmt: skip
-    cases = make_design(scene, over, "lhs", 60, 1).cases()
-    for case in cases:
-        scene.vary(case)
-    found = {key: sorted({case[key] for case in cases}) for key in cases[0]}
-    assert found["sensors.bits"] == [4, 5, 6, 7, 8, 9]
-    assert found["controller.latency_us"] == [1.0, 1.5, 2.0, 2.5, 3.0]
-    assert found["run.seed"] == [1, 2, 3, 4]
-    assert len(found["controller.kappa"]) == 60
-    assert found["controller.fade_us"] == [0.0, 0.5, 1.0]  # of a law that the scene has not
-
-
-def test_a_tuned_time_is_a_whole_number_of_steps() -> None:
-    scene = load("aluminium-3mm", ["run.step_ns=500"])
-    axis = fitted(parse_axis("controller.latency_us=1:9"), scene)
-    assert [axis.at_resolution(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
-
-
-def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: Path) -> None:
-    scene, out = load("aluminium-3mm", COARSE), tmp_path / "r.parquet"
-    study.sweep(scene, Design((parse_axis("controller.kappa=0,0.5,1"),)), "impact", out, workers=1)
-    rows, _ = study.read_results(out)
-    assert [row["controller.kappa"] for row in rows] == [0.0, 0.5, 1.0]
-    assert pyarrow.parquet.read_schema(out).field("controller.kappa").type == "double"
 
 
 @pytest.mark.parametrize("model", ["modal", "infinite"])
@@ -114,8 +32,6 @@ def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
     mine = first_impact(scene, simulate(scene).truth)
     free_scene = scene.without_control()
     free = first_impact(free_scene, simulate(free_scene).truth)
-    assert mine is not None
-    assert free is not None
     assert metrics.contacts == 1
     assert metrics.rebound_m_s == mine.impact.rebound_speed_m_s
     assert 1e-6 * metrics.contact_us == pytest.approx(mine.impact.duration_s, rel=1e-12)
@@ -256,20 +172,20 @@ def test_an_analysis_that_fails_costs_no_results(
     assert len(study.read_results(tmp_path / "r.csv")[0]) == 2
 
 
-def test_other_files_are_no_results(tmp_path: Path) -> None:
-    (tmp_path / "b.csv.json").write_text("nothing")
-    for name in ("a.parquet", "b.csv"):
-        (tmp_path / name).write_text("nothing")
-        with pytest.raises(ValueError, match="no results of a sweep"):
-            study.read_results(tmp_path / name)
-
-
-@pytest.mark.parametrize("header", ["[1]", "{}", '{"design": {"axes": []}}'])
-def test_a_table_with_another_header_is_no_result(tmp_path: Path, header: str) -> None:
-    (tmp_path / "a.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "a.csv.json").write_text(header)
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("a.parquet", ""),
+        ("b.csv", "nothing"),
+        ("b.csv", "[1]"),
+        ("b.csv", '{"design": {"axes": []}}'),
+    ],
+)
+def test_other_files_are_no_results(tmp_path: Path, name: str, header: str) -> None:
+    (tmp_path / name).write_text("a,b\n1,2\n")
+    (tmp_path / f"{name}.json").write_text(header)
     with pytest.raises(ValueError, match="no results of a sweep"):
-        study.read_results(tmp_path / "a.csv")
+        study.read_results(tmp_path / name)
 
 
 @pytest.mark.full
@@ -357,38 +273,16 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     assert "no case has metrics to verify" in " ".join(found.stderr.split())
 
 
-def test_a_case_is_the_scene_with_its_keys() -> None:
-    scene = load("aluminium-3mm")
-    same = load("aluminium-3mm", ["controller.law=velocity_feedback", "controller.kappa=0.5"])
-    assert scene.vary({"controller.law": "velocity_feedback", "controller.kappa": 0.5}) == same
-
-
-@pytest.mark.parametrize(("words", "count"), [([], 256), (["--cases", "5"], 5)])
-def test_spread_points_are_256_unless_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], count: int
-) -> None:
-    planned = []
-
-    def stop(setup: object, design: Any, *_: object, **__: object) -> None:
-        planned.append(len(design.cases()))
-        raise OSError(28, "stop here")
-
-    monkeypatch.setattr("hertzloop.studies.sweeps.sweep.sweep", stop)
-    over = ["--over", "controller.kappa=0.1:0.9", "--design", "lhs", "--out"]
-    done = invoke(["sweep", "aluminium-3mm", *over, str(tmp_path / "a.csv"), *words])
-    assert done.exit_code == 1
-    assert planned == [count]
-
-
 @pytest.mark.parametrize(
     "values",
     [
         [1.0, None, -0.0, math.inf], [3, 2**60, None], [True, None, False] * 7,
-        ["a", None, "é", ""], [None, None], [[1.0, 2.0], None, []], [1.5] * 9, ["x"], [-1],
+        ["a", None, "é", ""], [None, None], [[1.0, 2.0], None, []], [1.5] * 9, ["x"],
+        [-1], [0, 0.5, 1],
     ],
 )  # fmt: skip
 def test_a_column_is_what_pyarrow_makes_of_its_values(values: list[object]) -> None:
     found, expected = study.column_of(values), pa.array(values)
     assert found.type == expected.type
     assert found.null_count == expected.null_count
-    assert repr(found.to_pylist()) == repr(values)
+    assert repr(found.to_pylist()) == repr(expected.to_pylist())

@@ -51,21 +51,3 @@ def test_the_same_part_of_all_comes_in_turn() -> None:
     assert together([]) == []
     with pytest.raises(ValueError, match="c"):
         together([steps(log, "a", 1), steps(log, "c", 1)])
-
-
-def test_plants_that_differ_are_not_formed_in_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their models would push each other out of what is kept."""
-    groups: list[int] = []
-    monkeypatch.setattr(evaluate, "together", lambda rows: groups.append(len(rows)) or rows)
-    list(evaluate.run_cases(SCENE, "impact", [*NUMBERED, *NUMBERED]))
-    assert groups == [16, 4]
-    groups.clear()
-    list(evaluate.run_cases(SCENE, "impact", [*NUMBERED, (10, {"sphere.radius_m": 0.003})]))
-    assert groups == [1] * 11
-
-
-def test_long_rows_are_not_kept_for_the_next_part() -> None:
-    """Several would be more than there is memory for."""
-    case = parts.case_in_parts(load("aluminium-3mm", ["run.accuracy=0.1"]), "run")
-    with pytest.raises(StopIteration):
-        next(case)

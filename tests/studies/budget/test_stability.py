@@ -23,7 +23,6 @@ from hertzloop.studies.budget.requirements import check, junit, read_requirement
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
 from hertzloop.studies.margin.margin import growth_of, loops_of, stable_in_flight
 from hertzloop.studies.requests import BudgetRequest
-from hertzloop.studies.sweeps.pool import local_pool
 from tests.commands import invoke
 
 GOAL = parse_goal("plate_energy_db <= -0.1")
@@ -81,12 +80,6 @@ UNSTABLE = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def pool():
-    with local_pool(1) as found:
-        yield found
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A working folder with the law, without and with its transfer function."""
@@ -118,7 +111,6 @@ def tolerated_of(setup: Setup, name: str, value: float | None) -> tuple[BudgetLi
 def test_an_unstable_loop_tolerates_nothing(folder, kind):
     setup = load("aluminium-3mm", [SHORT, *UNSTABLE[kind]])
     margin = linear_margin(setup)
-    assert margin is not None
     assert margin.stable is False
     assert margin.latency_limit_steps == -1
     for name in NAMES:
@@ -141,6 +133,7 @@ def test_what_cannot_be_varied_or_has_no_loop_stays():
     ):  # fmt: skip
         setup = load("aluminium-3mm", [SHORT, *settings])
         assert linear_margin(setup) is None
+        assert stable_in_flight(setup) is None
         found, limit = tolerated_of(setup, "latency_us", 10.0)
         assert found is limit
 
@@ -204,11 +197,7 @@ def test_sampling_and_bandwidth_end_where_the_loop_becomes_unstable(name):
         assert (growth_of(varied).unstable_poles == 0) is stable  # a second method
 
 
-def test_a_law_without_a_linear_loop_has_no_verdict():
-    assert stable_in_flight(load("aluminium-3mm", ["controller.law=force_feedback"])) is None
-    assert stable_in_flight(load("aluminium-3mm", ["controller.law=slope_threshold"])) is None
-
-
+@pytest.mark.full
 def test_the_command_gives_one_answer(folder):
     words = ["budget", "aluminium-3mm", "--law", "pd.py", "--quick", "--set", SHORT, "--workers",
              "1", "--only", "latency_us", "--only", "bits", "--json", "a.json"]  # fmt: skip

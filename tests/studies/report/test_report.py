@@ -8,12 +8,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import Result
 
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
-from tests.commands import invoke
+from tests.commands import call, sets
 from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write
 
@@ -21,10 +20,6 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 SHORT = ["run.duration_s=0.003", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
          "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
 UNSTABLE = ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.duration_s=0.009"]
-
-
-def call(*words: object) -> Result:
-    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def page_of(folder: Path, scene: str, settings: list[str]) -> Path:
@@ -102,9 +97,8 @@ TWICE = ["run.duration_s=0.15", "run.accuracy=0.02"]  # two impacts, the second 
 def bounces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that bounces, made as by a user, and what it said."""
     path = tmp_path_factory.mktemp("bounces") / "a.mcap"
-    settings = [word for setting in TWICE for word in ("--set", setting)]
     words = ("--transport", "compiled", "--out", path, "--json", path.with_suffix(".json"))
-    result = call("run", "aluminium-3mm", *settings, *words)
+    result = call("run", "aluminium-3mm", *sets(TWICE), *words)
     assert result.exit_code == 0, result.output
     return path
 
