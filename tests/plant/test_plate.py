@@ -114,30 +114,6 @@ def flying(plant: Plant) -> Plant:
     return plant
 
 
-def test_a_single_mode_decays_in_closed_form() -> None:
-    # Limit between the first (59 Hz) and the next mode (295 Hz) that move the centre.
-    loss, h = 0.05, 1e-5
-    plant = flying(CollocationPlant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
-    assert len(plant.modes.omega) == 1
-    omega = float(plant.modes.omega[0])
-    steps = round(4 * 2.0 * np.pi / omega / h)
-    force = np.zeros(steps)
-    force[0] = 1.0
-    rows = run(plant, steps, force)
-    x = rows.xi_p
-    tops = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])) + 1
-    nodes = np.flatnonzero((x[:-1] > 0.0) != (x[1:] > 0.0))[1:]
-    crossings = nodes + x[nodes] / (x[nodes] - x[nodes + 1])
-    damped = omega * math.sqrt(1.0 - loss**2 / 4.0)
-    # Linear interpolation of a sine between samples: (w h)^2/16 of a step at most.
-    half_periods = np.diff(crossings) * h
-    np.testing.assert_allclose(half_periods, np.pi / damped, rtol=1e-6)
-    # Logarithmic decrement; a top lies within half a step of the true one: (w h)^2/8 each.
-    decrement = np.log(x[tops[:-1]] / x[tops[1:]])
-    expected = np.pi * loss / math.sqrt(1.0 - loss**2 / 4.0)
-    np.testing.assert_allclose(decrement, expected, atol=2.0 * (omega * h) ** 2 / 8.0)
-
-
 @pytest.mark.parametrize("apart", [False, True])
 def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
     # A force held for the first step: closed form from the step responses of all modes (m, n).

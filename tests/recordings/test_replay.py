@@ -377,11 +377,3 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
     )
     as_rerun.save(shown, tmp_path / "beam.rrd")
     assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | FROM_LABELS | REFERENCE) - SCALE
-
-
-def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:
-    path = tmp_path / "rest.mcap"
-    record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), path, compiled=True)
-    shown = replaying.prepare(read(path))
-    assert as_rerun._surface_title(shown) == "Plate at rest"
-    assert "Heights are drawn" not in as_rerun._about(shown, still=True)
