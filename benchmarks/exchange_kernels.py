@@ -12,7 +12,7 @@ def ask(lane, first, count):
         lane_kernels.put_sample(lane, i, 1.0)
         if not lane_kernels.wait_for_answer(lane):
             return i
-        lane_kernels.take_answer(lane)
+        lane_kernels.receive_force(lane)
     return first + count
 
 

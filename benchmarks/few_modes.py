@@ -137,9 +137,9 @@ def few_modes(
             beyond = shape[count:] ** 2 * per_mass[count:] / omega[count:] ** 2
             spring = float(np.sum(beyond)) + (known.residual_flexibility_m_n or 0.0)
             settings = {
-                name: ["plate.truncated_modes=spring", f"plate.residual_flexibility_m_n={value!r}"]
+                name: ["plate.tail=spring", f"plate.residual_flexibility_m_n={value!r}"]
                 for name, value in (("spring", spring), ("nothing", 0.0))
-            } | {_TRUNCATED: ["plate.truncated_modes=damped"]}
+            } | {_TRUNCATED: ["plate.tail=damped"]}
             for model in truncated:
                 words = [*of.striker, *settings[model], f"plate.modes={file}"]
                 setup = load("aluminium-3mm", words)

@@ -111,7 +111,7 @@ def rig(table: ModeTable, share: float, folder: Path, own: OwnMode | None = None
         scaled = replace(scaled, **added)
     path = folder / f"modes-{share:g}.csv"
     path.write_bytes(write_modes(".csv", scaled))
-    plate = {"plate.modes": str(path), "plate.truncated_modes": "spring", "plate.thickness_m": None,
+    plate = {"plate.modes": str(path), "plate.tail": "spring", "plate.thickness_m": None,
              "plate.residual_flexibility_m_n": 1e-12, "plate.size_m": None}  # fmt: skip
     return load("aluminium-20mm", _SCENE).vary(plate)
 

@@ -249,7 +249,7 @@ def main(
 
     scenes = 4 if quick else scenes
     with results_in(folder, "model_order", "modal") as made:
-        compile_first(load(DEFAULT, ["plate.truncated_modes=spring"]))
+        compile_first(load(DEFAULT, ["plate.tail=spring"]))
         found = run(made, scenes, seed)
         whole = closed_loop.run(made, scenes, seed)
     headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",

@@ -23,8 +23,10 @@ SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
 # lane, SAMPLES_PUT: samples that it has answered there.
 # BROKEN_AT: samples that the controller had answered when it last answered one without a promise.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, BROKEN_AT = range(7)
-OWN_COUNTS = 7
+# WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, BROKEN_AT, WAITS, WAITED_NS = range(9)
+OWN_COUNTS = 9
+_TIME_EVERY = 8  # waits, of which one is timed: a clock is as slow as a short wait
 _SLEEP_US = 50
 _REST_AFTER = 1000  # samples under a promise: what a rest may delay is less than what they took
 
@@ -49,25 +51,34 @@ class Lane(NamedTuple):
 def _wait_slowly(lane, at, expected, yield_ns, rest_us):
     """Wait for `expected` in word `at`, letting others run for `yield_ns` and then sleeping for
     `rest_us` at a time; False after `wait_ns`, or once a side has left."""
-    began = now_ns()
+    began, waited = now_ns(), 0
     while load_acquire(lane.words, at) < expected:
-        waited = now_ns() - began
         if waited > lane.wait_ns or load_acquire(lane.words, CLOSED) != 0:
-            return load_acquire(lane.words, at) >= expected
+            break
         if waited < yield_ns:
             yield_core()
         else:
             sleep_us(rest_us)
-    return True
+        waited = now_ns() - began
+    lane.own[WAITED_NS] += waited
+    return load_acquire(lane.words, at) >= expected
 
 
 @kernel(inline=True)
 def _wait(lane, at, expected):
     """Wait until word `at`, which grows, has reached `expected`; False if it did not in time."""
+    own = lane.own
+    own[WAITS] += 1
+    timed = own[WAITS] % _TIME_EVERY == 0
+    began = now_ns() if timed else 0
+    there = False
     for _ in range(lane.spins):
         if load_acquire(lane.words, at) >= expected:
-            return True
-    return _wait_slowly(lane, at, expected, lane.yield_ns, _SLEEP_US)
+            there = True
+            break
+    if timed:
+        own[WAITED_NS] += _TIME_EVERY * (now_ns() - began)
+    return there or _wait_slowly(lane, at, expected, lane.yield_ns, _SLEEP_US)
 
 
 @kernel(inline=True)
@@ -156,7 +167,7 @@ def wait_for_answer(lane):
 
 
 @kernel(inline=True)
-def take_answer(lane):
+def receive_force(lane):
     """The next record, which is there: its number less the expected one, samples, force, level."""
     i = lane.own[TAKEN]
     at = _answer_slot(lane, i)

@@ -45,9 +45,13 @@ def say_every_s(timeout_s: float) -> float:
 
 
 class Port(Protocol):
-    """One role's access to the bus. Delivery is in order and complete per stream."""
+    """One role's access to the bus. Delivery is in order and complete per stream.
+
+    `waited_s`: wall time that `receive` has waited for messages.
+    """
 
     role: str
+    waited_s: float
 
     def publish(self, envelope: streams.Envelope) -> None:
         """Send to everyone who subscribed. Blocks when they cannot keep up."""
@@ -155,6 +159,8 @@ class InProcessBus:
 
 class InProcessPort:
     """Port of one role on an InProcessBus; collects what came until it is received."""
+
+    waited_s = 0.0
 
     def __init__(self, bus: InProcessBus, role: str, handler: Handler | None = None) -> None:
         self.role = role

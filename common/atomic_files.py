@@ -74,7 +74,7 @@ def write_together(texts: Mapping[Path, str], mode: int = 0o666) -> None:
                 file.write(text)
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def atomic_write(path: Path, content: str | bytes) -> None:
     """Write a text in UTF-8, or bytes. Raises NotWritten."""
     with whole_file(path) as unfinished:
         unfinished.write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -14,6 +14,7 @@ from hertzloop.controller.loading.bound import BoundLaw, LawFault
 # Random streams; the sensor's noise and the touch phase are others.
 _JITTER_STREAM, _DROP_OUT_STREAM, _TRACE_STREAM = 2, 3, 6
 _BLOCK = 50  # latencies of a trace that stay together when it is resampled
+_TICK_ROUNDING = 1e-6  # steps; a tick so little before a sample still takes it
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,9 @@ class SignalPath:
     `trace`: latency by sample beyond `latency_steps`, in steps, repeated to the end of the run, or
     `resampled`: in blocks drawn by the seed, so that neighbours stay neighbours. `dead_steps`: a
     delay that every command has on top. Commands that would act at `stuck_step` or later are lost.
+
+    `tick_steps`, `first_tick_steps`: period and first tick of the controller's own clock, in steps.
+    A command then waits for the first tick at or after its sample, in whole steps; 0: for none.
     """
 
     latency_steps: int = 0
@@ -40,11 +44,19 @@ class SignalPath:
     resampled: bool = False
     dead_steps: int = 0
     stuck_step: int | None = None
+    tick_steps: float = 0.0
+    first_tick_steps: float = 0.0
 
     @cached_property
     def most_added_steps(self) -> int:
         """Largest latency of a command beyond `latency_steps`."""
-        return self.jitter_steps + max(self.trace, default=0) + self.dead_steps
+        waits = math.ceil(self.tick_steps)
+        return self.jitter_steps + max(self.trace, default=0) + self.dead_steps + waits
+
+    @property
+    def varies(self) -> bool:
+        """Whether commands differ in latency."""
+        return bool(self.jitter_steps or any(self.trace) or self.tick_steps)
 
 
 @dataclass
@@ -148,6 +160,16 @@ class Controller:
             raise LawFault(self.bound.explain(seen, self.failed_at))
 
 
+def latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int) -> np.ndarray:
+    """Return the latency of each command before the line orders them, in steps, shape (samples,).
+
+    Args as of `mean_latency_steps`.
+    """
+    samples = -(-steps // every_steps)
+    added, _ = _added_steps(line, samples, every_steps, seed)
+    return np.full(samples, line.latency_steps) + (added if added.size else 0)
+
+
 def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int) -> float:
     """Mean latency of the force that acts, in steps.
 
@@ -189,8 +211,9 @@ def _added_steps(
     added, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
     if line.jitter_steps > 0:
         added = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
-    if line.trace or line.dead_steps:
+    if line.trace or line.dead_steps or line.tick_steps:
         traced = _traced(line, samples, seed) + line.dead_steps
+        traced += _waits(line, samples, every_steps)
         added = traced if added.size == 0 else added + traced
     if line.drop_out_probability > 0.0:
         dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
@@ -212,6 +235,14 @@ def _traced(line: SignalPath, samples: int, seed: int) -> np.ndarray:
     starts = _random(seed, _TRACE_STREAM).integers(0, trace.size, blocks)
     places = (starts[:, None] + np.arange(length)) % trace.size
     return trace[places.ravel()[:samples]]
+
+
+def _waits(line: SignalPath, samples: int, every_steps: int) -> np.ndarray:
+    """Steps from each sample to the first tick at or after it; zeros without a clock."""
+    if not line.tick_steps:
+        return np.zeros(samples, np.int64)
+    until = line.first_tick_steps + _TICK_ROUNDING - np.arange(samples) * every_steps
+    return np.floor(np.mod(until, line.tick_steps) + 0.5).astype(np.int64)
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

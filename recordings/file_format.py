@@ -16,8 +16,9 @@ TOPICS = tuple(dict.fromkeys(stream.topic for stream in streams.STREAMS.values()
 _LONGEST_SHOWN = 20  # characters of a format version: it comes from a file
 
 
-def run_metadata(hello: Hello) -> dict[str, str]:
-    """Return the description of a run for its recording, from the hello of the plant."""
+def run_metadata(hello: Hello, note: str = "") -> dict[str, str]:
+    """Return the description of a run for its recording, from the hello of the plant and the note
+    of the user."""
     pace = {"pace": f"{hello.pace:g}"} if hello.pace else {}
     repeats = {"repeats": f"{hello.repeats:x}"} if hello.repeats else {}
     return {
@@ -31,6 +32,7 @@ def run_metadata(hello: Hello) -> dict[str, str]:
         "law_digest": hello.law_digest,
         **pace,
         **repeats,
+        **({"note": note} if note else {}),
     }
 
 

@@ -11,13 +11,19 @@ from hertzloop.recordings.writer import RecordingWriter
 class Recorder:
     """Checks and writes every message of a run.
 
+    Args:
+        path: The file to write.
+        overwrite: Whether an existing file is replaced.
+        note: Text of the user for the description of the run; empty: none.
+
     Attributes:
         checker: Checks the sequence of each stream.
         faults: Sentences that the roles announced.
     """
 
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
+    def __init__(self, path: Path, overwrite: bool = False, note: str = "") -> None:
         self._writer = RecordingWriter(path, overwrite)
+        self._note = note
         self.checker = sequence_checker.SequenceChecker()
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
@@ -45,7 +51,7 @@ class Recorder:
         stream = envelope.stream
         if stream == "hello":
             scene = self._scene or header.scene_toml
-            self._writer.scene(scene, run_metadata(header))
+            self._writer.scene(scene, run_metadata(header, self._note))
             self._end_ns = header.steps * header.step_ns
         elif stream == "scene":
             self._scene = header.scene_toml

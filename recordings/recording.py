@@ -102,6 +102,11 @@ class Recording:
         )
 
     @property
+    def note(self) -> str:
+        """Note of the user, as the file has it, which may be any text; empty without one."""
+        return self.metadata.get("note", "")
+
+    @property
     def daq_values(self) -> np.ndarray:
         """Acquired values in the unit of the quantity, shape (samples,)."""
         return self.daq.values_of(self.daq.arrays)

@@ -12,7 +12,7 @@ from numba import config, typeof
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.jit.folder import cache_folder
 
 _not_written: list[str] = []  # why the disk did not take something
@@ -77,7 +77,7 @@ def keep(path: Path, content: str | bytes) -> None:
     """Write a file into the folder of kernels, if the disk takes it."""
     try:
         path.parent.mkdir(mode=0o700, exist_ok=True)
-        write_whole(path, content)
+        atomic_write(path, content)
     except OSError as error:
         note_not_written(error.strerror or str(error))
 

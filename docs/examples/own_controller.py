@@ -27,7 +27,7 @@ KINDS = {"hello": Hello, "daq": DaqBlock, "end/plant": RunEnd}
 class SlopeThreshold:
     """kappa s p^(3/2) of the penetration t_a ago, from when the slope of the gap is above v_thr.
 
-    For an ideal actuator: jitter, drop-outs, converter and slew limit of a scene are left out.
+    For an ideal actuator: jitter, clock, drop-outs, converter and slew limit are left out.
     """
 
     def __init__(self, hello):

@@ -51,6 +51,7 @@ class Run:
         path: the recording, if one was kept.
         pacing: late forces and response times of a paced run, with the names of
             `hertzloop inspect --json`; None in lock-step.
+        note: note in the recording; empty without one.
     """
 
     scene: Scene
@@ -61,6 +62,7 @@ class Run:
     events: "list[Event]"
     path: Path | None = None
     pacing: dict[str, Any] | None = None
+    note: str = ""
     _compute_result: Callable[[], "RunResult"] | None = field(
         default=None, repr=False, compare=False
     )
@@ -191,6 +193,7 @@ def run(
     overwrite: bool = False,
     horizon: int | None = None,
     pace: float | None = None,
+    note: str = "",
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> Run:
     """Run a scene, by default as processes over zenoh, and record it.
@@ -204,6 +207,7 @@ def run(
             changes the speed and no sample.
         pace: simulated time over wall time, 1 for real time: the plant follows the wall clock
             and waits for no force. None for lock-step.
+        note: text for the recording, one line of at most 500 characters.
         on_progress: called with the number of finished steps.
 
     Returns:
@@ -211,6 +215,7 @@ def run(
 
     Raises:
         SceneError: the scene cannot be run, or `pace` does not fit the other arguments.
+        ValueError: `note` is too long, or not one line of visible characters.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.
         StreamFault: a message was lost, repeated or malformed.
@@ -219,7 +224,9 @@ def run(
     from hertzloop.loop.run_options import RunOptions, Transport
     from hertzloop.processes.record import record
 
-    options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
+    options = RunOptions(
+        Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace, note=note
+    )
     setup = resolved(scene)
     if pace is not None:
         _check_pace(setup, options)
@@ -332,6 +339,7 @@ def _run_from(
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
         pacing=pacing_as_json(pacing),
+        note=recording.note if recording is not None else "",
         _compute_result=compute_result,
         _streams=_Streams(
             columns, values, commanded, setup.quantity, step_s, setup.every_steps * step_s

@@ -15,10 +15,12 @@ from hertzloop.cli.budget_text import (
     print_probability,
     probability_line,
     trace_line,
+    worst_line,
 )
 from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget
     from hertzloop.studies.budget.page import Map
 
+WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -78,6 +81,13 @@ MostCasesOption = Annotated[
 SobolOption = Annotated[
     int,
     typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
+]
+WorstOption = Annotated[
+    bool,
+    typer.Option(
+        "--worst",
+        help="Search the sequence of latencies within the jitter that makes the goal fail soonest.",
+    ),
 ]
 LawOption = Annotated[
     str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
@@ -141,6 +151,7 @@ def budget(
     within: WithinOption = BudgetRequest.within,
     most_cases: MostCasesOption = BudgetRequest.most_cases,
     sobol: SobolOption = 0,
+    worst: WorstOption = False,
     scene: options.SceneArgument = DEFAULT,
     law: LawOption = None,
     settings: options.SetOption = None,
@@ -159,7 +170,7 @@ def budget(
     The same command continues an interrupted search.
     """
     request = BudgetRequest(
-        goals or (), quick, only or (), with_real, span, workers, within, most_cases, sobol
+        goals or (), quick, only or (), with_real, span, workers, within, most_cases, sobol, worst
     )
     outputs.check_json(json_file)
     outputs.check_folder(junit_file)
@@ -216,6 +227,8 @@ def _checked(arguments: BudgetArguments) -> BudgetStudy:
             raise SceneError(
                 f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
             )
+    if request.worst:
+        _check_worst(request, setup)
     file = arguments.uncertain_file
     uncertain = read_uncertain(file, setup) if file else None
     sobol = request.sobol
@@ -228,6 +241,18 @@ def _checked(arguments: BudgetArguments) -> BudgetStudy:
     if arguments.folder is not None:
         need("matplotlib", "jinja2")
     return BudgetStudy(setup, goals, uncertain)
+
+
+def _check_worst(request: BudgetRequest, setup: Setup) -> None:
+    """End the command if the worst sequence cannot be searched in a scene."""
+    control = setup.scene.controller
+    if request.only and "jitter_us" not in request.only:
+        raise SceneError("--worst needs the limit of jitter. Add --only jitter_us")
+    if control.latency_trace is not None or control.jitter_us or control.drop_out_probability:
+        raise SceneError(
+            "--worst: searches all sequences of latencies, but the scene has latencies of its own. "
+            "Leave out controller.latency_trace, jitter_us and drop_out_probability"
+        )
 
 
 @dataclass(frozen=True)
@@ -253,7 +278,7 @@ def _run(arguments: BudgetArguments, study: BudgetStudy) -> BudgetResult:
     """Run all cases; those that an earlier start has finished are not run again."""
     request, setup, goals = arguments.request, study.setup, study.goals
     folder, span = arguments.folder, request.first_span
-    searched = [request.span, request.quick, request.with_real, *request.only]
+    searched = [request.span, request.quick, request.with_real, request.worst, *request.only]
     header = {
         **work_of([setup], [setup.law_reference], Design(())),
         "budget": [*map(str, goals), *searched],
@@ -294,6 +319,8 @@ def _print_result(
         out.print(trace_line(latencies_us))
     print_budget(result.budget)
     data = budget_study.as_data(result.budget)
+    if result.budget.worst is not None:
+        _report_worst(arguments, result.budget)
     likely = result.probability
     if likely:
         command = _run_command(arguments.scene, arguments.settings, study.setup.seed, likely.worst)
@@ -305,6 +332,29 @@ def _print_result(
             "sobol": [asdict(index) for index in result.indices],
         }
     return data
+
+
+def _report_worst(arguments: BudgetArguments, found: "Budget") -> None:
+    """Print the limit of jitter against the worst sequence, and write the sequence as a trace."""
+    limit = found.worst
+    assert limit is not None
+    out.say(worst_line(found))
+    if limit.worst is None:
+        return
+    path = (arguments.folder or Path()) / f"{found.scene}-worst-latencies.csv"
+    lines = [WORST_HEADING, "latency_us", *(f"{value:.12g}" for value in limit.worst.latencies_us)]
+    if path.exists() and not path.read_text(encoding="utf-8").startswith(WORST_HEADING):
+        fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
+    atomic_write(path, "\n".join(lines) + "\n")
+    changes = [
+        *arguments.settings,
+        "controller.latency_us=0",
+        f"controller.latency_trace={path}",
+        f"run.touch_phase={limit.worst.touch_phase}",
+    ]
+    words = [word for change in changes for word in ("--set", change)]
+    command = shlex.join(["hertzloop", "run", arguments.scene, *words])
+    out.say(f"written: {path}. See it: {command}")
 
 
 def _run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:

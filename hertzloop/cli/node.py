@@ -117,6 +117,7 @@ def controller(
 
 def recorder(
     overwrite: options.OverwriteOption = False,
+    note: options.NoteOption = "",
     name: options.NameOption = BUS_NAME,
     timeout_s: options.TimeoutOption = RunOptions.timeout_s,
     realtime: options.RealtimeOption = "auto",
@@ -133,7 +134,9 @@ def recorder(
 
     It writes every stream of a run into one MCAP file.
     """
-    run_options = RunOptions(overwrite=overwrite, name=name, timeout_s=timeout_s, realtime=realtime)
+    run_options = RunOptions(
+        overwrite=overwrite, name=name, timeout_s=timeout_s, realtime=realtime, note=note
+    )
     bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
     outputs.check_recording(out_file, overwrite)
     with _on_bus(RECORDER, run_options, bus) as (report, address):

@@ -84,6 +84,10 @@ ControllerOption = Annotated[
     ),
 ]
 
+NoteOption = Annotated[
+    str, typer.Option(metavar="TEXT", help="Write this note, one line, into the recording.")
+]
+
 # Where one process of a run meets the others.
 ListenOption = Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")]
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]

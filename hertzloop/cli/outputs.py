@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import fail, out
-from hertzloop.common.atomic_files import NotWritten, in_place, write_together, write_whole
+from hertzloop.common.atomic_files import NotWritten, atomic_write, in_place, write_together
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.setup import Setup
 
@@ -166,7 +166,7 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
         return
     if not _is_replaceable(path):
         fail(f"--json = {path}: another program wrote this file. It was not changed.", 1)
-    write_whole(path, text + "\n")
+    atomic_write(path, text + "\n")
 
 
 def _without_nan(data: Any) -> Any:

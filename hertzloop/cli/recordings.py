@@ -8,7 +8,7 @@ import typer
 
 from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
@@ -105,7 +105,7 @@ def _write_law(recording: Recording, file: Path, overwrite: bool) -> None:
 
     outputs.check_output(file, overwrite, "--law", [recording.path])
     try:
-        write_whole(file, text_of_law(recording))
+        atomic_write(file, text_of_law(recording))
     except RecordingError as error:
         fail(f"--law {file}: {error}")
     err.say(f"written: {file}")
@@ -340,5 +340,5 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
 
 def _write(page: Path, text: str) -> None:
     """Write a page, and print its name and size."""
-    write_whole(page, text)
+    atomic_write(page, text)
     out.say(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)")

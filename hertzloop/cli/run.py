@@ -65,6 +65,7 @@ def run(
     pace: options.PaceOption = None,
     repeat: options.RepeatOption = None,
     controller: options.ControllerOption = None,
+    note: options.NoteOption = "",
     scene: options.SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
@@ -98,6 +99,7 @@ def run(
         pace=pace,
         repeat=repeat,
         controller=controller,
+        note=note,
     )
     arguments = RunArguments(
         run_options, scene, settings or [], seed, out_file, json_file, port, live

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hertzloop.cli.terminal import out
 from hertzloop.cli.tune_search import TuneArguments, TuneResult, TuneStudy
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml, toml_text
 from hertzloop.studies.margin.shown import unstable_line
@@ -98,7 +98,7 @@ def write_result(
     draw_front(folder / f"{name}.png", title, result.best, result.published, objectives)
     best_scenes = _scenes_with(_best(result, objectives), study)
     for setup in best_scenes:
-        write_whole(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
+        atomic_write(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
     out.say(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
         + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes)

@@ -15,7 +15,7 @@ from hertzloop.bus.sockets import reserved_ports
 from hertzloop.cli import options, outputs
 from hertzloop.cli.node import check_endpoints
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.loop.run_options import check_name
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
@@ -87,7 +87,7 @@ def _viewed(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
     if save is not None:
         memory = stream.memory_recording()
         yield
-        write_whole(save, memory.drain_as_bytes())
+        atomic_write(save, memory.drain_as_bytes())
         return
     with reserved_ports(1) as [port]:
         command = [str(viewer.executable()), "--bind", "127.0.0.1", "--port", str(port)]

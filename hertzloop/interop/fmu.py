@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hertzloop import __version__
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.jit.object_code import outline
 from hertzloop.interop.image import Image
 from hertzloop.interop.objects import plant_object
@@ -192,7 +192,7 @@ def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
     with zipfile.ZipFile(packed := BytesIO(), "w") as file:
         for entry, data in entries.items():
             file.writestr(zipfile.ZipInfo(entry, _LONG_AGO), data, zipfile.ZIP_DEFLATED)
-    write_whole(out, packed.getvalue())
+    atomic_write(out, packed.getvalue())
 
 
 def _token(image: Image, cpu: str, version: Version) -> str:
@@ -241,7 +241,7 @@ def write_library(
         if done.returncode != 0:
             reason = next(iter(done.stderr.strip().splitlines()), "no reason given")
             raise NoCompiler(f"cc did not make the library: {reason}")
-        write_whole(out, (folder / "made.so").read_bytes())
+        atomic_write(out, (folder / "made.so").read_bytes())
 
 
 def write_folder(image: Image, cpu: str, folder: Path) -> None:
@@ -249,7 +249,7 @@ def write_folder(image: Image, cpu: str, folder: Path) -> None:
     `write_library`."""
     write_library(image, cpu, folder / "libhertzloop_plant.so")
     for source in (HEADER, EXAMPLE, LICENCES):
-        write_whole(folder / source.name, source.read_bytes())
+        atomic_write(folder / source.name, source.read_bytes())
 
 
 # hertzloop_values and hertzloop_energies of hertzloop_plant.h.

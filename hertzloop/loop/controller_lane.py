@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hertzloop.bus import lane, lane_kernels
-from hertzloop.bus.lane_kernels import FORCES_PUT, SAMPLES_PUT
+from hertzloop.bus.lane_kernels import FORCES_PUT, SAMPLES_PUT, WAITED_NS
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.controller import kernels as controller_kernels
@@ -51,6 +51,11 @@ class ControllerLane:
     def samples(self) -> int:
         """Number of samples that were answered."""
         return int(self._controller.law_state.counts[laws.SAMPLES])
+
+    @property
+    def waited_s(self) -> float:
+        """Wall time in which this side has waited for the plant."""
+        return 1e-9 * float(self._end.own[WAITED_NS])
 
     @property
     def full(self) -> bool:

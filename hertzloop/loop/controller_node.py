@@ -86,6 +86,11 @@ class ControllerNode:
         """Number of samples that were answered."""
         return self._lane.samples if self._lane else self._samples
 
+    @property
+    def waited_s(self) -> float:
+        """Wall time in which the controller has waited for the plant."""
+        return self.port.waited_s + (self._lane.waited_s if self._lane else 0.0)
+
     def work(self, timeout_s: float) -> None:
         """Receive what comes next, from the bus or from shared memory.
 

@@ -86,7 +86,7 @@ def run_compiled(
 
 def recorder_of(recording: Path, options: RunOptions) -> Recorder:
     """Return the recorder of a run. Raises RecordingError."""
-    return Recorder(recording, options.overwrite)
+    return Recorder(recording, options.overwrite, options.note)
 
 
 def record_in_process(

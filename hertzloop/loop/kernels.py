@@ -146,7 +146,7 @@ def _accept_record(step, samples, force, level, forces, window, grant):
 @kernel(inline=True)
 def receive_record(lane, step, forces, window, grant):
     """Receive the next record of an answer, which has arrived."""
-    excess, samples, force, level = lane_kernels.take_answer(lane)
+    excess, samples, force, level = lane_kernels.receive_force(lane)
     if excess != 0:
         return GAP
     return _accept_record(step, samples, force, level, forces, window, grant)

@@ -167,6 +167,10 @@ class PacedPlantNode(PlantNode):
             time.sleep(_REST_S)
         self._pace.counts[pace_kernels.WAITED_NS] += time.monotonic_ns() - began
 
+    def _waited_s(self) -> float:
+        """As in lock-step, with the time in which the plant waited for the clock."""
+        return super()._waited_s() + 1e-9 * float(self._pace.counts[pace_kernels.WAITED_NS])
+
     def _receive(self) -> None:
         """As in lock-step. Without a lane, forces from the bus count as answers."""
         if self.buffer.uses_lane:

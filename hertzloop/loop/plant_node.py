@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hertzloop.bus.lane_kernels import WAITED_NS
 from hertzloop.bus.messages_pb2 import RunEnd
 from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
 from hertzloop.bus.sequence_checker import SequenceChecker
@@ -33,12 +34,14 @@ class LoopStats:
         exchanges: How often the plant waited for a force.
         run_id: Number of the run, as the recording gives it.
         lane: Name of the controller's LaneAnswer; "" if no shared memory was offered.
+        waited_s: Part of the wall time in which the plant waited.
     """
 
     wall_s: float
     exchanges: int
     run_id: str
     lane: str = ""
+    waited_s: float = 0.0
 
 
 class PlantNode:
@@ -114,7 +117,12 @@ class PlantNode:
                 self._lane.leave()
         lane = self._lane.outcome if self._lane else ""
         exchanges = self.exchanges + int(self.buffer.grant.counts[EXCHANGES])
-        return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
+        run_id = f"{self.streams.publisher.run_id:x}"
+        return LoopStats(wall_s, exchanges, run_id, lane, min(self._waited_s(), wall_s))
+
+    def _waited_s(self) -> float:
+        """Return the wall time in which the plant has waited for messages and in the lane."""
+        return self.port.waited_s + 1e-9 * float(self.buffer.lane.own[WAITED_NS])
 
     def _loop(self) -> None:
         streams, steps = self.streams, self.setup.steps

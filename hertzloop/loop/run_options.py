@@ -7,6 +7,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
+from hertzloop.common.sanitize import visible
+
+LONGEST_NOTE = 500  # characters
+
 
 class OptionError(ValueError):
     """An option has an impossible value. The message names the option."""
@@ -20,6 +24,19 @@ def check_name(name: str) -> None:
         raise OptionError(
             f"--name = '{name}': must be 1 to 100 letters, digits and characters of "
             "'._+-'. Change the name."
+        )
+
+
+def check_note(note: str) -> None:
+    """Raise OptionError for a note that is too long, or is not one line of visible characters."""
+    if len(note) > LONGEST_NOTE:
+        raise OptionError(
+            f"note: has {len(note):,} characters. Shorten it to at most {LONGEST_NOTE}."
+        )
+    if "\n" in note or visible(note) != note:
+        raise OptionError(
+            f"note = {note!a}: must be one line without control characters. Remove line "
+            "breaks and invisible characters."
         )
 
 
@@ -48,9 +65,10 @@ class RunOptions:
         pace: Ratio of simulated to wall time to follow without waiting for forces; None: lock-step.
         repeat: Recording whose forces and delays are repeated in lock-step.
         controller: Command line of a program that plays the controller; None: hertzloop's own.
+        note: Text of the user for the recording, one line of at most LONGEST_NOTE characters.
 
     Raises:
-        OptionError: The name cannot be part of a key on the bus.
+        OptionError: The name cannot be part of a key on the bus, or the note cannot be recorded.
     """
 
     transport: Transport = Transport.ZENOH
@@ -65,10 +83,12 @@ class RunOptions:
     pace: float | None = None
     repeat: Path | None = None
     controller: str | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         if self.name is not None:
             check_name(self.name)
+        check_note(self.note)
 
 
 USUAL_RUN = RunOptions()

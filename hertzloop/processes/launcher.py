@@ -48,7 +48,8 @@ def role_options(role: str, name: str, options: RunOptions) -> list[str]:
     """Return the options of `hertzloop node ROLE` that pass on the name and the kind of a run."""
     words = ["--name", name, "--timeout", str(options.timeout_s), "--realtime", options.realtime]
     if role == RECORDER:
-        return [*words, "--overwrite"] if options.overwrite else words
+        words += ["--overwrite"] if options.overwrite else []
+        return [*words, f"--note={options.note}"] if options.note else words
     if not options.fast_lane:
         words.append("--no-fast-lane")
     if role == PLANT:
@@ -215,7 +216,9 @@ class Launcher:
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
             raise RunFailed(not_responding(running, ended))
-        return next(c.done for c in self.children if c.role == PLANT)
+        stats = next(c.done for c in self.children if c.role == PLANT)
+        busy_s = {c.role: c.done["busy_s"] for c in reversed(self.children) if "busy_s" in c.done}
+        return stats | {"busy_s": busy_s}
 
     def _end_all(self) -> None:
         """Let processes exit that have done their part; end the others, the plant first: it tells

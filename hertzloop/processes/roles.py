@@ -185,7 +185,8 @@ def run_plant(
             sentence = f"interrupted at step {node.streams.step}"
             node.streams.fail(sentence)
             raise Interrupted(f"plant was {sentence}") from error
-    return vars(stats) | {"realtime": profile.line()}
+    busy_s = stats.wall_s - stats.waited_s
+    return vars(stats) | {"realtime": profile.line(), "busy_s": busy_s}
 
 
 def run_controller(
@@ -206,7 +207,7 @@ def run_controller(
         on_ready()
         try:
             with profile.loop(lambda: node.samples):
-                _answer_all(node, address)
+                busy_s = _answer_all(node, address)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             interrupted = isinstance(error, KeyboardInterrupt)
             sentence = "the controller was interrupted" if interrupted else str(error)
@@ -217,21 +218,23 @@ def run_controller(
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
-    return {"realtime": profile.line()}
+    return {"realtime": profile.line(), "busy_s": busy_s}
 
 
-def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
-    """Do the controller's part, to the end of the run. A law that never returns ends the process,
-    after the plant has given it up."""
+def _answer_all(node: "ControllerNode", address: BusAddress) -> float:
+    """Do the controller's part, to the end of the run; return the wall time in which it answered.
+    A law that never returns ends the process, after the plant has given it up."""
     while node.setup is None and not node.done:
         node.work(address.wait_s)
     if node.setup is None:
-        return
+        return 0.0
+    started = time.monotonic() - node.waited_s
     done, patience_s = [0], address.timeout_s + watchdog.PATIENCE_S
     with watchdog.watching(node.setup, lambda: done[0], what="exchanges", patience_s=patience_s):
         while not node.done:
             node.work(address.timeout_s)
             done[0] += 1
+    return max(0.0, time.monotonic() - started - node.waited_s)
 
 
 @contextmanager
@@ -277,6 +280,7 @@ def run_recorder(
             port.liveliness.announce()
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
+            started_s = time.monotonic()
             with profile.loop(lambda: 0):
                 # Whom this role sees the plant may still wait for: the run is yet to begin.
                 patience_s = address.wait_s
@@ -291,7 +295,9 @@ def run_recorder(
                     if envelope.stream.startswith("end/"):
                         port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
+            busy_s = time.monotonic() - started_s - port.waited_s
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
         port.liveliness.confirm_completion()
-    return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}
+    recorder_s = time.monotonic() - started
+    return {"recorder_s": recorder_s, "realtime": profile.line(), "busy_s": busy_s}

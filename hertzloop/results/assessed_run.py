@@ -74,6 +74,8 @@ def run_and_assess(
         exchanges=int(stats["exchanges"]),
         lane=stats["lane"],
         realtime=stats.get("realtime", ""),
+        busy_s=stats.get("busy_s", {}),
+        waited_s=stats["waited_s"],
         repeats=options.repeat,
         differs=differs,
         verifies=options.verify,

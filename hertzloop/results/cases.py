@@ -17,7 +17,7 @@ from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, fingerprint, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.impacts import first_impact, impacts_of_truth
+from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of_truth
 from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
@@ -62,6 +62,7 @@ class _Case:
     setup: Setup
     run: SimulatedRun
     metrics: SpanMetrics
+    first: ImpactMetrics
     free: SpanMetrics
     change: SimpleNamespace
     stability: Stability
@@ -76,6 +77,11 @@ def _rebound_percent(case: _Case) -> float:
     if plant.sphere.gravity_m_s2 > 0.0:
         return 100.0 * found.rebound_height_m / free.rebound_height_m
     return 100.0 * (found.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+
+
+def _impulse_n_s(case: _Case) -> float:
+    """The force of a step is its mean, so the sum is exact."""
+    return float(case.first.contact_n.sum()) * case.setup.step_s
 
 
 @described
@@ -114,6 +120,8 @@ class CaseMetrics:
                                 of="metrics.rebound_speed_m_s")
     contact_us: float = metric("duration of the first contact, us",
                                of=lambda case: 1e6 * case.metrics.contact_time_s)
+    impulse_n_s: float = metric("impulse of the contact force in the first contact, N s",
+                                "impulse of the first contact", "N s", of=_impulse_n_s)
     contacts: int = metric("number of contacts")
     peak_force_n: float = metric("largest contact force, N", "largest contact force", "N")
     delay_us: float = metric("delay that the law latched, us; nan without one",
@@ -251,12 +259,12 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics
     metrics, impacts, end = _metrics(setup, span, run.truth)
     if few:
         yield
-    left_out = _left_out(setup, run.truth[:, :end], impacts)
+    left_out = _left_out(setup, run.truth[:, :end], [one.impact for one in impacts])
     free = uncontrolled(setup, span)
     if few:
         yield
     change = SimpleNamespace(**changes_db(metrics, free))
-    case = _Case(setup, run, metrics, free, change, found, left_out)
+    case = _Case(setup, run, metrics, impacts[0], free, change, found, left_out)
     return CaseMetrics(*(take(case) for take in _TAKEN))
 
 
@@ -295,7 +303,9 @@ def _left_out(setup: Setup, truth: np.ndarray, impacts: list[Impact]) -> dict[Ef
     )
 
 
-def _metrics(setup: Setup, span: Span, truth: np.ndarray) -> tuple[SpanMetrics, list[Impact], int]:
+def _metrics(
+    setup: Setup, span: Span, truth: np.ndarray
+) -> tuple[SpanMetrics, list[ImpactMetrics], int]:
     """Metrics of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
     what is audible counts alone: no metric of a case asks for more."""
     spec, modes = setup.plant, audible_modes(setup.plant)
@@ -309,11 +319,10 @@ def _metrics(setup: Setup, span: Span, truth: np.ndarray) -> tuple[SpanMetrics, 
             f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "
             f"or reduce run.lead_in_s = {setup.lead_in_s:g}"
         )
-    impacts = [one.impact for one in found]
     if span == "impact":
-        return of_impact(found[0]), impacts, found[0].over
+        return of_impact(found[0]), found, found[0].over
     accumulator = WholeRunAccumulator(spec)
     accumulator.feed(0, truth)
-    whole = accumulator.result(impacts)
+    whole = accumulator.result([one.impact for one in found])
     assert whole is not None
-    return whole, impacts, truth.shape[1]
+    return whole, found, truth.shape[1]

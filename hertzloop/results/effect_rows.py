@@ -128,7 +128,7 @@ def _modes_end_words(f: RunContext, x: float) -> str:
 
 
 def _clipped(f: RunContext) -> float | None:
-    """Largest force of the actuator over its limit."""
+    """Largest commanded force of the actuator over its limit."""
     if f.run.actuator_n == 0.0:
         return None
     limit = f.spec.actuator.force_limit_n
@@ -336,13 +336,13 @@ ROWS = (
             f"plate energy may be off by {percent(x)} (requested: {percent(f.setup.accuracy)})"
         ),
         "energy error of contact damping is {p}", "",
-        lambda f: "plate.truncated_modes, a damped mode" if f.spec.damped_residual else "",
+        lambda f: "plate.tail, a damped mode" if f.spec.damped_residual else "",
     ),
     EffectRow(
         "modes end below the impact", "expected error of the first impact", None, _NOTHING_LEFT,
         _modes_end, _modes_end_words,
         "the modes end below the impact: its metrics are within {p}, later ones unknown",
-        "plate.truncated_modes",
+        "plate.tail",
     ),
     EffectRow(
         "edge refocusing", "time after the touch / revival of a square plate", 1.0, math.nan,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.plant.metrics.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
 from hertzloop.plant.metrics.sound import (
     FADE_FROM,
@@ -253,7 +253,7 @@ def write_wavs(sounds: dict[Path, SoundPressure]) -> float:
             file.setsampwidth(2)
             file.setframerate(RATE_HZ)
             file.writeframes(samples.tobytes())
-        write_whole(path, sound.getvalue())
+        atomic_write(path, sound.getvalue())
     return full_pa
 
 

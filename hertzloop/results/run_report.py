@@ -1,6 +1,7 @@
 """A recorded run with everything that is reported of it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ class RunReport:
         exchanges: number of exchanges between plant and controller.
         lane: why the exchanges used the fast lane or the bus; empty without processes.
         realtime: real-time profile of the processes; empty without one.
+        busy_s: wall time in which each role worked, by its name, s; empty without processes. A
+            program of the user's does not report its time.
+        waited_s: wall time in which the plant waited for the others or the clock, s.
         repeats: the recording that this run repeats, if any.
         differs: first difference from that recording; empty if the bytes are equal.
         verifies: whether a verification was requested.
@@ -43,6 +47,8 @@ class RunReport:
     exchanges: int
     lane: str = ""
     realtime: str = ""
+    busy_s: Mapping[str, float] = field(default_factory=dict)
+    waited_s: float = 0.0
     repeats: Path | None = None
     differs: str | None = None
     verifies: bool = False

@@ -19,7 +19,11 @@ from hertzloop.scene.setup import Setup
 def control_force_n(setup: Setup, truth: np.ndarray) -> np.ndarray:
     """Return the actuator's force beyond that without a command, N, of a time series,
     shape (10, steps)."""
-    rest_n = rest_force_n(setup.actuator, setup.step_s)
+    return _commanded_n(setup.plant, truth)
+
+
+def _commanded_n(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
+    rest_n = rest_force_n(spec.actuator, spec.step_s)
     return np.asarray(truth[F_A] - rest_n if rest_n else truth[F_A])
 
 
@@ -46,7 +50,7 @@ class Extremes:
         contact_s: duration of the contact with that force, s. If the run ends during that contact,
             it is at least the duration on a rigid plate.
         deflection_m: largest absolute deflection of the contact point, m.
-        actuator_n: largest absolute force of the actuator, N.
+        actuator_n: largest absolute force of the actuator beyond that without a command, N.
         touched_s: start of the first contact, s.
     """
 
@@ -70,7 +74,11 @@ class ExtremesAccumulator(Accumulator):
             self._touching = False
             return
         force_n, actuator_n, deflection_m = truth_kernels.extremes(
-            truth[F_C], truth[F_C1], truth[F_A], truth[F_A1], truth[XI_P]
+            truth[F_C],
+            truth[F_C1],
+            _commanded_n(self._spec, truth),
+            truth[F_A1],
+            truth[XI_P],
         )
         self._touching = bool(truth[F_C, -1] != 0.0)
         self._force_n = max(self._force_n, force_n)
@@ -120,6 +128,7 @@ class ActuatorDemandAccumulator(Accumulator):
         self.spec = spec
         self._same = spec.same_point
         self._before, self._next = np.zeros((COLUMNS, 1)), 0
+        self._before[F_A] = rest_force_n(spec.actuator, spec.step_s)  # a preload is no change
         self._force_n = self._change_n = self._power_w = 0.0
 
     def feed(self, first: int, truth: np.ndarray) -> None:

@@ -15,7 +15,8 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
 from hertzloop.scene.errors import LONGEST, SceneError, quoted_path, shortened
-from hertzloop.scene.latency_trace import draw_latencies, read_latencies
+from hertzloop.scene.latency_trace.drawn import draw_latencies
+from hertzloop.scene.latency_trace.reading import latencies_of_file
 from hertzloop.scene.materials import read_materials
 
 _MOST_BYTES = 64 << 20  # of an unpacked file of modes
@@ -53,7 +54,10 @@ def inline_files(data: dict[str, Any], folder: Path) -> None:
         if isinstance(control, dict):
             trace = control.get("latency_trace")
             if isinstance(trace, str):
-                control["latency_trace"] = read_latencies(folder / trace)
+                trace = {"file": trace}
+            if isinstance(trace, dict) and "file" in trace:
+                use = control.get("latency_trace_use")
+                control["latency_trace"] = latencies_of_file(trace, use, folder)
             elif isinstance(trace, dict):
                 control["latency_trace"] = draw_latencies(trace)
             if control.get("law") in shipped_laws():

@@ -56,7 +56,7 @@ def check_modes_reach_impact(spec: PlantSpec) -> None:
         f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
         f"{1e6 * lasts_s:.3g} us; give modes up to {(needed_hz // grain + 1) * grain:,.6g} Hz at "
         "least (are they in Hz?), plate.thickness_m if it is a plate at the contact point, or "
-        "plate.truncated_modes = 'spring' to run with an error that is not known"
+        "plate.tail = 'spring' to run with an error that is not known"
     )
 
 

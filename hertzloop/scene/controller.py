@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.controller import Controller, SignalPath, mean_latency_steps
+from hertzloop.controller.controller import (
+    Controller,
+    SignalPath,
+    latency_steps,
+    mean_latency_steps,
+)
 from hertzloop.controller.law import Keys, LawContext
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
@@ -39,6 +44,12 @@ def mean_latency_us(setup: Setup) -> float:
     """Mean latency of the force that acts, us; see `mean_latency_steps`."""
     steps = mean_latency_steps(setup.line, setup.steps, setup.every_steps, setup.seed)
     return 1e6 * setup.step_s * steps
+
+
+def latencies_us(setup: Setup) -> np.ndarray:
+    """Return the latency of each command, us, shape (samples,); see `latency_steps`."""
+    steps = latency_steps(setup.line, setup.steps, setup.every_steps, setup.seed)
+    return steps * (setup.step_ns / 1000)
 
 
 def law_context(setup: Setup) -> LawContext:

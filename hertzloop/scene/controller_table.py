@@ -38,13 +38,18 @@ class ControllerTable(SceneTable):
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
-    """latencies by sample, us, for latency_us: a CSV file, a paced recording, a list, or a table
-    with median_us, sigma, autocorrelation; repeated, in whole steps; commands keep their order"""
+    """latencies by sample, us, for latency_us: a file, a table with file and what it leaves open, a
+    list, or a table with median_us, sigma, autocorrelation; whole steps; commands keep order"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """largest random addition to the latency; commands keep their order, so that 20 us of jitter
     make the force 15.6 us older on average"""
+    clock_ppm: Annotated[float, Field(ge=-1e5, le=1e5)] = 0.0
+    """how fast the controller's own clock is, positive if it gains on the plant's; each command
+    waits for its first tick at or after the sample, so that the latency drifts"""
+    clock_phase: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """first tick of the controller's clock after the start, in periods of this clock"""
     drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """probability that a command drops out; the last command is then held"""
     bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"

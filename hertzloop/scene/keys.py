@@ -22,6 +22,7 @@ _UNITS = {
     "_n_s_m": "N s/m",
     "_n_s": "N/s",
     "_kg_m3": "kg/m3",
+    "_ppm": "ppm",
     "_pa": "Pa",
     "_kg": "kg",
     "_hz": "Hz",

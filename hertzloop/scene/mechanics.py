@@ -158,6 +158,7 @@ def resolve_mechanics(
             actuator_table.damping,
             actuator_table.mass_kg or 0.0,
             actuator_table.force_limit_n,
+            actuator_table.preload_n,
         ),
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,

@@ -313,9 +313,9 @@ def not_in_three_dimensions(
             f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
             "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
         )
-    if plate.truncated_modes == "damped":
+    if plate.tail == "damped":
         found.append(
-            f"plate.truncated_modes = 'damped': not supported by {asked}, where the truncated "
+            f"plate.tail = 'damped': not supported by {asked}, where the truncated "
             "modes form a half space. Use 'auto'."
         )
     return found
@@ -323,9 +323,9 @@ def not_in_three_dimensions(
 
 def _truncation_problems(scene: PlantTables) -> list[str]:
     """Where the modes left out are no damped mode."""
-    if scene.plate.truncated_modes != "damped":
+    if scene.plate.tail != "damped":
         return []
-    asked, (contact, actuator) = "plate.truncated_modes = 'damped'", scene.plate.points_m
+    asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
     for table, mass, point in (
         ("actuator", scene.actuator.mass_kg, actuator),
         ("sensors", scene.sensor_mass_kg, scene.sensor_point_m or contact),

@@ -37,7 +37,7 @@ def describe_plant(
     """Describe the plant with modes; whether these can be computed is not checked.
 
     Args:
-        truncated: `plate.truncated_modes`, what stands for the modes left out.
+        truncated: `plate.tail`, what stands for the modes left out.
         lead_in_s: flight before the first contact.
         accuracy: relative error that leaving out modes may cause.
 
@@ -127,21 +127,21 @@ def _damped_residual(
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' the mobility of {plate} is unknown. Give "
+            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
             "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
         )
     if plate.mode_table is not None and plate.highest_hz == 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
+            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
             "Use 'spring', or give modes up to a higher frequency."
         )
     if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.truncated_modes = 'damped' does not fit {plate}, whose "
+            f"plate.tail = 'damped' does not fit {plate}, whose "
             "residual_flexibility_m_n is below zero, as for a solid. Use 'spring'."
         )
     if asked == "damped":
@@ -207,8 +207,10 @@ def _limit_hz(
 
 
 def _sizes(plate: Structure) -> str:
+    """Return what decides the frequencies of a structure, for a message."""
     local = plate.local_plate
-    assert local is not None
+    if local is None:
+        return f"{plate} (plate.theory)"
     return f"plate.size_m = {list(local.size_m)} with plate.thickness_m = {local.thickness_m:g}"
 
 
@@ -218,8 +220,8 @@ def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
     if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
         raise SceneError(
             f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the {limit_hz:.3g} Hz "
-            "that the step supports. Use a larger or thinner plate, or a smaller run.step_ns (now "
-            f"{step_ns})."
+            "that the step supports. Use a larger, thinner or softer structure, or a smaller "
+            f"run.step_ns (now {step_ns})."
         )
 
 

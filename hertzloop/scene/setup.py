@@ -312,7 +312,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     )
     first_touch_s = _first_touch_s(run, mechanics.sphere)
 
-    line = resolve_line(control, scene.actuator, run.step_ns)
+    line = resolve_line(control, scene.actuator, sensors.every_steps, run.step_ns)
     latency_us = control.latency_us
     if control.latency_trace is not None:
         latency_us = line.latency_steps * run.step_ns / 1000
@@ -322,7 +322,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     controlled = mechanics.structure.solid and control.law != NO_CONTROL
     with_edges = describe_plant(
         mechanics,
-        scene.plate.truncated_modes,
+        scene.plate.tail,
         run.scheme,
         run.step_ns,
         run.lead_in_s,

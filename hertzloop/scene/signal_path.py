@@ -1,5 +1,6 @@
 """The path of the force from the law to the actuator: converter, latency, jitter and drop-outs."""
 
+import math
 from functools import lru_cache
 
 from hertzloop.controller.controller import SignalPath
@@ -18,7 +19,7 @@ def resolve_smoothness(
         and sensors.every_steps == 1
         and sensors.noise_rms == control.jitter_us == 0.0
         and sensors.fault is None
-        and line.jitter_steps == max(line.trace, default=0) == 0
+        and not line.varies
         and line.stuck_step is None
         and control.drop_out_probability == 0.0
         and control.slew_n_s is None,
@@ -27,7 +28,9 @@ def resolve_smoothness(
 
 
 @lru_cache(maxsize=16)
-def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> SignalPath:
+def resolve_line(
+    table: ControllerTable, actuator: ActuatorTable, every_steps: int, step_ns: int
+) -> SignalPath:
     """The line from the law to the actuator."""
 
     def steps(time_us: float) -> int:
@@ -35,10 +38,15 @@ def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) 
 
     least_us = min(table.latency_trace) if table.latency_trace else table.latency_us
     least, stuck_s = steps(least_us), actuator.stuck_from_s
+    dead = steps(actuator.dead_time_us or 0.0)
+    tick = every_steps / (1.0 + 1e-6 * table.clock_ppm)
+    first_tick, drifts = table.clock_phase * tick, table.clock_ppm != 0.0
+    if not drifts:  # every command waits for as long
+        dead += math.floor(first_tick + 0.5)
     return SignalPath(
         trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
         resampled=table.latency_trace_use == "resample",
-        dead_steps=steps(actuator.dead_time_us or 0.0),
+        dead_steps=dead,
         stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
         latency_steps=least,
         jitter_steps=round(table.jitter_us * 1000 / step_ns),
@@ -46,4 +54,6 @@ def resolve_line(table: ControllerTable, actuator: ActuatorTable, step_ns: int) 
         bits=None if table.bits == "ideal" else int(table.bits),
         full_scale_n=table.full_scale_n,
         slew_n_s=table.slew_n_s,
+        tick_steps=tick if drifts else 0.0,
+        first_tick_steps=first_tick if drifts else 0.0,
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
 
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.structures.registry import THEORIES
+from hertzloop.plant.structures.registry import STRUCTURES, THEORIES
 from hertzloop.scene.errors import shown
 from hertzloop.scene.quantities import SENSED
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
@@ -88,10 +88,17 @@ def _scheme(name: object, check: Callable[[object], str]) -> str:
     return name if isinstance(name, str) and name in SCHEMES else check(name)
 
 
+def _theory(name: object, check: Callable[[object], str]) -> str:
+    """A theory in `STRUCTURES`, which a program may have added as well."""
+    kind = STRUCTURES.get(name) if isinstance(name, str) else None
+    return str(name) if kind is not None and kind.theory else check(name)
+
+
 if TYPE_CHECKING:
-    SchemeName = str
+    SchemeName = TheoryName = str
 else:
     SchemeName = Annotated[Literal[*SCHEMES], WrapValidator(_scheme)]
+    TheoryName = Annotated[Literal[(*THEORIES, "auto")], WrapValidator(_theory)]
 
 
 Mass = Annotated[float, Field(ge=1e-9, le=1e4)]
@@ -153,10 +160,10 @@ class PlateTable(SceneTable):
     `modes`: a file of modes that replaces the plate. It defines the structure, so that `size_m` and
     `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
     the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
-    not in the file. `truncated_modes`: a massless spring or one damped mode stands for them; "auto"
-    is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as a solid;
-    "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is not
-    known.
+    not in the file. `tail`: what stands for the truncated modes, a massless spring or one damped
+    mode; "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as
+    a solid; "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is
+    not known.
     """
 
     material: MaterialKey
@@ -183,10 +190,10 @@ class PlateTable(SceneTable):
     """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """static flexibility of the modes that are not in the file"""
-    truncated_modes: Literal["spring", "damped", "auto"] = "auto"
+    tail: Literal["spring", "damped", "auto"] = "auto"
     """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
-    theory: Literal[(*THEORIES, "auto")] = "kirchhoff"  # type: ignore[valid-type]
+    theory: TheoryName = "kirchhoff"
     """plate theory: thin plate or solid; "auto": thin plate where it meets run.accuracy or the
     solid is not available"""
 
@@ -301,8 +308,9 @@ class SensorsTable(SceneTable):
 
 class ActuatorTable(SceneTable):
     """The actuator between the controller's line and the plate: natural frequency and damping (of
-    critical) of a second-order response, mass that moves with the plate, largest force; left
-    out: none of them."""
+    critical) of a second-order response, mass that moves with the plate, largest force, preload;
+    left out: none of them. The structure is undeformed at the start of the run, so that a preload
+    acts on it as a step there."""
 
     bandwidth_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """natural frequency of the second-order actuator; default: ideal"""
@@ -311,7 +319,10 @@ class ActuatorTable(SceneTable):
     mass_kg: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
     """actuator mass that moves with the plate; 0: none"""
     force_limit_n: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
-    """largest actuator force in either direction"""
+    """largest actuator force in either direction; actuator.preload_n comes on top"""
+    preload_n: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """constant force, up on the structure, that is added to the commanded one from the first step
+    on"""
     dead_time_us: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
     """delay between command and force that the law does not know; none if left out"""
     stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None

@@ -19,7 +19,7 @@ from pymoo.core.problem import Problem
 from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
@@ -97,7 +97,7 @@ def write_tuned(path: Path, tuned: Tuned) -> None:
         for spread in found["spreads"].values():  # JSON knows no nan
             spread.update({k: None if math.isnan(v) else v for k, v in spread.items()})
     text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
-    write_whole(path, text + "\n")
+    atomic_write(path, text + "\n")
 
 
 def read_tuned(path: Path) -> Tuned:

@@ -43,6 +43,7 @@ def run_table(report: RunReport) -> Table:
         ("radiation", parts.radiation and radiation_words(parts.radiation)),
         ("mean latency", mean_latency_words(setup)),
         ("exchanges", _exchanges(report)),
+        ("time by role", _time_by_role(report)),
         ("real-time profile", report.realtime),
         ("structure", "" if structure["closed_form"] else _structure_words(structure)),
         ("plate theory", theory and theory_words(theory)),
@@ -63,11 +64,17 @@ def run_table(report: RunReport) -> Table:
 def mean_latency_words(setup: Setup) -> str:
     """State the mean latency of the force that acts; empty if every command has the same."""
     line = setup.line
-    if not (line.jitter_steps or line.trace or line.drop_out_probability):
+    if not (line.varies or line.trace or line.drop_out_probability):
         return ""
     mean_us = mean_latency_us(setup)
     if math.isnan(mean_us):
         return "no command acts within the run"
+    if ppm := setup.scene.controller.clock_ppm:
+        beat_s = 1e6 * setup.every_steps * setup.step_s / abs(ppm)
+        return (
+            f"{mean_us:.1f} us of the force that acts: the controller's clock drifts by a sampling "
+            f"period in {beat_s:.3g} s"
+        )
     return (
         f"{mean_us:.1f} us of the force that acts: commands keep their order, so "
         "that a late one delays those behind it"
@@ -90,6 +97,15 @@ def _exchanges(report: RunReport) -> str:
         return words
     way = _LANES.get(report.lane, "over the bus, without fast lane")
     return f"{words}, {report.exchanges / max(report.wall_s, 1e-9):,.0f}/s, {way}"
+
+
+def _time_by_role(report: RunReport) -> str:
+    """Say how long each role worked, and how long the plant waited."""
+    if not report.busy_s:
+        return "not known: all roles share one process, and none waits"
+    roles = ", ".join(f"{role} {busy_s:.3g} s" for role, busy_s in report.busy_s.items())
+    share = report.waited_s / max(report.wall_s, 1e-9)
+    return f"{roles}; the plant waited {report.waited_s:.3g} s, {share:.0%} of the wall time"
 
 
 def _structure_words(found: dict[str, Any]) -> str:

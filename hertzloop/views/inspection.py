@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from hertzloop.loop.run_options import LONGEST_NOTE
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.comparison import Comparison
@@ -132,6 +133,7 @@ def summary(found: Inspected) -> dict[str, Any]:
         "problems": list(found.problems),
         "scene": recording.metadata.get("scene", ""),
         "seed": _number(recording, "seed"),
+        "note": recording.note,
         "steps": _number(recording, "steps"),
         "streams": {
             name: {
@@ -214,6 +216,8 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
     pieces += pacing_lines(found.pacing)
     scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
     pieces.append(Text(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
+    if recording.note:
+        pieces.append(_note_line(recording.note))
     if recording.balance is not None:
         pieces.append(
             Text(
@@ -222,6 +226,12 @@ def show(console: Console, found: Inspected, details: bool = False) -> None:
             )
         )
     print_all(console, [*pieces, *next_lines(str(recording.path))])
+
+
+def _note_line(note: str) -> Text:
+    """Return the note on one line, and not more of it than a run accepts."""
+    shown = note[:LONGEST_NOTE].replace("\n", " ")
+    return unwrapped("Note: ", shown, " ..." if len(note) > LONGEST_NOTE else "")
 
 
 def _details(found: Inspected) -> list[Text | Table]:

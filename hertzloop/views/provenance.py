@@ -89,6 +89,8 @@ def control(setup: Setup, law: str | None = None) -> str:
     pieces.append(f"latency {table.latency_us:g} us")
     if table.jitter_us:
         pieces.append(f"jitter {table.jitter_us:g} us")
+    if table.clock_ppm or table.clock_phase:
+        pieces.append(f"clock {table.clock_ppm:+g} ppm, phase {table.clock_phase:g}")
     if table.drop_out_probability:
         pieces.append(f"{100 * table.drop_out_probability:g} % of commands lost")
     pieces.append(_bits("sensor", setup.scene.sensors.bits))
@@ -100,7 +102,16 @@ def control(setup: Setup, law: str | None = None) -> str:
     return ", ".join(pieces)
 
 
-_LINE_KEYS = ("latency_us", "jitter_us", "drop_out_probability", "bits", "full_scale_n", "slew_n_s")
+_LINE_KEYS = (
+    "latency_us",
+    "jitter_us",
+    "clock_ppm",
+    "clock_phase",
+    "drop_out_probability",
+    "bits",
+    "full_scale_n",
+    "slew_n_s",
+)
 
 
 def _bits(where: str, bits: int | str) -> str:

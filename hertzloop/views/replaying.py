@@ -11,7 +11,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import as_rerun, viewer
 from hertzloop.recordings.replay.contacts import ContactSpan, contacts_of
-from hertzloop.recordings.replay.decimation import full_rate_spans
+from hertzloop.recordings.replay.decimation import Decimator, full_rate_spans
 from hertzloop.recordings.replay.plots import SIGNALS, Plot, PlotCurve, ReferenceRun, curve_of
 from hertzloop.recordings.replay.replay_data import ReplayData, ReplayLabels, check_replayable
 from hertzloop.recordings.replay.replay_data import prepare as prepare_replay
@@ -23,6 +23,7 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import pacing_of, pieces_of
 from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.scene.build import free_series
+from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.views import provenance
@@ -231,16 +232,29 @@ def _labels(
     if reference:
         speed_m_s, step_s = reference.overlay.speed_m_s, reference.step_s
         spectra.append(spectrum(reference.run.name, speed_m_s, step_s))
+    more_plots = [_energies(setup, own, run, until_ns < LAST_NS)]
+    if setup.has_law and setup.line.varies and recording.daq.samples:
+        more_plots.append(_latencies(setup, recording.daq.samples))
     return ReplayLabels(
         heading=recording.metadata.get("scene", recording.path.stem),
         lines=described_lines,
-        more_plots=[_energies(setup, own, run, until_ns < LAST_NS)],
+        more_plots=more_plots,
         spectra=[one for one in spectra if one is not None],
         reference=run,
         actuator_m=None if not setup.has_law else setup.mechanics.actuator_point_m,
         controlled=setup.has_law,
         until_ns=until_ns,
     )
+
+
+def _latencies(setup: Setup, samples: int) -> Plot:
+    """Return the latencies of the first commands of a run as a plot."""
+    values = latencies_us(setup)[:samples]
+    decimator = Decimator(len(values))
+    decimator.feed(0, values, np.zeros(len(values), np.bool_))
+    line = decimator.line()
+    times = line.at * setup.every_steps * setup.step_ns
+    return Plot("latency", "Latency of commands (µs)", (curve_of("latency", line, times),))
 
 
 def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explodes: bool) -> Plot:

@@ -124,6 +124,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
     data = {
         "scene": setup.name,
         "seed": setup.seed,
+        "note": report.recording.note,
         "transport": report.transport,
         "scheme": setup.scheme,
         "steps": setup.steps,
@@ -132,6 +133,8 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "exchanges": report.exchanges,
         "lane": report.lane,
         "realtime": report.realtime,
+        "busy_s": dict(report.busy_s),
+        "waited_s": report.waited_s,
         "residuals": {"momentum": balance.momentum_residual, "energy": balance.energy_residual},
         **_parts(report.parts),
         "frequencies": balance.frequencies,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from hertzloop.plant.structures import rising_kernels as rising
+from hertzloop.plant.structures import mode_order_kernels
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, ModeSource
 
@@ -232,7 +232,7 @@ class Plate(ModeSource):
         most = len(along_x) * len(along_y)  # of which only what is written costs anything
         omega, terms = np.empty(most), np.empty(most)
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
-        count = rising.flexibilities(
+        count = mode_order_kernels.flexibilities(
             along_x,
             along_y,
             _sines(len(along_x), x),

@@ -1,4 +1,8 @@
-"""The one table of structures: how each is made of what a scene says, and what fits it."""
+"""The one table of structures: how each is made of what a scene says, and what fits it.
+
+A structure of your own is a row more: here, for all processes of a clone, or added to `STRUCTURES`
+by a program, for the runs in its own process.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache

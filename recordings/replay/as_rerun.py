@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.recordings.recording import Event, Recording
 from hertzloop.recordings.replay import blueprint, scene3d
 from hertzloop.recordings.replay import spectrum as spectra_drawn
@@ -66,7 +66,7 @@ def save(replay: ReplayData, path: Path, still: bool = False) -> None:
         )
     )
     fill(stream, replay, still)
-    write_whole(path, memory.drain_as_bytes())
+    atomic_write(path, memory.drain_as_bytes())
 
 
 def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) -> None:

@@ -20,7 +20,7 @@ from rerun.experimental import ViewerClient
 from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.sockets import LOOPBACK, reserved_ports
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.recordings.replay.blueprint import TIMELINE
 from hertzloop.recordings.replay.plots import TITLES
 from hertzloop.recordings.writer import RecordingError
@@ -195,7 +195,7 @@ def screenshot(
         return settled(loaded(process, port), time_ns)
 
     picture = asked(rrd, ask, "draw the picture", size, within_s)
-    write_whole(png, picture)
+    atomic_write(png, picture)
 
 
 def asked(

@@ -81,7 +81,7 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     assert not heard.names
 
 
-@pytest.mark.parametrize("broken", ["write_whole", "save", "ensure_cache_path"])
+@pytest.mark.parametrize("broken", ["atomic_write", "save", "ensure_cache_path"])
 def test_a_disk_that_takes_nothing_ends_nothing(
     tmp_path: Path, heard: Heard, monkeypatch: pytest.MonkeyPatch, broken: str,
     capsys: pytest.CaptureFixture[str],

@@ -33,6 +33,7 @@ def simulated(line: SignalPath, every_steps: int, seed: int) -> float:
         SignalPath(latency_steps=3, trace=(0,) * 9 + (20,)),
         SignalPath(trace=(0, 20, 5), resampled=True, dead_steps=2),
         SignalPath(drop_out_probability=0.5),
+        SignalPath(tick_steps=7.01, first_tick_steps=2.0),
     ],
 )
 def test_it_is_that_of_the_forces(line: SignalPath, every_steps: int) -> None:

@@ -23,6 +23,8 @@ from tests.hertzloop.processes import EVENTUALLY_S
 class QueuePort:
     """Port of one role; `heard` gets what a recorder would."""
 
+    waited_s = 0.0
+
     def __init__(self, role: str, heard: list[Envelope]) -> None:
         self.role, self.heard, self.other = role, heard, self
         self.inbox: queue.SimpleQueue[Envelope] = queue.SimpleQueue()

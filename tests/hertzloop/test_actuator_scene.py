@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
@@ -14,10 +15,13 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.recorded import truth_of
+from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.verification import verify
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
+from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import load
+from hertzloop.studies.margin.margin import margin_of
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -151,7 +155,9 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
     ("settings", "words"),
     [
         (["run.scheme=thesis2008", "actuator.mass_kg=0.001"], "use the scheme 'modal'"),
+        (["run.scheme=thesis2008", "actuator.preload_n=5"], r"preload_n = 5.* the scheme 'modal'"),
         (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model = 'auto'"),
+        (["run.plate_model=infinite", "actuator.preload_n=5"], r"preload_n = 5.*'auto'"),
         (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0: must be"),
         (["actuator.mass_kg=-1"], "actuator.mass_kg = -1: must be"),
         (["actuator.stroke_m=1"], "actuator.stroke_m: unknown scene key"),
@@ -185,6 +191,58 @@ def test_a_mass_on_a_plate_that_moves_freely_is_refused() -> None:
     scene = load("aluminium-3mm", ["plate.edges=ffff", "actuator.mass_kg=0.001"])
     with pytest.raises(SceneError, match=r"is not supported for a free plate"):
         build_plant(scene)
+
+
+def test_a_preload_of_nothing_is_none() -> None:
+    assert load("aluminium-3mm", ["actuator.preload_n=0"]) == load("aluminium-3mm")
+
+
+def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
+    """Its metrics, margin and limits are those of the commanded force, and no case runs on."""
+    short = ["run.duration_s=0.0016", "actuator.force_limit_n=60"]
+    plain, preloaded = (load("aluminium-3mm", [*short, f"actuator.preload_n={n}"]) for n in (0, 3))
+    off = load("aluminium-3mm", [*short, "actuator.preload_n=3", "controller.law=off"])
+    setups = plain, preloaded, off
+    runs = [simulate(setup) for setup in setups]
+    assert runs[0].truth[F_A].min() >= 0.0
+    assert runs[0].truth[F_A].max() == 60.0
+    assert (runs[1].truth[F_A].min(), runs[1].truth[F_A].max()) == (3.0, 63.0)
+    assert np.all(runs[2].truth[F_A] == 3.0)
+    found = [metrics_of(setup, run.truth) for setup, run in zip(setups, runs, strict=True)]
+    for setup, run, force_n in zip(setups, runs, (60.0, 60.0, 0.0), strict=True):
+        extremes = ExtremesAccumulator(setup.plant)
+        extremes.feed(0, run.truth)
+        assert extremes.result([]).actuator_n == force_n
+    demands = [m.demand for m in found if m.demand is not None]
+    assert [d.force_n for d in demands] == [60.0, 63.0, 3.0]
+    assert demands[1].slew_n_s == pytest.approx(demands[0].slew_n_s, rel=0.05)
+    assert demands[2].slew_n_s == 0.0
+    assert found[2].push is None
+    assert metrics_of_case(preloaded).steps < preloaded.steps
+    feedback = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
+    margins = [
+        margin_of(load("aluminium-3mm", [*feedback, f"actuator.preload_n={n}"])) for n in (0, 3)
+    ]
+    assert margins[0].stable is not None
+    assert margins[0] == margins[1]
+
+
+def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on() -> None:
+    off = ["controller.law=off", "run.plate_model=modal"]
+    errors = [
+        expected_error(load("aluminium-3mm", [*off, f"actuator.preload_n={n}"]))
+        for n in (0.0, 1e-6, -20.0, 20.0)
+    ]
+    assert errors[0] == errors[1] < errors[2] == errors[3]
+    constant = ["controller.law=constant", "controller.force_n=20", "controller.duration_us=5"]
+    switched = expected_error(load("aluminium-3mm", [*off[1:], *constant]))
+    assert errors[2] == switched
+
+
+def test_a_fit_refuses_a_preload() -> None:
+    model = FrozenModel(load("aluminium-3mm", ["actuator.preload_n=5"]), 1e-4, 1e-3)
+    with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
+        model.run({}, 1e-4)
 
 
 def test_a_mass_of_nothing_is_none() -> None:

@@ -40,7 +40,7 @@ def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings:
     # All modes take part. What is left is rounding: modes of equal frequency are summed apart
     # and several steps are advanced at once. Rows tell the modes apart from a spring for those left
     # out, not from a damped mode.
-    scene = load(name, [*settings, "plate.truncated_modes=spring"])
+    scene = load(name, [*settings, "plate.tail=spring"])
     recording, plate = replayed(tmp_path, scene)
     modes = modal_displacement(scene.plant, truth_of(recording))
     recorded = modes[plate.times_ns // recording.truth.step_ns]

@@ -54,9 +54,7 @@ def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> N
     assert report["impacts"][0]["peak_force_n"] > 10.0
     assert "not defined" in ran.stdout
     # Rows cannot tell the modes' displacement from that of a damped mode left out, only a spring's.
-    ran = command(
-        tmp_path, "run", scene, "--set", "plate.truncated_modes=spring", "--out", "spring.mcap"
-    )
+    ran = command(tmp_path, "run", scene, "--set", "plate.tail=spring", "--out", "spring.mcap")
     assert ran.returncode == 0, ran.stderr
     # Alone with its recording.
     recording = shutil.copy(tmp_path / "spring.mcap", tmp_path / "moved.mcap")
@@ -90,6 +88,46 @@ def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path: Path) -> None:
     bending = 210e9 * 0.04 * 0.01**3 / 12.0
     assert softness == pytest.approx((0.31 * 0.49) ** 2 / (3.0 * bending * 0.8), rel=1e-12)
     assert not spec.same_point
+
+
+BLOCK = """
+import math
+
+import numpy as np
+import own_block
+
+from hertzloop.loop.simulate import simulate
+from hertzloop.plant.metrics.impacts import impacts_in
+from hertzloop.plant.time_series import XI_P
+from hertzloop.scene.setup import load
+
+setup = load("own_block.toml", ["controller.law=off"])
+run = simulate(setup)
+assert abs(run.balance.energy_residual) < 1e-12
+(impact,) = impacts_in(setup.plant, run.truth)
+m, v, M = setup.sphere.mass_kg, setup.sphere.impact_speed_m_s, own_block.MASS_KG
+# Hertz for the reduced mass. The block does not move far enough in the contact to feel its spring.
+peak_n = setup.contact.stiffness**0.4 * (1.25 * m * M / (m + M) * v * v) ** 0.6
+assert abs(impact.peak_force_n / peak_n - 1.0) < 1e-3
+assert abs(impact.rebound_speed_m_s / (v * (M - m) / (M + m)) - 1.0) < 1e-3
+# Free vibration of the block after an elastic collision.
+w, zeta = math.sqrt(own_block.STIFFNESS_N_M / M), own_block.DAMPING_RATIO
+t = np.arange(setup.steps) * setup.step_s - (impact.start_s + 0.5 * impact.duration_s)
+turn = w * math.sqrt(1.0 - zeta * zeta)
+free = -2.0 * m * v / (m + M) / turn * np.exp(-zeta * w * t) * np.sin(turn * t)
+after = t > impact.duration_s
+assert np.abs(run.truth[XI_P] - free)[after].max() < 2e-3 * np.abs(free[after]).max()
+print("agrees")
+"""
+
+
+def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
+    """A structure of one's own from one file, which adds its own row."""
+    copied(tmp_path, "own_block.py", "own_block.toml")
+    found = subprocess.run(
+        [sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, timeout=280
+    )
+    assert found.stdout == "agrees\n", found.stderr
 
 
 @pytest.mark.full

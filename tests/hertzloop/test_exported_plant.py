@@ -22,6 +22,7 @@ from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc
+PRELOADED = (*SHORT, "actuator.preload_n=5")
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,11 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return exported(tmp_path_factory.mktemp("noisy"), scene_of(NOISY))
 
 
+@pytest.fixture(scope="module")
+def preloaded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return exported(tmp_path_factory.mktemp("preloaded"), scene_of(PRELOADED))
+
+
 @pytest.fixture
 def plant(short: Path) -> Iterator[InC]:
     plant = InC(short / "libhertzloop_plant.so")
@@ -42,11 +48,11 @@ def plant(short: Path) -> Iterator[InC]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["short", "noisy"])
+@pytest.mark.parametrize("name", ["short", "noisy", "preloaded"])
 def test_a_program_in_c_gets_the_bytes_of_the_loop(
     name: str, request: pytest.FixtureRequest
 ) -> None:
-    loop = simulate(scene_of(SHORT if name == "short" else NOISY))
+    loop = simulate(scene_of({"short": SHORT, "noisy": NOISY, "preloaded": PRELOADED}[name]))
     assert np.max(loop.forces) > 1.0  # the law acted
     driven = drive(build(request.getfixturevalue(name)), loop.forces)
     assert same_bytes(loop, driven)

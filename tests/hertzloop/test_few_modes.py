@@ -55,11 +55,9 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
 )
 def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Path) -> None:
     known = f"plate.residual_flexibility_m_n={flexibility}"
-    with pytest.raises(
-        SceneError, match=r"reach up to 462 Hz, too low.*plate.truncated_modes = 'spring'"
-    ):
+    with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
         build_plant(six(tmp_path, known))
-    setup = six(tmp_path, known, "plate.truncated_modes=spring")
+    setup = six(tmp_path, known, "plate.tail=spring")
     assert model_error.expected_error(setup) == 1.0
     [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert found.state is EffectState.OUT_OF_RANGE
@@ -74,7 +72,7 @@ def rigid(folder: Path, *settings: str) -> Setup:
     text = (
         'name = "rigid"\n[sphere]\nradius_m = 0.005\ndrop_height_m = 0.05\n'
         '[plate]\nmaterial = "aluminium"\nmodes = "rigid.csv"\nresidual_flexibility_m_n = 0.0\n'
-        'truncated_modes = "spring"\n[controller]\nlaw = "off"\n[run]\nduration_s = 0.0015\n'
+        'tail = "spring"\n[controller]\nlaw = "off"\n[run]\nduration_s = 0.0015\n'
     )
     (folder / "rigid.toml").write_text(text)
     return load(str(folder / "rigid.toml"), settings)
@@ -92,12 +90,10 @@ def test_a_rigid_support_leaves_out_nothing(tmp_path: Path, law: tuple[str, ...]
 
 
 def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
-    setup = rigid(tmp_path, "plate.thickness_m=0.003", "plate.truncated_modes=auto")
+    setup = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=auto")
     assert not setup.plant.damped_residual
-    with pytest.raises(
-        SceneError, match=r"truncated_modes = 'damped' starts at the last mode.*end at 0 Hz"
-    ):
-        _ = rigid(tmp_path, "plate.thickness_m=0.003", "plate.truncated_modes=damped").plant
+    with pytest.raises(SceneError, match=r"tail = 'damped' starts at the last mode.*end at 0 Hz"):
+        _ = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=damped").plant
     text = (tmp_path / "rigid.toml").read_text().replace("residual_flexibility_m_n = 0.0\n", "")
     (tmp_path / "rigid.toml").write_text(text)
     with pytest.raises(SceneError, match="has modes of a rigid body only"):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.common.atomic_files import NotWritten, whole_file, write_whole
+from hertzloop.common.atomic_files import NotWritten, atomic_write, whole_file
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.setup import load
@@ -60,12 +60,12 @@ def test_links_and_permissions_stay(tmp_path: Path) -> None:
     link.symlink_to(path)
     before = os.umask(0o027)
     try:
-        write_whole(link, "one")
+        atomic_write(link, "one")
     finally:
         os.umask(before)
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
     path.chmod(0o604)
-    write_whole(link, b"two")
+    atomic_write(link, b"two")
     assert link.is_symlink()
     assert path.read_text() == "two"
     assert stat.S_IMODE(path.stat().st_mode) == 0o604
@@ -76,17 +76,17 @@ def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(NotWritten, match="not a regular file"):
-        write_whole(pipe, "words")
+        atomic_write(pipe, "words")
     with pytest.raises(NotWritten, match="not a regular file"):
-        write_whole(tmp_path, "words")
+        atomic_write(tmp_path, "words")
     with pytest.raises(RecordingError, match="cannot create the recording"):
         RecordingWriter(pipe, overwrite=True)
-    write_whole(Path(os.devnull), "words")
+    atomic_write(Path(os.devnull), "words")
     (tmp_path / "null").symlink_to(os.devnull)
-    write_whole(tmp_path / "null", "words")
+    atomic_write(tmp_path / "null", "words")
     assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
     reading, writing = os.pipe()
-    write_whole(Path(f"/dev/fd/{writing}"), "words")  # as of a shell's >(...)
+    atomic_write(Path(f"/dev/fd/{writing}"), "words")  # as of a shell's >(...)
     assert os.read(reading, 100) == b"words"
     os.close(reading)
     os.close(writing)

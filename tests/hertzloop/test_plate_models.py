@@ -29,7 +29,7 @@ from tests.commands import invoke
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
 YIELDS = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"]
-DAMPED = "plate.truncated_modes=damped"
+DAMPED = "plate.tail=damped"
 DAMPER = ["contact.damping=hunt_crossley", "contact.restitution=0.5"]
 
 
@@ -38,7 +38,7 @@ def test_the_residual_mode_is_taken_where_it_is_known() -> None:
         ("oak-20mm", [], True),
         ("aluminium-3mm", SHORT, True),
         ("aluminium-3mm", [*SHORT, "run.plate_model=infinite"], False),
-        ("aluminium-3mm", [*SHORT, "plate.truncated_modes=spring"], False),
+        ("aluminium-3mm", [*SHORT, "plate.tail=spring"], False),
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]"], False),
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", DAMPED], True),
         ("aluminium-3mm", [*SHORT, "actuator.mass_kg=1e-3"], False),
@@ -65,7 +65,7 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
     spring, damped = (
-        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.truncated_modes={tail}"])
+        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.tail={tail}"])
         for tail in ("spring", "damped")
     )
     limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
@@ -134,16 +134,16 @@ def test_one_step_costs_at_most_three_of_kirchhoff() -> None:
             "actuator.mass_kg = 0.001: not supported by plate.theory",
         ),
         (
-            [*SOLID, "plate.truncated_modes=damped"],
-            "plate.truncated_modes = 'damped': not supported by plate.theory",
+            [*SOLID, "plate.tail=damped"],
+            "plate.tail = 'damped': not supported by plate.theory",
         ),
         (
-            [*SHORT, "plate.truncated_modes=damped", "actuator.mass_kg=1e-3"],
-            "plate.truncated_modes = 'damped': not supported with",
+            [*SHORT, "plate.tail=damped", "actuator.mass_kg=1e-3"],
+            "plate.tail = 'damped': not supported with",
         ),
         (
-            [*SHORT, "plate.truncated_modes=damped", "run.scheme=thesis2008"],
-            "plate.truncated_modes = 'damped': not supported by",
+            [*SHORT, "plate.tail=damped", "run.scheme=thesis2008"],
+            "plate.tail = 'damped': not supported by",
         ),
     ],
 )
@@ -157,7 +157,7 @@ def test_a_plate_no_thicker_than_the_contact_is_wide_is_refused() -> None:
         load("aluminium-3mm", [*SOLID, "sphere.radius_m=0.05", "plate.thickness_m=1e-4"])
 
 
-@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.truncated_modes=damped"]])
+@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
 def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
     scene = load("aluminium-3mm", settings)
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
@@ -179,7 +179,7 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     for settings, words, key in (
         (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
-        (["plate.truncated_modes=damped"], "one damped mode dissipated", "truncated_modes"),
+        (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
     ):
         arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
         done = invoke(

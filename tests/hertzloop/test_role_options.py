@@ -20,6 +20,7 @@ UNUSUAL = RunOptions(
     realtime="on",
     pace=0.5,
     repeat=Path("a.mcap"),
+    note="-- new tip",
 )
 
 
@@ -28,6 +29,7 @@ def test_a_role_gets_each_option_that_its_command_has(role: str) -> None:
     [entry] = [entry for entry in all_commands() if entry.words == f"node {role}"]
     given = app.load_command(entry).make_context(role, role_options(role, "mine", UNUSUAL)).params
     shared = [field.name for field in fields(RunOptions) if field.name in given]
+    assert all(getattr(UNUSUAL, name) != getattr(RunOptions(), name) for name in shared)
     assert {name: given[name] for name in shared} == {
         name: getattr(UNUSUAL, name) for name in shared
     }

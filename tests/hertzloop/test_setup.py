@@ -53,6 +53,8 @@ TRIED: dict[str, list[Any]] = {
     "controller.full_scale_n": [77.0],
     "controller.latency_us": [3.0],
     "controller.jitter_us": [2.0],
+    "controller.clock_ppm": [50.0],
+    "controller.clock_phase": [0.6],
     "controller.drop_out_probability": [0.1],
     "controller.slew_n_s": [1e7],
     "hammer.mass_kg": [0.07],

@@ -163,10 +163,14 @@ from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES, step
 from hertzloop.plant import state_kernels
-from hertzloop.plant.structures.registry import Description, structure
+from hertzloop.plant.structures.registry import STRUCTURES, Description, structure
 from tests.plant.rigs import spec
 
 assert load("aluminium-3mm", ["plate.theory=own"]).plate.theory == "own"
+STRUCTURES["later"] = STRUCTURES["own"]  # as a program adds one, also once scenes have been loaded
+assert load("aluminium-3mm", ["plate.theory=later"]).plate.theory == "later"
+with pytest.raises(ValueError, match="plate.theory"):
+    load("aluminium-3mm", ["plate.theory=modes"])
 known = spec(limit_hz=20e3)
 thin = known.plate
 described = Description(thin.material, thin.size_m, thin.thickness_m, thin.loss_factor)

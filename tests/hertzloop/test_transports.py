@@ -75,6 +75,11 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.002", "controller.law=predicted", "controller.latency_us=15",
          "controller.jitter_us=2"],
     ),
+    "own clock": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", "controller.law=force_feedback", "sensors.every_steps=5",
+         "controller.clock_ppm=-3000", "controller.clock_phase=0.3", "controller.latency_us=2"],
+    ),
     "fading": (
         "aluminium-3mm",
         ["run.duration_s=0.002", "controller.law=fade_out", "controller.latency_us=3"],
@@ -106,6 +111,10 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.002", "actuator.bandwidth_hz=3e4", "actuator.damping=0.3",
          "actuator.mass_kg=5e-3", "plate.loss_factor=0.02"],
     ),
+    "preload": (
+        "offcentre-6mm",
+        ["run.duration_s=0.002", "actuator.preload_n=5", "controller.latency_us=2"],
+    ),
     "yielding": (
         "aluminium-3mm",
         ["run.duration_s=0.003", "contact.plasticity=thornton",
@@ -123,7 +132,7 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
 # Of the two kinds of plant that most scenes have: every other kind is compiled for half a minute.
 QUICK = set(VARIANTS) - {
     "two points", "published scheme", "pre-computed force", "force feedback", "actuator",
-    "actuator beside", "yielding", "yielding, two points",
+    "actuator beside", "preload", "yielding", "yielding, two points",
 }  # fmt: skip
 SOME = ["default", "converters", "two points", "actuator"]
 
@@ -188,13 +197,13 @@ def checked(recording: Recording, scene: Setup) -> Recording:
 
 
 # A way to run a scene, variants that it is tried with, and those of the default tier.
-IN_THREADS = {"default", "converters", "velocity feedback", "predicted", "shifted threshold",
-              "a single step"}  # fmt: skip
+IN_THREADS = {"default", "own clock", "converters", "velocity feedback", "predicted",
+              "shifted threshold", "a single step"}  # fmt: skip
 WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
     "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
     "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, VARIANTS, set()),
     "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, VARIANTS, set()),
-    "zenoh": (record, {}, VARIANTS, {"default", "infinite plate"}),
+    "zenoh": (record, {}, VARIANTS, {"default", "infinite plate", "own clock"}),
     "zenoh, horizon 1": (record, {"horizon": 1}, SOME, {"converters"}),
     "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),
     "threads": (in_threads, {}, sorted(IN_THREADS), IN_THREADS),

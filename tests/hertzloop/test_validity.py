@@ -69,7 +69,7 @@ def test_the_20_mm_scene_by_hand() -> None:
         (["plate.loss_factor=0.5"], "air on the modes", "within"),
         (["run.plate_model=infinite", "run.duration_s=0.002"], "reflections", "left out"),
         (["contact.damping=hunt_crossley", "contact.restitution=0.5",
-          "plate.truncated_modes=spring"],
+          "plate.tail=spring"],
          "damper behind a spring", "left out"),
         (["contact.damping=hunt_crossley", "contact.restitution=0.5"],
          "damper behind a spring", "in the model"),

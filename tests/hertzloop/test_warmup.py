@@ -30,7 +30,7 @@ COARSE = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 KINDS = {
     "ideal": [],
     "actuator": ["plate.edges=cccc", "actuator.bandwidth_hz=5e4", "actuator.mass_kg=0.002"],
-    "spring": ["plate.truncated_modes=spring"],
+    "spring": ["plate.tail=spring"],
     "air": ["plate.radiation=one_face"],
     "yields": ["contact.plasticity=thornton"],
     "infinite": ["run.plate_model=infinite"],

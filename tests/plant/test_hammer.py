@@ -33,7 +33,7 @@ TIPS = {
     "square": [
         "hammer.tip_stiffness=1e10",
         "hammer.tip_exponent=2",
-        "plate.truncated_modes=spring",
+        "plate.tail=spring",
     ],
 }
 DAMPED = ["contact.damping=hunt_crossley", "contact.restitution=0.6"]

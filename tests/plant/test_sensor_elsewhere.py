@@ -117,7 +117,7 @@ def test_a_mass_loads_the_plate_as_its_exact_eigenvalues_say(
     point: tuple[float, float] | None,
 ) -> None:
     settings = ["plate.size_m=[0.2,0.16]", "plate.contact_point_m=[0.07,0.05]",
-                "plate.truncated_modes=spring", "sensors.mass_kg=0.004"]  # fmt: skip
+                "plate.tail=spring", "sensors.mass_kg=0.004"]  # fmt: skip
     setup = load("aluminium-3mm", [*FLIGHT, *settings])
     if point:
         setup = setup.vary({"sensors.point_m": point})
@@ -205,7 +205,7 @@ def table(with_sensor: bool) -> ModeTable:
 def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
     (tmp_path / "bare.npz").write_bytes(write_modes(".npz", table(False)))
-    tail = ["plate.truncated_modes=spring"]
+    tail = ["plate.tail=spring"]
     of_file = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'modes.npz'}", *tail])
     of_plate = plate(SENSOR, *tail)
     (velocity, _), (expected, _) = (seen(setup, FORCES) for setup in (of_file, of_plate))
@@ -251,7 +251,7 @@ def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> N
 def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Path) -> None:
     """What a fit compares records with, against the state where the sensor is."""
     settings = ["controller.law=off", "sensors.quantity=v_p", f"plate.contact_point_m={AT}",
-                "run.duration_s=0.0015", "plate.truncated_modes=spring"]  # fmt: skip
+                "run.duration_s=0.0015", "plate.tail=spring"]  # fmt: skip
     if by_file:
         (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
         setup = load("aluminium-3mm", [*settings, f"plate.modes={tmp_path / 'modes.npz'}"])
@@ -287,8 +287,8 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> N
     (["plate.theory=3d", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001: not supported by"),
     (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
     (["plate.edges=ffff", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001 is not supported for"),
-    (["plate.truncated_modes=damped", "sensors.mass_kg=0.001", f"sensors.point_m={AT}"],
-     "plate.truncated_modes = 'damped': not supported with sensors.mass_kg"),
+    (["plate.tail=damped", "sensors.mass_kg=0.001", f"sensors.point_m={AT}"],
+     "plate.tail = 'damped': not supported with sensors.mass_kg"),
 ])  # fmt: skip
 def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):

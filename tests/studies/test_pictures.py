@@ -92,4 +92,4 @@ def test_every_objective_has_words() -> None:
 
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)
-        assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)"))
+        assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)", "(N s)"))

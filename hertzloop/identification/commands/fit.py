@@ -9,7 +9,7 @@ import typer
 
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.text_files import text_of
 from hertzloop.identification.fit import report as fit_report
 from hertzloop.identification.fit.check import check as check_records
@@ -133,7 +133,7 @@ def fit(
         out.say(sentence)
     data = fit_report.as_json(result)
     if result.setup is not None and result.identifiable:
-        write_whole(target, fit_report.fitted_scene(result, target.stem))
+        atomic_write(target, fit_report.fitted_scene(result, target.stem))
         data["scene"] = str(target)
         out.say(f"written: {target}")
     if report_file is not None:
@@ -142,7 +142,7 @@ def fit(
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         flags = {"--check": check, "--exact": exact, "--report": True}
         words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
-        write_whole(report_file, page(result, shlex.join(map(str, words))))
+        atomic_write(report_file, page(result, shlex.join(map(str, words))))
         out.say(f"written: {report_file}")
     if replay_file is not None:
         from hertzloop.identification.fit.page import write_replay  # of an extra

@@ -16,7 +16,7 @@ import typer
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.identification.modes import universal
 from hertzloop.identification.modes.hits import read_hits
@@ -37,7 +37,7 @@ from hertzloop.scene.setup import Setup, load
 from hertzloop.views.format import Table
 
 # Settings with which any modes can be simulated: nothing stands for those beyond.
-_COMPLETE = ("plate.truncated_modes=spring", "plate.residual_flexibility_m_n=0")
+_COMPLETE = ("plate.tail=spring", "plate.residual_flexibility_m_n=0")
 
 if TYPE_CHECKING:
     from hertzloop.identification.modes.universal import Points, UniversalModes
@@ -432,8 +432,8 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> t
         except SceneError as error:
             warning = str(error).rstrip(".")
             setup = load(str(trial), _COMPLETE)  # all else has to be right
-    write_whole(target, content)
-    write_whole(target.with_suffix(".toml"), text)
+    atomic_write(target, content)
+    atomic_write(target.with_suffix(".toml"), text)
     return setup, warning
 
 
@@ -454,7 +454,7 @@ def _write_scene_modes(
     outputs.check_json(json_file, target)
 
     table = modes_of_scene(resolved, grid)
-    write_whole(target, write_modes(target.suffix, table))
+    atomic_write(target, write_modes(target.suffix, table))
     out.say(
         f"{len(table.omega_rad_s)} modes up to {_hz(table, -1):.4g} Hz (modes "
         "of equal frequency merged, modes without participation dropped), and a residual "

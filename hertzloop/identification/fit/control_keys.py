@@ -4,7 +4,7 @@ from hertzloop.scene.setup import Setup
 
 # What changes the force of the actuator alone, beside all keys of the controller.
 _OF_ACTUATOR = ("bandwidth_hz", "damping", "force_limit_n", "dead_time_us")
-_NOT_OF_ONE_RUN = ("jitter_us", "drop_out_probability")
+_NOT_OF_ONE_RUN = ("jitter_us", "clock_ppm", "clock_phase", "drop_out_probability")
 
 
 def is_control_key(key: str) -> bool:

@@ -75,6 +75,7 @@ def refuse_unknown_loop(setup: Setup) -> None:
         )
     chance: dict[str, Any] = {
         "controller.jitter_us": control.jitter_us,
+        "controller.clock_ppm": control.clock_ppm,
         "controller.drop_out_probability": control.drop_out_probability,
         "controller.latency_trace": control.latency_trace,
         "sensors.fault": sensors.fault,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.identification.fit.report import fitted_scene, number, sentences
 from hertzloop.identification.fit.results import FitResult, Nuisance
 from hertzloop.identification.fit.verdicts import ModelVerdict
@@ -167,4 +167,4 @@ def write_replay(result: FitResult, path: Path) -> None:
             indexes=times,
             columns=rr.Scalars.columns(scalars=curve["measured"] - curve["simulated"]),
         )
-    write_whole(path, memory.drain_as_bytes())
+    atomic_write(path, memory.drain_as_bytes())

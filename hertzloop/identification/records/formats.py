@@ -1,5 +1,6 @@
 """The formats of measured records, and the reader of each."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from hertzloop.identification.records.readers.numpy_files import read_npy, read_
 from hertzloop.identification.records.readers.oscilloscope import read_oscilloscope
 from hertzloop.identification.records.readers.parquet import read_parquet
 from hertzloop.identification.records.readers.recording import read_recording
+from hertzloop.identification.records.readers.sigrok import SIGROK_BEGINNING, read_sigrok
 from hertzloop.identification.records.readers.tdms import read_tdms
 from hertzloop.identification.records.readers.text import read_lvm, read_text_table
 from hertzloop.identification.records.readers.universal_file import read_uff
@@ -19,15 +21,25 @@ from hertzloop.identification.records.readers.wav import read_wav
 
 
 class Format(NamedTuple):
-    """A format: its name, the endings of its files, the extra that reads it, its reader."""
+    """A format of files.
+
+    Attributes:
+        name: on the page of formats.
+        endings: of its files.
+        extra: that reads it; "" if none is needed.
+        read: its reader.
+        beginning: what its files begin with, where other formats have the same endings.
+    """
 
     name: str
     endings: tuple[str, ...]
     extra: str
     read: Callable[[Path], FileContents]
+    beginning: re.Pattern[str] | None = None
 
 
 FORMATS = (
+    Format("sigrok CSV", (".csv", ".txt"), "", read_sigrok, SIGROK_BEGINNING),
     Format("text table", (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "", read_text_table),
     Format("Parquet", (".parquet",), "", read_parquet),
     Format("NumPy", (".npz",), "", read_npz),
@@ -42,4 +54,16 @@ FORMATS = (
     Format("MDF", (".mf4", ".mdf"), "mdf", read_mdf),
     Format("oscilloscope", (".wfm", ".bin", ".isf", ".trc"), "scopes", read_oscilloscope),
 )
-ENDINGS = {ending: one for one in FORMATS for ending in one.endings}
+ENDINGS = frozenset(ending for one in FORMATS for ending in one.endings)
+_LONGEST_BEGINNING = 4096  # bytes
+
+
+def format_of(path: Path) -> Format:
+    """Return the format of a file with one of the `ENDINGS`; the first bytes tell formats with the
+    same ending apart. Raises OSError."""
+    fitting = [one for one in FORMATS if path.suffix.lower() in one.endings]
+    if len(fitting) > 1:
+        with path.open("rb") as file:
+            start = file.read(_LONGEST_BEGINNING).decode("latin-1")
+        fitting = [one for one in fitting if one.beginning is None or one.beginning.search(start)]
+    return fitting[0]

@@ -11,7 +11,7 @@ import numpy as np
 from hertzloop.common.text_files import text_of
 from hertzloop.identification.records.contents import FileContents
 from hertzloop.identification.records.errors import RecordError, TableError
-from hertzloop.identification.records.formats import ENDINGS
+from hertzloop.identification.records.formats import ENDINGS, format_of
 from hertzloop.identification.records.measurement import Measurement, parse_record_table
 from hertzloop.identification.records.quantities import NAMES, known_quantity, quantity_of
 from hertzloop.identification.records.record import FEWEST_SAMPLES, Record
@@ -108,14 +108,13 @@ def _read_contents(path: Path) -> FileContents:
     """Return what a file holds. Raises RecordError and ModuleNotFoundError."""
     if not path.is_file():
         raise RecordError(f"{path}: there is no such file. Give the path of a record.")
-    form = ENDINGS.get(path.suffix.lower())
-    if form is None:
+    if path.suffix.lower() not in ENDINGS:
         raise RecordError(
             f"{path}: '{path.suffix}' is not a known format. Give one of "
             f"{', '.join(sorted(ENDINGS))}."
         )
     try:
-        return replace(form.read(path), name=path.name)
+        return replace(format_of(path).read(path), name=path.name)
     except (RecordError, ModuleNotFoundError):
         raise
     except TableError as error:

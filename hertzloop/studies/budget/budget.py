@@ -20,6 +20,7 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
 )
 from hertzloop.studies.budget.stability import linear_margin, tolerated
+from hertzloop.studies.budget.worst_sequence import WorstLimit, worst_limit
 from hertzloop.studies.margin.margin import Margin
 from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
@@ -86,7 +87,7 @@ class InPlant:
 class Budget:
     """The answer of `hertzloop budget`; `real` is None where it was not asked for, and so is
     `other`, the scene by metrics of the other span; `other_db`: its change of the plate energy,
-    None without one."""
+    None without one; `worst`: the limit of jitter against the worst sequence, if asked for."""
 
     scene: str
     law: str
@@ -97,6 +98,7 @@ class Budget:
     other: InPlant | None
     other_db: float | None
     cases: int
+    worst: WorstLimit | None = None
 
 
 def search_of(setup: Setup, quick: bool, span: Span) -> Search:
@@ -209,6 +211,7 @@ def budget(
     if with_real:
         changed, left_out = real_plant(setup, quick)
         real = of_plant(changed, 1 + both, left_out)
+    worst = _worst_of(pool, setup, goals, request, ideal) if request.worst else None
     on_progress(1.0)
     return Budget(
         setup.name,
@@ -219,8 +222,25 @@ def budget(
         real,
         other,
         other_db,
-        counted[0] + 1,
+        counted[0] + 1 + (worst.cases if worst else 0),
+        worst,
     )
+
+
+def _worst_of(
+    pool: Pool, setup: Setup, goals: Sequence[Goal], request: BudgetRequest, ideal: InPlant
+) -> WorstLimit:
+    """Search the worst sequence within the range of jitter that the search of its limit went
+    through, or up to the first range that fails with random draws."""
+    jitter = next(limit for limit in ideal.limits if limit.quantity == "jitter_us")
+    most_us = jitter.searched[1] if jitter.first_failure is None else jitter.first_failure
+    search = search_of(setup, request.quick, ideal.span)
+    lasts = {} if search.short_s is None else {"run.duration_s": search.short_s}
+
+    def run(cases: list[Case]) -> Rows:
+        return evaluate(pool, setup, ideal.span, [lasts | case for case in cases])
+
+    return worst_limit(setup, goals, round(1000.0 * most_us / setup.step_ns), search.phases, run)
 
 
 def nominal_of(
@@ -288,6 +308,7 @@ def as_data(found: Budget) -> dict[str, Any]:
         "real_plant_linear_margin": _margin(real.margin) if real else None,
         "real_plant_unstable": real.unstable if real else None,
         "linear_margin": _margin(found.ideal.margin),
+        "worst_jitter": None if found.worst is None else asdict(found.worst),
         "unstable": found.ideal.unstable,
         "probability": None,
         "cases": found.cases,

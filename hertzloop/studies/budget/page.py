@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
@@ -161,7 +161,7 @@ def write_page(
         scenes=[(found.scene, to_toml(setup.scene))],
     )
     path = folder / "budget.html"
-    write_whole(path, text)
+    atomic_write(path, text)
     return path
 
 

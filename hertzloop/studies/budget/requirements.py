@@ -28,7 +28,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hertzloop.common.atomic_files import write_whole
+from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.text_files import text_of
 from hertzloop.results.cases import CASE_METRICS, CaseState, Span
 from hertzloop.scene import model_error
@@ -386,4 +386,4 @@ def junit(path: Path, found: Sequence[Checked]) -> None:
     root = ET.Element("testsuites")
     root.append(suite)
     ET.indent(root)
-    write_whole(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))
+    atomic_write(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))

@@ -132,6 +132,7 @@ def law_filter(setup: Setup) -> LawFilter:
     line = setup.line
     for why, given in (
         ("controller.jitter_us is not zero, so the line varies with time", line.jitter_steps),
+        ("controller.clock_ppm is not zero, so the line varies with time", line.tick_steps),
         (
             "controller.drop_out_probability is not zero, so the line varies with time",
             line.drop_out_probability,

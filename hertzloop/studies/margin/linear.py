@@ -108,6 +108,15 @@ class PoleForm:
         fir = np.array([first + late, 0.0]) if n - r >= 2 else np.array([first, late])
         return PoleForm(p**n, whole, fir)
 
+    def in_step(self, every: int, step: int) -> "PoleForm":
+        """Return the response from sample to sample, `every` steps apart, to a force in one step
+        alone, `step` steps (0 to every - 1) after a sample."""
+        if every == 1:
+            return self
+        first = {every - 1: self.fir[0], every - 2: self.fir[1]}.get(step, 0.0)
+        residues = self.residues * self.poles ** (every - 1 - step)
+        return PoleForm(self.poles**every, residues, np.array([first, 0.0]))
+
 
 def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: LinearActuator) -> PoleForm:
     own, vectors = np.linalg.eig(actuator.a)

@@ -312,7 +312,7 @@ def margin_of(setup: Setup) -> Margin:
         latency_limit_steps=limit,
         latency_limit_us=limit_us,
         stable_windows_us=_windows(loops, limit, step_us),
-        gain_margin=_gain_margin(loop, delay),
+        gain_margin=gain_margin(loop, delay),
         peak_sensitivity=peak,
         disk_margin=disk,
         binding_frequency_hz=binding,
@@ -411,7 +411,7 @@ def _phase_crossings(loop: Loop, delay: int) -> tuple[np.ndarray, np.ndarray]:
     return at[there < 0.0], -there[there < 0.0]
 
 
-def _gain_margin(loop: Loop, delay: int) -> float | None:
+def gain_margin(loop: Loop, delay: int) -> float | None:
     """Factor up to which every smaller gain is stable too; None without limit."""
     if loop.table.outside:
         return None
@@ -454,15 +454,20 @@ def unstable_poles(loop: Loop, delay: int) -> np.ndarray:
     return np.exp(np.array(kept, complex))
 
 
-def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
-    """Largest |S| and 1/max|S - 1/2|, from the grid, phase crossings, and a local search."""
+def needle_angles(loop: Loop, delay: int) -> np.ndarray:
+    """Return angles from 0 to pi, rising, with one at every narrow peak of the closed loop."""
     parts = [loop.table.theta, _phase_crossings(loop, delay)[0]]
     if 2 * len(loop.plant.poles) + delay <= _MOST_STATES:
         poles = closed_loop_poles(loop.plant, loop.law, delay)
         if poles is not None:  # a needle of the sensitivity stands at every pole
             parts.append(np.abs(np.angle(poles)))
     theta = np.concatenate(parts)
-    theta = np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
+    return np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
+
+
+def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
+    """Largest |S| and 1/max|S - 1/2|, from the grid, phase crossings, and a local search."""
+    theta = needle_angles(loop, delay)
 
     def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         s = 1.0 / (1.0 + loop.table.gain(at, delay))

@@ -2,6 +2,7 @@
 
 from hertzloop.studies.margin.binding import hertz
 from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
+from hertzloop.studies.margin.jitter import JitterMargin
 from hertzloop.studies.margin.margin import Growth, Margin
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
@@ -108,4 +109,38 @@ def margin_lines(m: Margin) -> list[str]:
     lines.append(f"gain margin (factor on the gain at which stability ends): {gain}")
     if m.peak_sensitivity is not None and m.disk_margin is not None:
         lines.append(f"peak sensitivity {m.peak_sensitivity:.4g}, disk margin {m.disk_margin:.4g}")
+    return lines
+
+
+def jitter_lines(found: JitterMargin | None) -> list[str]:
+    """Return the lines on a latency that varies; none without a linear loop."""
+    if found is None:
+        return []
+    lines = []
+    if found.margin_steps is not None and found.frequency_hz is not None:
+        lines += [
+            f"jitter margin: {found.margin_steps} steps ({found.margin_us:.4g} us) above the "
+            f"shortest latency, in any sequence, set at {hertz(found.frequency_hz)}",
+            "the jitter margin is sufficient, not necessary; the latency limit is its upper bound",
+        ]
+    elif found.frequency_hz is not None:
+        lines.append("jitter margin: without limit")
+    if found.verdict == "certified":
+        lines.append(f"the latencies of this scene: certified, {found.added_us:g} us above the "
+                     "shortest one at most")  # fmt: skip
+    elif found.verdict == "refuted":
+        lines.append(
+            "the latencies of this scene: refuted, unstable at a constant latency of "
+            f"{found.refuted_at_us:g} us within their range"
+        )
+    elif found.verdict == "undecided":
+        why = "the stability at the shortest latency is not known"
+        if found.frequency_hz is not None:
+            why = f"{found.added_us:g} us above the shortest one is beyond the jitter margin"
+        if found.drops_out:
+            why = "random drop-outs have no longest burst"
+        lines.append(f"the latencies of this scene: undecided, because {why}")
+    if found.drops_out and found.burst is not None:
+        burst = "no burst" if found.burst < 0 else f"bursts of up to {found.burst} commands"
+        lines.append(f"drop-outs: {burst} in a row certified at these latencies")
     return lines

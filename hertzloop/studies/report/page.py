@@ -32,9 +32,10 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_line
+from hertzloop.studies.margin.jitter import at_shortest_latency, jitter_margin_of
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.margin.picture import draw
-from hertzloop.studies.margin.shown import margin_lines
+from hertzloop.studies.margin.shown import jitter_lines, margin_lines
 from hertzloop.views import provenance
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
@@ -233,15 +234,16 @@ def _margin(recording: Recording, setup: Setup) -> tuple[list[str], str]:
     if law_of(recording).law not in shipped_laws() or not law_of(recording).as_announced:
         return [], ""
     try:
-        found = margin_of(setup)
+        constant = at_shortest_latency(setup)
+        found = margin_of(constant)
         if not found.applicable:
             return [], ""
-        lines = margin_lines(found)
+        lines = margin_lines(found) + jitter_lines(jitter_margin_of(setup, found))
         at_hz = found.binding_frequency_hz
         if at_hz is not None:
-            lines.append(mode_line(binding_mode(setup, at_hz), at_hz))
+            lines.append(mode_line(binding_mode(constant, at_hz), at_hz))
         png = io.BytesIO()
-        draw(setup, found).savefig(png, format="png", dpi=90)
+        draw(constant, found).savefig(png, format="png", dpi=90)
     except SceneError as error:
         return [f"No margin: {error}"], ""
     return lines, base64.b64encode(png.getvalue()).decode()

@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hertzloop.common.atomic_files import whole_file, write_whole
+from hertzloop.common.atomic_files import atomic_write, whole_file
 from hertzloop.common.jit.folder import code_digest
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
@@ -322,7 +322,7 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
             pyarrow.parquet.write_table(table.replace_schema_metadata(kept), unfinished)
         else:
             pyarrow.csv.write_csv(table, unfinished)
-            write_whole(_beside(out), about + "\n")
+            atomic_write(_beside(out), about + "\n")
 
 
 _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}

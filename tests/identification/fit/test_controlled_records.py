@@ -162,6 +162,7 @@ def test_converters_of_the_loop_do_not_spoil_the_derivatives() -> None:
 @pytest.mark.parametrize(("changes", "table", "keys", "words"), [
     (("controller.v_thr_m_s=100",), {}, (KAPPA,), "kappa: not identifiable, as the actuator never"),
     (("controller.jitter_us=2",), {}, (LATENCY,), "jitter_us = 2.0: a fit simulates one run"),
+    (("controller.clock_ppm=20",), {}, (LATENCY,), "clock_ppm = 20.0: a fit simulates one run"),
     ((), {}, (LATENCY, "actuator.dead_time_us"), "finds one key in whole steps"),
     ((), {"control": False}, (LATENCY,), "Give a record of an impact under the law"),
     ((), {"point_m": (0.1, 0.1)}, (LATENCY,), "must be of the contact point"),
@@ -197,6 +198,7 @@ def test_free_keys_of_a_law_are_read_from_their_text() -> None:
     assert parse_free_key(setup, f"{KAPPA}±5%").prior == pytest.approx(0.05)
     for text, words in (
         (f"{LATENCY}±1", "has no prior"), ("controller.jitter_us", "one run cannot tell"),
+        ("controller.clock_phase", "one run cannot tell"),
         ("controller.v_thr_m_s", "one positive number"), ("controller.law", "one positive"),
         ("controller.kapa", "Did you mean controller.kappa"),
         ("actuator.stuck_from_s", "of the actuator only"),

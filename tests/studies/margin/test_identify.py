@@ -75,7 +75,7 @@ def test_constants_of_shipped_laws_agree_with_a_probe(law, quantity):
 
 @pytest.mark.parametrize(
     "setting",
-    ["controller.jitter_us=3", "controller.drop_out_probability=0.1",
+    ["controller.jitter_us=3", "controller.clock_ppm=5", "controller.drop_out_probability=0.1",
      "controller.latency_trace=[0,600]", "sensors.fault=stuck", "actuator.stuck_from_s=0.001"],
 )  # fmt: skip
 def test_what_the_transfer_function_does_not_hold_is_refused(setting):

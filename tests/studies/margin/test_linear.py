@@ -33,14 +33,14 @@ BESIDE = [
     ("offcentre-6mm", [ELSEWHERE, "plate.actuator_point_m=[0.1,0.2]", *ACTUATOR, *FILTERS]),
     ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", *BY_ACCELERATION]),
     ("offcentre-6mm", [
-        ELSEWHERE, "sensors.mass_kg=0.004", "plate.truncated_modes=spring", *ACTUATOR,
+        ELSEWHERE, "sensors.mass_kg=0.004", "plate.tail=spring", *ACTUATOR,
     ]),
     ("offcentre-6mm", ["sensors.mass_kg=0.004"]),
 ]  # fmt: skip
 # A kind of plant that no other test of the default tier compiles.
 ALONE = [
     ("aluminium-20mm", ["plate.radiation=two_faces"]),
-    ("aluminium-20mm", ["plate.truncated_modes=spring", *ACTUATOR]),
+    ("aluminium-20mm", ["plate.tail=spring", *ACTUATOR]),
 ]
 # Scene, and settings beside velocity feedback.
 VARIANTS = [
@@ -59,9 +59,9 @@ VARIANTS = [
     ("aluminium-20mm", [*BY_ACCELERATION, *FILTERS, *ACTUATOR]),
     ("aluminium-20mm", BY_GAP),
     ("aluminium-20mm", [*BY_GAP, *FILTERS, *ACTUATOR]),
-    ("aluminium-20mm", ["plate.truncated_modes=damped"]),
-    ("aluminium-20mm", ["plate.truncated_modes=spring"]),
-    ("aluminium-20mm", ["plate.truncated_modes=spring", *BY_GAP]),
+    ("aluminium-20mm", ["plate.tail=damped"]),
+    ("aluminium-20mm", ["plate.tail=spring"]),
+    ("aluminium-20mm", ["plate.tail=spring", *BY_GAP]),
     ("aluminium-20mm", ["actuator.mass_kg=0.001"]),
     ("docs/examples/thick-plate.toml", []),
     *(pytest.param(*one, marks=pytest.mark.full) for one in [*ALONE, *BESIDE]),

@@ -42,6 +42,27 @@ def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
     assert metrics.steps < scene.steps
 
 
+@pytest.mark.parametrize("model", ["modal", "infinite"])
+def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(model: str) -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0016", f"run.plate_model={model}"])
+    case, found = metrics_of_case(scene), first_impact(scene, simulate(scene).truth)
+    assert found is not None
+    it, sphere = found.impact, scene.sphere
+    change = sphere.mass_kg * (it.impact_speed_m_s + it.rebound_speed_m_s)
+    weight = sphere.mass_kg * sphere.gravity_m_s2 * it.duration_s
+    assert case.impulse_n_s == pytest.approx(change + weight, rel=2e-5)  # read from the gap
+    assert case.impulse_n_s == pytest.approx(simulate(scene).balance.contact_impulse_n_s, rel=1e-12)
+
+
+@pytest.mark.full
+def test_the_impulse_of_a_case_over_all_contacts_is_that_of_the_first() -> None:
+    scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.15"])
+    first, whole = metrics_of_case(scene), metrics_of_case(scene, "run")
+    assert whole.contacts > 1
+    assert whole.impulse_n_s == pytest.approx(first.impulse_n_s, rel=1e-4)  # two plate models
+    assert simulate(scene).balance.contact_impulse_n_s > 1.2 * whole.impulse_n_s
+
+
 def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None:
     settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
     scene = load("aluminium-3mm", settings)

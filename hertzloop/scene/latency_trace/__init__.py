@@ -1,0 +1,1 @@
+"""Latencies by sample (`controller.latency_trace`): from a file of a measurement, or drawn."""

@@ -1,0 +1,95 @@
+"""Latencies of cyclictest: its list of cycles (`-v`) and its histogram (`-h`).
+
+Source: rt-tests, `man cyclictest`. A line of the list is `thread: cycle: latency`. A line of the
+histogram is a latency and, for each thread, how many cycles had it. Both are in microseconds, or in
+nanoseconds with `-N`, which the output does not state.
+"""
+
+import itertools
+import re
+
+import numpy as np
+
+from hertzloop.scene.latency_trace.trace_file import IN_US, MOST_LATENCIES, Latencies, TraceFile
+
+_CYCLE = re.compile(r"\s*(\d+):\s*(\d+):\s*(-?\d+)\s*")
+_BIN = re.compile(r"\d+(\s+\d+)+\s*")
+_OVERFLOWS = re.compile(r"#\s*Histogram Overflows:((?:\s*\d+)+)", re.IGNORECASE)
+_SURELY_US = 100.0  # below this median a latency is not in ns: no timer wakes within 0.1 us
+_ORDER_SEED = 14  # of the order in which the latencies of a histogram are drawn
+
+
+def is_list(lines: list[str]) -> bool:
+    """Whether lines are a list of cycles."""
+    return any(_CYCLE.fullmatch(line) for line in lines[:20])
+
+
+def is_histogram(lines: list[str]) -> bool:
+    """Whether lines are a histogram."""
+    return any(_OVERFLOWS.match(line) for line in lines) or lines[0].startswith("# Histogram")
+
+
+def read_list(lines: list[str], about: TraceFile) -> Latencies:
+    """Return the latencies of one thread. Raises ValueError."""
+    about.refuse("a list of cyclictest", "column", "sample", "command", "topic")
+    found: dict[int, list[tuple[int, float]]] = {}
+    for line in lines:
+        if cycle := _CYCLE.fullmatch(line):
+            thread, number, latency = map(int, cycle.groups())
+            found.setdefault(thread, []).append((number, float(latency)))
+    cycles = found[_thread(sorted(found), about)]
+    numbers = [number for number, _ in cycles]
+    for before, number in itertools.pairwise(numbers):
+        if number != before + 1:
+            raise ValueError(f"cycle {number} follows cycle {before}. Give all cycles in order")
+    values = [latency for _, latency in cycles]
+    return Latencies([_unit(np.median(values), about) * value for value in values])
+
+
+def read_histogram(lines: list[str], about: TraceFile) -> Latencies:
+    """Return as many latencies as cycles, at most `MOST_LATENCIES`, in a random order.
+
+    Of more cycles every latency has its share, and at least one. Raises ValueError.
+    """
+    about.refuse("a histogram of cyclictest", "column", "sample", "command", "topic")
+    bins = np.array([line.split() for line in lines if _BIN.fullmatch(line)], dtype=np.int64)
+    thread = _thread(list(range(bins.shape[1] - 1)), about)
+    for line in lines:
+        if overflows := _OVERFLOWS.match(line):
+            lost = int(overflows[1].split()[thread])
+            if lost:
+                raise ValueError(
+                    f"{lost} cycles are above the histogram, by an unknown latency. Repeat "
+                    "cyclictest with a larger -h"
+                )
+    latency, count = bins[:, 0].astype(float), bins[:, 1 + thread]
+    if not count.any():
+        return Latencies([], ordered=False)
+    share = max(1.0, count.sum() / (MOST_LATENCIES - len(count)))
+    count = np.where(count > 0, np.maximum(1, np.round(count / share)), 0).astype(int)
+    values = np.repeat(latency, count)
+    values *= _unit(float(np.median(values)), about)
+    return Latencies(np.random.default_rng(_ORDER_SEED).permutation(values).tolist(), False)
+
+
+def _thread(threads: list[int], about: TraceFile) -> int:
+    """Return the thread to read. Raises ValueError."""
+    if about.thread is None and len(threads) > 1:
+        raise ValueError(
+            f"has the threads {', '.join(map(str, threads))}. Choose one with latency_trace = "
+            "{ file = ..., thread = 0 }"
+        )
+    thread = threads[0] if about.thread is None else about.thread
+    if thread not in threads:
+        raise ValueError(f"thread {thread}: is not in the file. Use one of {threads}")
+    return thread
+
+
+def _unit(median: float, about: TraceFile) -> float:
+    """Return how many us the unit of the numbers is. Raises ValueError."""
+    if about.unit is None and median >= _SURELY_US:
+        raise ValueError(
+            f"the median {median:g} may be us, or ns of cyclictest -N. Choose one with "
+            'latency_trace = { file = ..., unit = "us" }'
+        )
+    return IN_US[about.unit or "us"]

@@ -1,0 +1,221 @@
+"""The jitter margin: closed forms, an independent response, a search, and verdicts on scenes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.jitter_margin import (
+    RandomLoop,
+    Search,
+    polyphase,
+    random_loop,
+    simulated,
+    three_modes,
+)
+from benchmarks.margin import simulated_growth_per_s
+from hertzloop.scene.setup import load
+from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.jitter import (
+    ErrorResponse,
+    JitterMargin,
+    at_shortest_latency,
+    jitter_margin_of,
+)
+from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.margin import margin_of
+from tests.commands import invoke
+from tests.tiers import default
+
+NONE = np.empty(0, complex)
+SCENE = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "sensors.low_pass_hz=1000",
+         "controller.kappa=0.05"]  # fmt: skip
+FLIGHT = {"run.lead_in_s": 1.0, "run.duration_s": 1.01, "sphere.drop_height_m": 20.0}
+
+
+def found_in(*settings: str) -> JitterMargin:
+    setup = load("aluminium-20mm", [*SCENE, *settings])
+    found = jitter_margin_of(setup, margin_of(at_shortest_latency(setup)))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("loss", "angle", "gain"), [(0.05, 0.3, 0.02), (0.01, 0.05, 3e-3), (1e-4, 0.01, 1e-3)]
+)
+def test_an_oscillator_with_velocity_feedback_has_its_closed_form(
+    loss: float, angle: float, gain: float
+) -> None:
+    """P = (z - 1)/((z - p)(z - p*)), so that L/(1 + L) = gain (z - 1)/(z^2 - a z + b).
+
+    With t = 1/(1 - cos theta) the square of |1 + L|/(|L| |z - 1|) is quadratic in t.
+    """
+    p = np.exp((-loss + 1j) * angle)
+    plant = PoleForm(np.array([p]), np.array([(p - 1.0) / (p - p.conjugate())]), np.zeros(2))
+    law = LawFilter(-gain, NONE, NONE)
+    delay, at = ErrorResponse(polyphase(plant, law, 1), 0).largest_delay()
+    a, b = 2.0 * p.real - gain, abs(p) ** 2 - gain
+    square, linear, constant = (1.0 + b - a) ** 2, 2.0 * a * (1.0 + b) - 8.0 * b, 4.0 * b
+    least = math.sqrt(constant - linear**2 / (4.0 * square)) / (2.0 * gain)
+    assert delay == pytest.approx(least, rel=1e-9)
+    assert at == pytest.approx(math.acos(1.0 + 2.0 * square / linear), rel=1e-6)
+
+
+@pytest.mark.parametrize("pole", [0.9, 0.5])
+def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole: float) -> None:
+    plant = PoleForm(np.array([pole + 0j]), np.array([0.5 + 0j]), np.zeros(2))
+    delay, at = ErrorResponse(polyphase(plant, LawFilter(-0.1, NONE, NONE), 1), 0).largest_delay()
+    assert delay == pytest.approx((1.0 + pole - 0.1) / 0.2, rel=1e-12)
+    assert at == pytest.approx(math.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize(("every", "delay"), [(1, 0), (2, 1), (3, 5), (4, 2)])
+def test_the_condition_agrees_with_impulses_in_every_step(every: int, delay: int) -> None:
+    """An error of the force in one step of the closed loop changes the commands as the response
+    says."""
+    plant = PoleForm(
+        np.exp([-0.02 + 0.3j, -0.05 + 1.9j]),
+        np.array([0.05 + 0.01j, -0.02j]),
+        np.array([0.1, 0.05]),
+    )
+    law = LawFilter(-0.3, np.array([0.6 + 0j]), np.array([-0.1 + 0j]))
+    samples = 1500
+    step = np.arange(samples * every)
+    response = np.zeros(len(step))
+    for pole, residue in zip(plant.poles, plant.residues, strict=True):
+        response[1:] += 2.0 * (residue * pole ** step[:-1]).real
+    response[1:3] += plant.fir
+    theta = np.pi * np.arange(1, samples + 1) / samples
+    squares = []
+    for r in range(every):
+        error = np.zeros(len(step))
+        error[delay + r] = 1.0
+        force, kept, commands = error.copy(), 0.0, []
+        for k in step:
+            if k % every == 0:
+                value = float(response[k::-1] @ force[: k + 1])
+                commands.append(law.direct * value + kept)
+                kept = 0.6 * kept - 0.1 * value
+                first = k + delay
+                force[first : first + every] += commands[-1]
+        changes = np.diff(commands, prepend=0.0)
+        assert abs(changes[-100:]).max() < 1e-9 * abs(changes).max()
+        squares.append(np.abs(np.fft.rfft(changes, 2 * samples)[1:]) ** 2)
+    found = ErrorResponse(polyphase(plant, law, every), delay)
+    np.testing.assert_allclose(np.exp(found.at(theta)[0]), squares, rtol=1e-6, atol=1e-9)
+    margin = found.largest_delay()[0]
+    for whole, holds in ((math.floor(margin), True), (math.floor(margin) + 1, False)):
+        missing = np.maximum(0, -(-(whole - np.arange(every)) // every))
+        assert bool(whole * (missing @ np.array(squares)).max() < 1.0) is holds
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+def test_responses_to_single_steps_add_up_to_that_of_a_held_command(every: int) -> None:
+    form = PoleForm(np.array([0.9 + 0.3j]), np.array([0.2 - 0.1j]), np.array([0.3, -0.2]))
+    z = np.exp(1j * np.linspace(0.1, 3.0, 20))
+    parts = sum(form.in_step(every, step).at(z) for step in range(every))
+    assert np.abs(parts - form.held(every, 0).at(z)).max() < 1e-12
+
+
+def checked(loop: RandomLoop, seed: int) -> tuple[float, str, bool]:
+    """Return margin, kind of an unstable sequence within it, and whether all constant latencies
+    within it are stable."""
+    margin, angle = ErrorResponse(loop.loops, loop.delay).largest_delay()
+    within = min(math.floor(margin), 600)
+    constant = loop.loops.unstable(loop.delay + np.arange(within + 1))
+    return margin, Search(loop, angle, seed).unstable(within), not constant.any()
+
+
+@pytest.mark.parametrize("first", default(range(0, 300, 50), quick=[0]))
+def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable(first: int) -> None:
+    for i in range(first, first + 50):
+        margin, kind, constant = checked(random_loop(np.random.default_rng([7, i])), i)
+        assert margin > 1.0
+        assert (kind, constant) == ("", True), i
+
+
+def test_the_loop_of_three_modes_is_stable_within_its_margin() -> None:
+    margin, kind, constant = checked(three_modes(), 1)
+    assert margin == pytest.approx(68.8928, rel=1e-5)
+    assert (kind, constant) == ("", True)
+
+
+def test_the_search_finds_sequences_where_every_constant_latency_is_stable() -> None:
+    """Otherwise the search would say nothing about the margin."""
+    loop = random_loop(np.random.default_rng([1, 24]))
+    assert not loop.loops.unstable(loop.delay + np.arange(601)).any()
+    angle = ErrorResponse(loop.loops, loop.delay).largest_delay()[1]
+    assert Search(loop, angle, 24).unstable(40)
+    assert simulated(loop).every == loop.every
+
+
+def test_the_margin_of_a_scene_is_within_the_constant_limit() -> None:
+    setup = load("aluminium-20mm", SCENE)
+    margin, found = margin_of(setup), found_in()
+    assert found.margin_steps == margin.latency_limit_steps == 7
+    assert 7.0 < found.margin_us <= margin.latency_limit_us
+    assert found.frequency_hz == pytest.approx(margin.binding_frequency_hz, rel=1e-4)
+    assert (found.verdict, found.added_us, found.burst) == (None, 0.0, 7)
+
+
+@pytest.mark.parametrize(
+    ("setting", "verdict"),
+    [
+        ("controller.jitter_us=7", "certified"),
+        ("controller.jitter_us=8", "refuted"),
+        ("controller.latency_trace=[1,3,7]", "certified"),
+        ("controller.latency_trace=[1,8]", "refuted"),
+        ("controller.drop_out_probability=0.01", "undecided"),
+        ("controller.latency_us=8", None),
+    ],
+)
+def test_verdicts_on_scenes(setting: str, verdict: str | None) -> None:
+    found = found_in(setting)
+    assert found.verdict == verdict
+    expected = pytest.approx(8.0) if verdict == "refuted" else None
+    assert found.refuted_at_us == expected
+
+
+def test_latencies_between_margin_and_limit_are_undecided() -> None:
+    setup = load("oak-20mm", [*SCENE[:2], "controller.kappa=0.4", "controller.jitter_us=20"])
+    found = jitter_margin_of(setup, margin_of(at_shortest_latency(setup)))
+    assert found is not None
+    assert (found.verdict, found.margin_steps, found.burst) == ("undecided", 0, -1)
+
+
+def test_bursts_count_in_samples() -> None:
+    found = found_in("sensors.every_steps=3", "controller.drop_out_probability=0.1",
+                     "controller.jitter_us=1")  # fmt: skip
+    assert found.margin_steps is not None
+    assert found.burst == (found.margin_steps - 1) // 3
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("controller.jitter_us=5", "certified, 5 us above the shortest one at most"),
+        ("controller.jitter_us=9", "refuted, unstable at a constant latency of 8 us"),
+        ("controller.drop_out_probability=0.1", "bursts of up to 7 commands in a row certified"),
+        ("controller.latency_us=10", "unstable at 10 us"),
+    ],
+)
+def test_the_command_tells_margin_and_verdict(setting: str, said: str, tmp_path) -> None:
+    words = [word for one in [*SCENE, setting] for word in ("--set", one)]
+    told = invoke(["margin", "aluminium-20mm", *words, "--json", str(tmp_path / "m.json")])
+    assert told.exit_code == 0
+    assert said in " ".join(told.output.split())
+    jitter = json.loads((tmp_path / "m.json").read_text())["jitter"]
+    if "latency" in setting:
+        assert jitter["margin_steps"] == -1
+        assert "jitter margin" not in told.output
+    else:
+        assert jitter["margin_steps"] == 7
+        assert "sufficient, not necessary" in told.output
+
+
+@pytest.mark.parametrize("jitter_us", default([7, 60], quick=[7]))
+def test_the_compiled_loop_decays_within_the_margin(jitter_us: int) -> None:
+    setup = load("aluminium-20mm", [*SCENE, f"controller.jitter_us={jitter_us}"]).vary(FLIGHT)
+    grows = simulated_growth_per_s(setup, -20.0 if jitter_us == 7 else 20.0)
+    assert (grows > 0.0) == (jitter_us > 7)
