@@ -21,7 +21,7 @@ def invoke(words: Sequence[str], env: Mapping[str, str] | None = None) -> Result
 
 def call(*words: object) -> Result:
     """Call `hertzloop WORDS` on a wide terminal. Fails where an exception passes the command."""
-    result = invoke([str(word) for word in words], env={"COLUMNS": "200"})
+    result = invoke([str(word) for word in words], env={"COLUMNS": "300"})
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     return result
 

@@ -35,8 +35,8 @@ LEFT_OUT = {
     "hertzloop node recorder --out pico.mcap": "as before",
     "hertzloop scene modes aluminium-20mm --from": "the reader's file: tested elsewhere",
     "hertzloop run --set controller.law=their.fmu": "the reader's file: test_fmu.py",
-    "hertzloop fit rig.toml controlled.csv": "the reader's file: tests/identification/test_fit.py",
-    "hertzloop fit rig.toml hits.csv": "the reader's file: tests/identification/test_hits.py",
+    "hertzloop fit rig.toml controlled.csv": "the reader's file: test_controlled_records.py",
+    "hertzloop fit rig.toml hits.csv": "the reader's file: fit/test_hits.py",
     "hertzloop fit --check drop.csv": "the reader's file; the tutorial of hits has such a command",
     "hertzloop fit bench.toml drop.csv": "the reader's file; the tutorial of fits has a fit",
 }

@@ -38,8 +38,8 @@ def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> No
     assert not list(temporary.iterdir())
 
 
-@pytest.mark.parametrize("runtime", ["set", "unset", ""])
-@pytest.mark.parametrize("name", ["x" * 100, "a b", "a#b", "a?b", "\xe4", "\udce4"])
+@pytest.mark.parametrize("runtime", ["set", "unset"])
+@pytest.mark.parametrize("name", ["x" * 100, "a#b", "\udce4"])
 def test_a_folder_that_cannot_hold_sockets_is_passed_over(
     temporary: Path, monkeypatch: pytest.MonkeyPatch, name: str, runtime: str
 ) -> None:
@@ -48,7 +48,7 @@ def test_a_folder_that_cannot_hold_sockets_is_passed_over(
     unfit.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(unfit))
     if runtime != "unset":
-        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime and str(temporary))
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(temporary))
     parent = temporary if runtime == "set" else "/tmp"
     with own_endpoints() as endpoints:
         assert all(url.startswith(f"{KIND}{parent}/hertzloop-bus-") for url in endpoints)

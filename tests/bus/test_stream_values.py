@@ -14,8 +14,7 @@ from tests.bus.checking import refused
 from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("number", [0, 2])
+@pytest.mark.parametrize(("value", "number"), [(math.nan, 0), (-math.inf, 2)])
 def test_truth_that_is_no_number(value: float, number: int) -> None:
     sent = plant_says()
     place = places(sent, "truth")[number]
@@ -24,14 +23,6 @@ def test_truth_that_is_no_number(value: float, number: int) -> None:
     sent[place] = replace(sent[place], payload=codec.encode(block.header, xi_m=rows))
     step = 4 * number + 2
     refused(sent, f"stream 'truth' sequence {number} holds xi_m = {value:g} at step {step}")
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_books_that_are_no_numbers(value: float) -> None:
-    sent = plant_says()
-    place = places(sent, "balance")[0]
-    sent[place] = changed(sent[place], modal_j=value)
-    refused(sent, f"stream 'balance' sequence 0 holds modal_j = {value:g}")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -61,10 +52,7 @@ def event_at(seconds: int, nanos: int) -> Event:
     return message
 
 
-@pytest.mark.parametrize(
-    ("seconds", "nanos"),
-    [(-1, 0), (0, -1), (2**62, 0), (-(2**63), 0), (0, 10**9), (9_223_372_036, 999_999_999)],
-)
+@pytest.mark.parametrize(("seconds", "nanos"), [(-1, 0), (0, -1), (2**62, 0), (0, 10**9)])
 def test_an_event_at_no_time_of_a_run(seconds: int, nanos: int) -> None:
     sent = plant_says()
     place = places(sent, "events/plant")[1]
@@ -82,20 +70,20 @@ def test_an_event_after_the_runs_end() -> None:
     refused([replace(late, sequence=0), sent[0]], "an event came for 12001 ns, the run ends at")
 
 
-@pytest.mark.parametrize(("steps", "step_ns"), [(0, 1000), (2**63, 1000), (2**64 - 1, 1)])
-def test_a_run_of_no_length(steps: int, step_ns: int) -> None:
+@pytest.mark.parametrize(
+    ("stream", "change", "words"),
+    [
+        ("balance", {"modal_j": math.nan}, "stream 'balance' sequence 0 holds modal_j = nan"),
+        ("hello", {"steps": 0}, "announced a run of 0 steps of 1000 ns"),
+        ("hello", {"steps": 2**63}, f"announced a run of {2**63} steps of 1000 ns"),
+        ("hello", {"scene_toml": ""}, "the plant announced a run without a scene"),
+        ("hello", {"run_id": 0}, "stream 'hello' sequence 0 belongs to run 0"),
+        ("end/plant", {"role": "controller"},
+         "stream 'end/plant' carries the end of 'controller', not of the plant"),
+    ],
+)  # fmt: skip
+def test_a_field_that_cannot_be(stream: str, change: dict, words: str) -> None:
     sent = plant_says()
-    sent[0] = changed(sent[0], steps=steps, step_ns=step_ns)
-    refused(sent, f"announced a run of {steps} steps of {step_ns} ns")
-
-
-def test_a_run_without_a_scene() -> None:
-    sent = plant_says()
-    sent[0] = changed(sent[0], scene_toml="")
-    refused(sent, "the plant announced a run without a scene")
-
-
-def test_an_end_of_another_role() -> None:
-    sent = plant_says()
-    sent[-1] = changed(sent[-1], role="controller")
-    refused(sent, "stream 'end/plant' carries the end of 'controller', not of the plant")
+    [place] = places(sent, stream)
+    sent[place] = changed(sent[place], **change)
+    refused(sent, words)

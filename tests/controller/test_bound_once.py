@@ -36,10 +36,7 @@ def test_equal_constants_are_bound_once() -> None:
     [
         (Constants(0.0), Constants(-0.0)),
         (Constants(1.0), Constants(1)),
-        (Constants(1), Constants(True)),
         (Constants(0.1), Constants(0.1 + 2**-56)),
-        (Constants(), Constants(weights=np.array([1.0, -1.0 - 2**-52]))),
-        (Constants(), Constants(weights=np.array([1.0, -1.0, 0.0]))),
         (Constants(weights=np.zeros(2)), Constants(weights=-np.zeros(2))),
         (Constants(weights=np.ones((3, 2))), Constants(weights=np.ones((2, 3)))),
         (Constants(0.5, 2.0), Turned(0.5, 2.0)),
@@ -47,8 +44,3 @@ def test_equal_constants_are_bound_once() -> None:
 )
 def test_what_differs_in_anything_is_another(one: Any, other: Any) -> None:
     assert LAW.bound_to(one) is not LAW.bound_to(other)
-
-
-def test_long_tables_are_not_kept() -> None:
-    long = Constants(weights=np.zeros(1000))
-    assert LAW.bound_to(long) is not LAW.bound_to(long)

@@ -16,7 +16,7 @@ from numba.core import caching, event
 from hertzloop.common.jit import storage
 from hertzloop.controller.loading.compiled import FUNCTIONS
 from hertzloop.controller.loading.registry import SHIPPED, find
-from hertzloop.law import Keys, LawContext
+from hertzloop.law import LawContext
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -65,19 +65,6 @@ def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(
     ]  # fmt: skip
     assert all(bound.model[:4])
     assert not bound.trouble
-
-
-def test_a_law_may_call_what_calls_itself(tmp_path: Path) -> None:
-    law = unseen(
-        tmp_path / "new.py",
-        "from hertzloop.law import kernel\n"
-        "@kernel\n"
-        "def doubled(x, times):\n"
-        "    if times == 0:\n        return x\n"
-        "    return doubled(2.0 * x, times - 1)\n"
-        "def command(p, s, samples, i):\n    return doubled(samples[i], 3)\n",
-    )
-    assert not law.bind(Keys(), LawContext()).trouble
 
 
 def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -> None:

@@ -1,19 +1,13 @@
-"""Ctrl-C, and what else is to end more than a law, while one runs as Python in compiled code."""
+"""Ctrl-C while a law runs as Python in compiled code."""
 
 import gc
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import Setup, load
-
-
-class Ended(BaseException):
-    """No Exception, as KeyboardInterrupt is none."""
 
 
 def scene_with(folder: Path, line: str, duration_s: float) -> Setup:
@@ -22,25 +16,15 @@ def scene_with(folder: Path, line: str, duration_s: float) -> Setup:
     return load("aluminium-3mm", [f"controller.law={law}", f"run.duration_s={duration_s}"])
 
 
-@pytest.fixture
-def raised_in_the_law() -> Iterator[type[BaseException]]:
-    np.ended = Ended  # type: ignore[attr-defined]
-    yield Ended
-    del np.ended  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("kind", ["KeyboardInterrupt", "__import__('numpy').ended"])
-def test_what_a_law_lets_pass_is_raised_behind_the_loop(
-    kind: str, tmp_path: Path, raised_in_the_law: type[BaseException]
-) -> None:
-    scene = scene_with(tmp_path, f"if i == 500: raise {kind}", 0.002)
+def test_what_a_law_lets_pass_is_raised_behind_the_loop(tmp_path: Path) -> None:
+    scene = scene_with(tmp_path, "if i == 500: raise KeyboardInterrupt", 0.002)
     for _ in range(2):  # what is kept of the law between runs keeps nothing of this
-        with pytest.raises((KeyboardInterrupt, raised_in_the_law)):
+        with pytest.raises(KeyboardInterrupt):
             simulate(scene)
-    simulate(scene_with(tmp_path, f"if i == 5000: raise {kind}", 0.002))
+    simulate(scene_with(tmp_path, "if i == 5000: raise KeyboardInterrupt", 0.002))
 
 
-@pytest.mark.parametrize("after_ms", [2.0 + 0.137 * k for k in range(40)])
+@pytest.mark.parametrize("after_ms", [2.0 + 0.685 * k for k in range(8)])
 def test_ctrl_c_is_never_lost(after_ms: float, tmp_path: Path) -> None:
     """Also where it comes between two samples: Python hears of it at the start of the next call,
     before anything there can catch it."""

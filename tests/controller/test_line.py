@@ -113,13 +113,6 @@ def test_chance_is_a_function_of_the_step() -> None:
     assert np.array_equal(alone.added_steps, long.added_steps)
 
 
-def test_chance_of_a_seed_is_the_same_in_every_version() -> None:
-    """Recordings are repeated by later versions: a seed has to mean what it meant."""
-    line = make(COUNTING, SignalPath(jitter_steps=6, drop_out_probability=0.2), 12, seed=7).line
-    assert line.added_steps[:12].tolist() == [0, 2, 6, 2, 6, 5, 3, 4, 5, 1, 1, 4]
-    assert np.flatnonzero(line.dropped[:12]).tolist() == [2, 5]
-
-
 @pytest.mark.parametrize("latency", [0, 4])
 def test_jitter_stays_in_range_and_keeps_the_order(latency: int) -> None:
     line = SignalPath(latency_steps=latency, jitter_steps=3)

@@ -34,32 +34,30 @@ CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
               "controller.full_scale_n=100"]  # fmt: skip
 
 
-@pytest.mark.parametrize("more", [[], CONVERTERS], ids=["ideal", "converters"])
-def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
-    other = load("aluminium-3mm", [*SHORT, *more, "controller.law=velocity_feedback"])
-    gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
-    mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
-                                  f"controller.numerator=[{gain!r}]"])  # fmt: skip
-    one, two = simulate(other), simulate(mine)
+@pytest.mark.parametrize(
+    ("law", "more"),
+    [
+        ("velocity_feedback", []), ("velocity_feedback", CONVERTERS),
+        ("acceleration_feedback", ["controller.leak_hz=20"]),
+        ("acceleration_feedback", ["controller.leak_hz=0"]),
+    ],
+)  # fmt: skip
+def test_a_filter_gives_the_run_of_the_law_that_it_is(law: str, more: list[str]) -> None:
+    other = load("aluminium-3mm", [*SHORT, *more, f"controller.law={law}"])
+    known, keys = law_context(other), other.scene.controller.keys
+    gain = -keys.kappa * known.impedance_n_s_m
+    if law == "velocity_feedback":
+        linear = [*more, f"controller.numerator=[{gain!r}]"]
+    else:
+        keep = float(np.exp(-2.0 * np.pi * keys.leak_hz * known.sample_s))
+        rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
+                [gain, 0, 0, 1, 0, 0]]  # fmt: skip
+        linear = ["sensors.quantity=acceleration", f"controller.sections={rows}"]
+    one = simulate(other)
+    two = simulate(load("aluminium-3mm", [*SHORT, "controller.law=linear", *linear]))
     assert np.abs(one.values).max() > 0.0
-    assert one.truth.tobytes() == two.truth.tobytes()
-    assert one.values.tobytes() == two.values.tobytes()
-
-
-@pytest.mark.parametrize("leak_hz", [20.0, 0.0])
-def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) -> None:
-    law = ["controller.law=acceleration_feedback", f"controller.leak_hz={leak_hz}"]
-    other = load("aluminium-3mm", [*SHORT, *law])
-    known = law_context(other)
-    keep = float(np.exp(-2.0 * np.pi * leak_hz * known.sample_s))
-    gain = -other.scene.controller.keys.kappa * known.impedance_n_s_m
-    rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
-            [gain, 0, 0, 1, 0, 0]]  # fmt: skip
-    mine = load("aluminium-3mm", [*SHORT, "controller.law=linear", f"controller.sections={rows}",
-                                  "sensors.quantity=acceleration"])  # fmt: skip
-    one, two = simulate(other), simulate(mine)
-    assert one.truth.tobytes() == two.truth.tobytes()
-    assert one.values.tobytes() == two.values.tobytes()
+    for found, expected in ((two.values, one.values), (two.truth[F_A], one.truth[F_A])):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 SECTIONS = {
@@ -173,19 +171,12 @@ def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, va
         ({"b": ["x"], "a": [1.0]}, "'b' holds something else than numbers"),
         ({"b": [1.0], "a": [1.0], "dt": 2e-6}, "controller.designed_us = 2"),
         ({"b": [1.0 + 0.5j], "a": [1.0]}, "'b' has complex numbers"),
-        ({"num": [1.0, 0.0], "den": [1.0, 0.5j]}, "'den' has complex numbers"),
-        ({"sos": [[1.0, 0.0, 0.0, 1.0, 1e-3j, 0.0]]}, "'sos' has complex numbers"),
         ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]], "g": 1j}, "'g' has complex numbers"),
         ({"b": [[1.0, 2.0], [3.0, 4.0]], "a": [1.0, 0.5]}, "'b' has shape (2, 2), as of several"),
-        (
-            {"num": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "den": [1.0, 0.5, 0.0]},
-            "'num' has shape (2, 3), as of several",
-        ),
         (
             {"num": [[[1.0, 0.0]], [[2.0, 0.0]]], "den": [[[1.0, 0.5]], [[1.0, 0.5]]]},
             "'num' has shape (2, 2), as of several",
         ),
-        ({"sos": np.ones((2, 3, 6))}, "'sos' has shape (2, 3, 6)"),
         (
             {"a": np.eye(2), "b": [[1.0], [0.0]], "c": [[1.0, 0.0]], "d": [[0.0]]},
             "'a' has shape (2, 2), as of several",
@@ -232,11 +223,10 @@ def test_what_is_no_filter_is_refused(keys: list[str], words: str) -> None:
 
 
 def test_every_quantity_is_sensed() -> None:
-    numerator = ["controller.law=linear", "controller.numerator=[1.0]"]
-    assert load("aluminium-3mm", numerator).quantity == "v_p"
+    assert setup_of("numerator=[1.0]").quantity == "v_p"
     for quantity in ("xi", "acceleration", "contact_force"):
-        setup = load("aluminium-3mm", [*numerator, f"sensors.quantity={quantity}"])
-        assert setup.quantity == quantity
+        keys = ["controller.law=linear", "controller.numerator=[1.0]"]
+        assert load("aluminium-3mm", [*keys, f"sensors.quantity={quantity}"]).quantity == quantity
 
 
 def test_a_filter_that_is_unstable_by_itself_is_noted() -> None:

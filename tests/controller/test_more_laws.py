@@ -55,11 +55,6 @@ def test_the_slope_of_a_window_is_that_of_the_least_squares_line(window: int) ->
         assert slope(constants, samples, index) == pytest.approx(line[0], rel=1e-12, abs=1e-13)
 
 
-def test_a_window_of_two_is_the_two_point_law() -> None:
-    samples = [1.0, -1.0, -4.0, -4.0, -1.0, 1.0, 1.0, 1.0]
-    assert np.array_equal(commands(replace(SLOPE, window=2), samples), commands(SLOPE, samples))
-
-
 def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment() -> None:
     clean, random = gap(), np.random.default_rng(3)
     law = replace(IMPACT, law="slope_threshold")

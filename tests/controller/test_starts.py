@@ -40,9 +40,3 @@ def test_random_numbers_are_those_of_all_earlier_runs() -> None:
     line = make(CONSTANT, both, 50, seed=7, after=0).line
     assert np.array_equal(line.added_steps, numbers(2).integers(0, 6, 50))
     assert np.array_equal(line.dropped, numbers(3).random(50) < 0.3)
-
-
-def test_a_line_is_ideal_unless_told() -> None:
-    line = make(CONSTANT, SignalPath(), 3).line
-    assert (line.latency_steps, len(line.added_steps), len(line.dropped)) == (0, 0, 0)
-    assert (line.ideal, line.limited, line.slew_n) == (True, False, np.inf)

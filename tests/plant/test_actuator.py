@@ -94,7 +94,7 @@ def test_a_preload_acts_from_the_first_step_on_as_a_command_of_its_size_does() -
 
 
 def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
-    plant = CollocationPlant(what)  # type: ignore[arg-type]
+    plant = CollocationPlant(what)
     found = np.empty(len(push))
     for i, command in enumerate(push):
         step(plant.model, plant.state, command)
@@ -181,7 +181,7 @@ FORCES = {
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
+@pytest.mark.parametrize("step_us", [1.0, 20.0])
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize("mass_kg", [0.0, 3e-3])
 def test_the_balance_closes_with_everything(force: str, mass_kg: float, step_us: float) -> None:

@@ -82,12 +82,11 @@ def test_a_mass_counts_from_a_twentieth_on() -> None:
 def test_strength_by_hardness_else_by_yield_strength() -> None:
     soft = Material(7e10, 2700.0, 0.3, yield_pa=1e8)
     found = strength(soft)
-    assert found is not None
     assert (found.pressure_pa, found.factor) == (pytest.approx(2.8e8), 2.8)
     assert found.first_yield_pa == pytest.approx(1.6e8)
     hard = Material(2.1e11, 7800.0, 0.3, hardness_pa=7e9)
-    assert strength(hard).first_yield_pa == pytest.approx(4e9)  # type: ignore[union-attr]
-    assert softer(soft, hard)[0] == "plate"  # type: ignore[index]
-    assert softer(hard, soft)[0] == "sphere"  # type: ignore[index]
-    assert softer(soft, STEEL)[0] == "plate"  # type: ignore[index]
+    assert strength(hard).first_yield_pa == pytest.approx(4e9)
+    assert softer(soft, hard)[0] == "plate"
+    assert softer(hard, soft)[0] == "sphere"
+    assert softer(soft, STEEL)[0] == "plate"
     assert softer(STEEL, soft) is None  # the plate's is not known

@@ -10,7 +10,6 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import (
     Contact,
     Hammer,
-    hertz_stiffness,
     rigid_contact_time_s,
     rigid_impact,
     tangent_stiffness_n_m,
@@ -108,9 +107,11 @@ def on_plate(*settings: str) -> tuple[Setup, Plant, np.ndarray]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("damping", [[], DAMPED], ids=["elastic", "damped"])
-@pytest.mark.parametrize("bounces", ["false", "true"])
-@pytest.mark.parametrize("tip", TIPS)
+@pytest.mark.parametrize(
+    ("tip", "bounces", "damping"),
+    [("metal", "false", []), ("metal", "true", DAMPED), ("soft", "false", DAMPED),
+     ("between", "true", []), ("square", "false", DAMPED), ("square", "true", [])],
+)  # fmt: skip
 def test_energy_and_momentum_close(tip: str, bounces: str, damping: list[str]) -> None:
     _, plant, rows = on_plate(*TIPS[tip], *damping, f"hammer.bounces={bounces}")
     balance = plant.close_balance()
@@ -118,16 +119,6 @@ def test_energy_and_momentum_close(tip: str, bounces: str, damping: list[str]) -
     assert abs(balance.energy_residual) < 1e-10
     assert abs(balance.momentum_residual) < 1e-10
     assert (balance.contact_dissipated_j > 0.0) == bool(damping)
-
-
-@pytest.mark.full
-def test_a_tip_by_radius_is_the_contact_of_a_sphere_of_that_radius() -> None:
-    setup = load("aluminium-3mm", [*ON_PLATE, "hammer.speed_m_s=0.5", *TIPS["metal"]])
-    plate = setup.scene.material("plate")
-    assert setup.contact.stiffness == hertz_stiffness(0.006, MATERIALS["steel"], plate)
-    same = setup.vary({"hammer.tip_stiffness": setup.contact.stiffness, "hammer.tip_exponent": 1.5})
-    a, b = (ts.series_under(build_plant(s), np.zeros(3000)) for s in (setup, same))
-    assert np.array_equal(a, b)
 
 
 @pytest.mark.full

@@ -32,7 +32,7 @@ CONTACTS = {
 }
 
 
-def run(plant, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+def run(plant, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gap, sphere and plate velocity after every step."""
     found = np.empty((3, len(force)))
     for i, f_a in enumerate(force):

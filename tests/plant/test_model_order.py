@@ -88,8 +88,7 @@ def test_energy_beyond_is_that_of_a_hertz_like_pulse() -> None:
 
 
 def test_a_force_that_is_held_errs_less_where_all_modes_are_damped() -> None:
-    """And by the square of the time for which it is held; what it costs a whole scene:
-    tests/studies/test_model_order_closed_loop.py."""
+    """And by the square of the time for which it is held."""
     what = spec(step_s=STEP_S, limit_hz=1e5)
 
     def error(hold_s: float, share: float, damped: bool) -> float:

@@ -55,53 +55,6 @@ def test_mode_numbers_are_complete_for_a_long_plate() -> None:
     np.testing.assert_allclose(omega, np.sort(wanted_omega), rtol=1e-14)
 
 
-def as_sorted(plate: Plate, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers and frequencies of all modes up to a limit by a general sort."""
-    speed = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    most = int(1e-9 + math.sqrt(omega_max / speed) / math.pi * max(plate.size_m))
-    along_x, along_y = ((np.arange(1, most + 1) * np.pi / side) ** 2 for side in plate.size_m)
-    omega = speed * np.add.outer(along_y, along_x).ravel()
-    order = np.argsort(omega, kind="stable")
-    order = order[omega[order] <= omega_max]
-    return order % most + 1, order // most + 1, omega[order]
-
-
-@pytest.mark.parametrize(
-    ("plate", "limit_hz"),
-    [
-        (ALUMINIUM, 900.0),  # in one slice; a square plate has pairs of one frequency
-        (ALUMINIUM, 500e3),
-        (BESIDE, 500e3),
-        (Plate(MATERIALS["glass"], (2.0, 0.03), 0.001), 3e6),
-        (Plate(MATERIALS["glass"], (0.03, 2.0), 0.001), 3e6),
-    ],
-)
-def test_modes_rise_as_a_stable_sort_has_them(plate: Plate, limit_hz: float) -> None:
-    omega_max = 2.0 * np.pi * limit_hz
-    for found, wanted in zip(
-        plate.mode_numbers(omega_max), as_sorted(plate, omega_max), strict=True
-    ):
-        np.testing.assert_array_equal(found, wanted)
-
-
-@pytest.mark.parametrize(
-    ("plate", "point_m"),
-    [(ALUMINIUM, CENTRE), (ALUMINIUM, (0.1, 0.2)), (BESIDE, (0.2, 0.11))],
-)
-def test_what_is_left_out_is_summed_by_rising_frequency(
-    plate: Plate, point_m: tuple[float, float]
-) -> None:
-    omega_max = 2.0 * np.pi * 60e3
-    m, n, omega = as_sorted(plate, 16.0 * omega_max)
-    out = omega > omega_max
-    summed = np.sum((plate.mode_shape(m[out], n[out], point_m) / omega[out]) ** 2)
-    beyond = 2.0 / (math.pi * plate.infinite_plate_impedance_n_s_m * 16.0 * omega_max)
-    # To the bit: results of sweeps are compared by it.
-    assert plate.residual_flexibility_m_n(omega_max, point_m) == (
-        beyond + plate.modal_scale_per_kg * float(summed)
-    )
-
-
 @pytest.mark.parametrize(
     ("plate", "contact", "actuator"),
     [
@@ -159,30 +112,6 @@ def flying(plant: Plant) -> Plant:
     """The sphere far above, so that the plate is alone."""
     plant.state.body[[FLIGHT_X, XI, XI_S]] = 1e3
     return plant
-
-
-def test_a_single_mode_decays_in_closed_form() -> None:
-    # Limit between the first (59 Hz) and the next mode (295 Hz) that move the centre.
-    loss, h = 0.05, 1e-5
-    plant = flying(CollocationPlant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
-    assert len(plant.modes.omega) == 1
-    omega = float(plant.modes.omega[0])
-    steps = round(4 * 2.0 * np.pi / omega / h)
-    force = np.zeros(steps)
-    force[0] = 1.0
-    rows = run(plant, steps, force)
-    x = rows.xi_p
-    tops = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])) + 1
-    nodes = np.flatnonzero((x[:-1] > 0.0) != (x[1:] > 0.0))[1:]
-    crossings = nodes + x[nodes] / (x[nodes] - x[nodes + 1])
-    damped = omega * math.sqrt(1.0 - loss**2 / 4.0)
-    # Linear interpolation of a sine between samples: (w h)^2/16 of a step at most.
-    half_periods = np.diff(crossings) * h
-    np.testing.assert_allclose(half_periods, np.pi / damped, rtol=1e-6)
-    # Logarithmic decrement; a top lies within half a step of the true one: (w h)^2/8 each.
-    decrement = np.log(x[tops[:-1]] / x[tops[1:]])
-    expected = np.pi * loss / math.sqrt(1.0 - loss**2 / 4.0)
-    np.testing.assert_allclose(decrement, expected, atol=2.0 * (omega * h) ** 2 / 8.0)
 
 
 @pytest.mark.parametrize("apart", [False, True])

@@ -107,14 +107,6 @@ def test_frequencies_are_those_of_the_oscillators(
     assert frequencies(plate, contact, actuator, 1.0) == 0
 
 
-def test_images_reach_no_farther_than_four_times_the_nearest() -> None:
-    plate = Plate(spec().plate.material, (0.5, 0.4), 0.003, 0.0)
-    squared, signs = images(plate.size_m, (0.11, 0.2))
-    assert squared.max() <= 16.0 * squared.min() < 16.0 * squared.max()
-    # 7 x 7 x 4 images in all; the far ones are not counted.
-    assert len(squared) == len(signs) < 100
-
-
 def test_sine_and_cosine_integral_are_those_of_scipy() -> None:
     u = np.geomspace(0.5, 1e6, 2000)
     found = np.array([sine_and_cosine_integral(one) for one in u])

@@ -36,9 +36,9 @@ def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
     assert rows.nonzero(np.zeros(sum(zeros))) == (0, 0)
 
 
-@pytest.mark.parametrize("first", [0, 1, 63, 500])
-@pytest.mark.parametrize("steps", [1, 63, 64, 65, 1000])
-@pytest.mark.parametrize("frequencies", [1, 56, 128, 300])
+@pytest.mark.parametrize("first", [0, 63])
+@pytest.mark.parametrize("steps", [1, 64, 65, 1000])
+@pytest.mark.parametrize("frequencies", [1, 128, 300])
 def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencies: int) -> None:
     draw = np.random.default_rng([first, steps, frequencies])
     force, slope = np.zeros((2, first + steps + 9))
@@ -53,16 +53,6 @@ def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencie
     tilted = -1j * STEP_S * np.exp(-1j * a) * (np.sin(a) - a * np.cos(a)) / a**2
     expected = held * (turned @ force) + tilted * (turned @ slope)
     assert np.max(np.abs(found - expected)) < 1e-12 * STEP_S * steps
-
-
-def test_a_frequency_has_the_same_bits_alone_and_among_others() -> None:
-    """Metrics of a sweep are formed of the audible modes alone, those of a run of all."""
-    force = np.random.default_rng(1).normal(size=700)
-    hertz = np.linspace(100.0, 3e5, 301)
-    every = force_spectrum(force, STEP_S, hertz, force[::-1].copy())
-    for count in (1, 2, 127, 129, 300):
-        alone = force_spectrum(force, STEP_S, hertz[:count], force[::-1].copy())
-        assert np.array_equal(alone, every[:count])
 
 
 def test_sizes_where_one_is_no_number() -> None:

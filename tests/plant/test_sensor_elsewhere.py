@@ -85,7 +85,6 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say() -> None:
                                    "sensors.quantity=v_p", "run.duration_s=0.0016"])  # fmt: skip
     done = simulate(setup)
     modes = modes_of(setup.plant)
-    assert modes.sensor is not None
     theta = modes.omega * np.sqrt(1.0 - modes.eta**2 / 4.0)
     # The force of every step, F_0 + F_1 P, from Gauss's nodes; velocity of every mode by its law.
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -184,8 +183,6 @@ def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size: str) -> No
         by_modes = found.scale_per_kg / (found.omega**2 - squared)
         for one, ours in zip((c, a, s), shapes, strict=True):
             for other, theirs in zip((c, a, s), shapes, strict=True):
-                assert ours is not None
-                assert theirs is not None
                 expected = one @ inverse @ other
                 assert np.sum(ours * theirs * by_modes) == pytest.approx(expected, rel=1e-7)
 
@@ -197,7 +194,7 @@ def table(with_sensor: bool) -> ModeTable:
     contact, sensor = setup.scene.plate.points_m
     modes = setup.structure.modes(limit, contact, sensor)
     return ModeTable(
-        modes.omega, np.full(len(modes.omega), setup.structure.local_plate.eta),  # type: ignore[union-attr]
+        modes.omega, np.full(len(modes.omega), setup.structure.local_plate.eta),
         np.full(len(modes.omega), modes.scale_per_kg), modes.at_contact, modes.at_contact,
         setup.structure.residual_flexibility_m_n(limit, contact),
         shape_sensor=modes.at_actuator if with_sensor else None,
@@ -226,7 +223,7 @@ def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
 
 def velocity_record(**measured: object) -> Record:
     time_s = np.arange(600) * 1e-6
-    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measurement(**measured))  # type: ignore[arg-type]
+    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measurement(**measured))
 
 
 def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> None:

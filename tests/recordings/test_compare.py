@@ -61,14 +61,14 @@ def flip(stream: str, number: int, name: str, at: int) -> Callable[[Sent], None]
 
 
 @pytest.mark.parametrize(
-    ("stream", "name"),
+    ("stream", "name", "place"),
     [
-        ("daq", "code"),
-        ("force", "force_n"),
-        *(("truth", n) for n in ("xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n")),
+        ("daq", "code", "first"), ("daq", "code", "last"), ("force", "force_n", "middle"),
+        ("force", "force_n", "last"), ("truth", "xi_m", "first"), ("truth", "xi_s_m", "middle"),
+        ("truth", "xi_p_m", "last"), ("truth", "v_p_m_s", "first"), ("truth", "f_c_n", "middle"),
+        ("truth", "f_a_n", "last"),
     ],
-)
-@pytest.mark.parametrize("place", ["first", "middle", "last"])
+)  # fmt: skip
 def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: str) -> None:
     blocks = [m for m in messages(original) if m.stream == stream]
     message = blocks[{"first": 0, "middle": len(blocks) // 2, "last": -1}[place]]
@@ -78,7 +78,6 @@ def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: 
         at = len(message.arrays[name]) - 1
     step = message.header.first_step + at * getattr(message.header, "every_steps", 1)
     found = difference(original, changed)
-    assert found is not None
     assert found.startswith(f"{stream}.{name} differs first at step {step}: "), found
 
 
@@ -89,7 +88,6 @@ def test_the_earliest_of_several_differences_is_named(original: Path, tmp_path: 
         flip("truth", 2, "xi_s_m", 0)(message)
 
     found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
-    assert found is not None
     assert found.startswith("truth.f_a_n differs first at step 1005")
 
 
@@ -103,7 +101,6 @@ def test_a_flag_of_the_converter(original: Path, tmp_path: Path) -> None:
     assert any(read(original).daq.arrays["saturated"])
     found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
     first = next(m for m in messages(original) if (m.stream, m.number) == ("daq", 1)).header
-    assert found is not None
     assert found.startswith(f"daq.saturated differs first at step {first.first_step + 3 * 2}:")
 
 
@@ -114,7 +111,6 @@ def test_the_description_of_a_channel(original: Path, tmp_path: Path, label: str
             setattr(message.header, label, getattr(message.header, label) * 2)
 
     found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
-    assert found is not None
     assert found.startswith(f"daq.{label} differs")
 
 
@@ -132,13 +128,6 @@ def test_a_missing_tail(original: Path, tmp_path: Path, stream: str) -> None:
         difference(original, changed)
         == f"{stream} has {whole} samples in one and {cut} in the other"
     )
-
-
-def test_a_missing_stream(original: Path, tmp_path: Path) -> None:
-    changed = rewrite(original, tmp_path / "b.mcap", lambda m: m.stream != "force")
-    found = difference(original, changed)
-    assert found is not None
-    assert found.startswith("force has 2500 samples in one and 0 in the other")
 
 
 @pytest.mark.parametrize(
@@ -176,7 +165,6 @@ def test_another_event(original: Path, tmp_path: Path, field: str, value: str | 
             setattr(message.header, field, value)
 
     found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
-    assert found is not None
     assert found.startswith("events of the controller differ first")
     assert str(value) in found
 
@@ -184,9 +172,7 @@ def test_another_event(original: Path, tmp_path: Path, field: str, value: str | 
 def test_a_missing_event(original: Path, tmp_path: Path) -> None:
     count = len([m for m in messages(original) if m.stream == "events/plant"])
     changed = rewrite(
-        original,
-        tmp_path / "b.mcap",
-        lambda m: (m.stream, m.number) != ("events/plant", count - 1),
+        original, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != ("events/plant", count - 1)
     )
     found = difference(original, changed)
     assert found == f"the plant logged {count} events in one and {count - 1} in the other"
@@ -212,15 +198,3 @@ def test_runs_of_different_scenes(
 ) -> None:
     a, b = record(tmp_path / "a.mcap", *settings), record(tmp_path / "b.mcap", *other)
     assert str(difference(a, b)).startswith(stream)
-
-
-def test_one_step_of_latency_shows_where_the_force_begins(tmp_path: Path) -> None:
-    """Compared in the force stream alone: the first force acts one step later."""
-    a, b = (
-        read(record(tmp_path / f"{latency}.mcap", f"controller.latency_us={latency}"))
-        for latency in (2, 3)
-    )
-    b.daq = a.daq
-    begins = int(np.flatnonzero(a.force.arrays["force_n"])[0])
-    assert str(first_difference(a, b)).startswith(f"force.force_n differs first at step {begins}:")
-    assert b.force.arrays["force_n"][begins + 1] == a.force.arrays["force_n"][begins]

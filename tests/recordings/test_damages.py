@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-from hertzloop.recordings import record_scanner
 from hertzloop.recordings.mcap_records import unpack_chunk
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import SAMPLED
-from hertzloop.recordings.recording_file import RecordingFile, in_order
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
@@ -145,42 +143,6 @@ def test_a_scene_behind_the_end_of_the_data_is_found(source: Path, tmp_path: Pat
         read(tmp_path / "none.mcap")
     (tmp_path / "last.mcap").write_bytes(without + scene)
     assert read(tmp_path / "last.mcap").scene_toml == read(source).scene_toml
-
-
-def test_what_seems_a_chunk_everywhere_is_not_checked_for_ever(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Heads of chunks by the thousand, all of the same data: only some are tried."""
-    content, at = source.read_bytes(), places(source)
-    count, head, data = 1000, 9 + 32 + 8, bytes(1 << 20)
-    sizes = [left * head + len(data) for left in reversed(range(count))]
-    heads = b"".join(
-        struct.pack("<BQQQQIIQ", Opcode.CHUNK, 40 + size, 0, 0, size, 1, 0, size) for size in sizes
-    )
-    path, tried = tmp_path / "heads.mcap", list[int]()
-
-    def counted(content: bytes) -> bytes:
-        tried.append(len(content))
-        return unpack_chunk(content)
-
-    monkeypatch.setattr(record_scanner, "unpack_chunk", counted)
-    monkeypatch.setattr(record_scanner, "TOTAL_BYTES", 20 << 20)
-    monkeypatch.setattr(record_scanner, "TOTAL_RATIO", 1)
-    path.write_bytes(content[: at[-1]] + heads + data + content[at[-1] :])
-    opened = RecordingFile(path)
-    found = [record for record in opened.scanner().records() if record.opcode == Opcode.CHUNK]
-    assert len(found) == len(at) - 1
-    assert len(found) + 2 < len(tried) < len(found) + 20
-
-
-def test_no_order_suits_a_forged_file() -> None:
-    """Each part is there once all the same."""
-    assert in_order([{"daq": 1}, {"daq": 0}, {}]) == [1, 0, 2]
-    assert in_order([{"daq": 0, "force": 1}, {"daq": 1, "force": 0}, {"daq": 2}]) == [0, 1, 2]
-    draw = np.random.default_rng(1)
-    for _ in range(50):
-        parts = [{s: int(draw.integers(9)) for s in ("daq", "truth", "force")} for _ in range(9)]
-        assert sorted(in_order(parts)) == list(range(9))
 
 
 def without_checksum(content: bytes, closed: bool) -> bytes:

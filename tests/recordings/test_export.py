@@ -12,14 +12,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
-from typer.testing import Result
 
 from hertzloop.recordings.export import samples as samples_module
 from hertzloop.recordings.export.joint_states import TOPICS
 from hertzloop.recordings.export.tables import columns_file
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from tests.commands import invoke
+from tests.commands import call
 from tests.recordings import rewriting
 from tests.tiers import default
 
@@ -32,10 +31,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short run with a converter that is slower than the steps."""
     path = tmp_path_factory.mktemp("export") / "run.mcap"
     return rewriting.record(path, *SLOW_CONVERTER, compiled=True)
-
-
-def call(*words: object) -> Result:
-    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def expected(recording: Recording) -> Columns:
@@ -120,7 +115,6 @@ def from_mcap(path: Path) -> Columns:
     with path.open("rb") as handle:
         reader = make_reader(handle, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages():
-            assert schema is not None
             assert message.log_time == message.publish_time
             if channel.topic == "/events":
                 continue

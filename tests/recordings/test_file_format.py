@@ -9,7 +9,7 @@ from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
-from tests.commands import invoke
+from tests.commands import call
 from tests.recordings.rewriting import record
 
 
@@ -38,7 +38,7 @@ def test_another_format_version_is_refused(
         recover(path, tmp_path / "b.mcap")
     assert str(not_recovered.value) == f"nothing to recover: {sentence}"
     for words in (["inspect"], ["replay", "--save", str(tmp_path / "a.rrd")]):
-        done = invoke([*words, str(path)], env={"COLUMNS": "500"})
+        done = call(*words, path)
         assert done.exit_code == 2
         assert found in done.output
 

@@ -8,7 +8,7 @@ from mcap.writer import Writer
 
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from tests.commands import invoke
+from tests.commands import call
 from tests.recordings.rewriting import record
 
 
@@ -41,8 +41,8 @@ def with_temperatures(original: Path, path: Path, count: int, **options: bool) -
     return path
 
 
-def said(*words: str | Path) -> str:
-    result = invoke([str(word) for word in words])
+def said(*words: object) -> str:
+    result = call(*words)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -76,7 +76,7 @@ def test_a_file_of_another_writer_needs_no_checksums(tmp_path: Path, chunked: bo
     sentence = f"{found.unchecked} parts of the file have no checksum"
     assert f"Not checked: {sentence}" in said("inspect", path)
     assert "Not checked" not in said("inspect", original)
-    assert f"b.mcap: {sentence}" in invoke(["repair", str(path), "--out", str(whole)]).output
+    assert f"b.mcap: {sentence}" in call("repair", path, "--out", whole).output
     assert read(whole).unchecked == 0
     path.write_bytes(path.read_bytes()[:-60])
     assert any("damaged" in problem for problem in read(path).problems)

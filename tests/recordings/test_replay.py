@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from typer.testing import Result
 
 from hertzloop.loop import in_process
 from hertzloop.loop.in_process import record_in_process
@@ -26,7 +25,7 @@ from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
 from hertzloop.views import replaying
-from tests.commands import invoke
+from tests.commands import call
 from tests.recordings.plates import flat_plate
 
 SCENE = ["run.duration_s=0.003"]
@@ -38,10 +37,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     record_in_process(load("aluminium-3mm", SCENE), path, compiled=True)
     return path
-
-
-def call(*words: object) -> Result:
-    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def rerun(*words: object) -> str:
@@ -118,17 +113,6 @@ def test_the_file_of_the_default_run_is_small(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert rrd.stat().st_size < 10e6
     assert "make_active: true" in rerun("rrd", "print", rrd)
-
-
-@pytest.mark.full
-def test_the_light_in_colours_is_that_of_the_viewer() -> None:
-    """Its shader is part of the program."""
-    shader = viewer.executable().read_bytes()
-    assert b"var shading = %g;" % scene3d._AMBIENT in shader
-    for (x, y, z), brightness in scene3d._LAMPS:
-        lamp = f"normalize(vec3f({x}, {y}, {z}))"
-        term = f"shading += {brightness} * clamp(dot({lamp}, normal), 0.0, 1.0);"
-        assert term.encode() in shader
 
 
 def test_a_run_lies_over_its_reference_from_the_contact_on(file: Path, tmp_path: Path) -> None:
@@ -282,11 +266,6 @@ def test_a_window_that_is_closed_is_no_error_one_that_breaks_is(
     fake_viewer(tmp_path, monkeypatch, "echo 'Error: no window'; exit 3")
     with pytest.raises(viewer.ViewerError, match="ended with code 3; its log ends: Error: no win"):
         viewer.show(tmp_path / "a.rrd", 0)
-
-
-def test_a_viewer_that_ends_at_once_is_no_reason_to_wait(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     fake_viewer(tmp_path, monkeypatch, "echo 'No graphics adapter was found' >&2; exit 101")
     with pytest.raises(viewer.ViewerError, match="mesa-vulkan-drivers libvulkan1"):
         screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0)
@@ -398,11 +377,3 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
     )
     as_rerun.save(shown, tmp_path / "beam.rrd")
     assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | FROM_LABELS | REFERENCE) - SCALE
-
-
-def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:
-    path = tmp_path / "rest.mcap"
-    record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), path, compiled=True)
-    shown = replaying.prepare(read(path))
-    assert as_rerun._surface_title(shown) == "Plate at rest"
-    assert "Heights are drawn" not in as_rerun._about(shown, still=True)

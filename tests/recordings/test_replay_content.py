@@ -9,7 +9,7 @@ from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.replay import blueprint, spectrum, viewer
+from hertzloop.recordings.replay import spectrum, viewer
 from hertzloop.recordings.replay.contacts import ContactSpan
 from hertzloop.recordings.replay.plots import LATE, plots
 
@@ -46,7 +46,7 @@ def drawn(*frequencies_hz: float) -> SentData:
         spectrum.spectrum(f"{f:g} Hz", np.sin(2.0 * np.pi * f * t), STEP_S) for f in frequencies_hz
     ]
     shown = SentData()
-    spectrum.send(shown, found, [(1, 2, 3)] * len(found))  # type: ignore[arg-type]
+    spectrum.send(shown, found, [(1, 2, 3)] * len(found))
     return shown
 
 
@@ -72,22 +72,11 @@ def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
     rest = {name: np.zeros(3) for name in ("f_c_n", "f_a_n", "v_p_m_s")}
     block = TruthBlock(first_step=1000, step_ns=500)
     shown = SentData()
-    sent = viewer.send_block(shown, codec.encode(block, xi_m=gap, **rest))  # type: ignore[arg-type]
+    sent = viewer.send_block(shown, codec.encode(block, xi_m=gap, **rest))
     times, values = shown.columns["live/gap/xi"]
     assert times == [500_000, 500_500, 501_000]
     np.testing.assert_allclose(values, [3.0, -2.0, 1.0])
     assert sent == sum(len(times) for times, _ in shown.columns.values())
-
-
-def test_events_say_their_time_themselves_contacts_are_listed_by_it() -> None:
-    """A column of times would cut the text of an event; that of a contact is what to click on."""
-
-    def times(view: Any) -> list[dict[str, object]]:
-        found = view.properties["TextLogColumns"].timeline_columns
-        return list(found.as_arrow_array().to_pylist())
-
-    assert times(blueprint._events()) == [{"visible": False, "timeline": blueprint.TIMELINE}]
-    assert times(blueprint._contacts()) == [{"visible": True, "timeline": blueprint.TIMELINE}]
 
 
 def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:

@@ -222,21 +222,6 @@ def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
     assert exploding.selection_ns[1] <= 4_000_000
 
 
-@given(st.floats(-1e12, 1e12, allow_nan=False), st.floats(1e-9, 1e12, allow_nan=False))
-def test_every_axis_has_two_numbers_that_the_viewer_writes(low: float, width: float) -> None:
-    """It writes multiples of a power of ten where not more than about ten of them are in sight,
-    or of the next power."""
-    a, b = blueprint.labelled(low, low + width)
-    assert a <= low
-    assert b >= low + width
-    power = 10.0 ** np.floor(np.log10(b - a) + 1e-9)
-    for size in (power, power / 10.0):
-        marks = np.floor(b / size) - np.ceil(a / size) + 1
-        if 2 <= marks <= 11:
-            return
-    raise AssertionError((a, b))
-
-
 # The plate as drawn
 
 
@@ -269,32 +254,6 @@ def test_triangles_face_up_and_normals_agree_with_them() -> None:
     at_first_corner = normals[1][scene3d.triangles(plate)[:, 0]]
     unit = faces / np.linalg.norm(faces, axis=1)[:, None]
     assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
-
-
-def test_as_many_lines_of_the_grid_are_drawn_as_a_surface_needs() -> None:
-    plate = bent_plate()
-    x, heights = plate.x_m, 2000.0 * plate.w_m
-    kept = scene3d.enough_lines(x, heights, 3e-4)
-    assert 2 < len(kept) < len(x)
-    shown = np.array(
-        [[np.interp(x, x[kept], line[kept]) for line in frame.T] for frame in heights]
-    ).transpose(0, 2, 1)
-    assert abs(shown - heights).max() <= 3e-4
-    assert scene3d.enough_lines(x, heights, 1.0).tolist() == [0, len(x) - 1]
-    assert len(scene3d.enough_lines(x, np.full_like(heights, np.nan), 1.0)) == len(x)
-
-
-def test_a_surface_that_turns_away_from_the_light_is_darker() -> None:
-    """Level, it has its colour; the viewer's first lamp is towards (1, 2, 3)."""
-    turned = np.array([(0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (-0.6, 0.0, 0.8), (0.0, -0.6, 0.8)])
-    turned /= np.linalg.norm(turned, axis=1)[:, None]
-    level, towards, left, front = scene3d.light(turned.astype(np.float32))
-    assert level == towards == 1.0
-    assert left == pytest.approx(0.2 + (0.8 * 3.0 - 0.6) / 14.0**0.5, abs=1e-6)
-    assert front == pytest.approx(0.2 + (0.8 * 3.0 - 1.2) / 14.0**0.5, abs=1e-6)
-    shares = np.zeros(4)
-    reds = scene3d.colour_of(shares, np.array([level, towards, left, front])) >> 24
-    assert reds[0] == reds[1] == scene3d.colour_of(shares)[0] >> 24 > reds[2] > reds[3]
 
 
 def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
@@ -333,10 +292,3 @@ def test_any_column_has_a_range_to_be_drawn_in(
     for low, high in (blueprint.whole(plot), blueprint.zoomed(plot, (around[0], around[1]))):
         assert np.isfinite([low, high, high - low]).all()
         assert low < high
-
-
-@pytest.mark.parametrize("gap", [(1.0, -1e9), (1e300, -1e300), (2.0,), (-5e-324,), ()])
-def test_a_damaged_gap_is_drawn(gap: tuple[float, ...]) -> None:
-    plot = Plot("gap", "", (PlotCurve("xi", np.arange(len(gap)), np.array(gap)),))
-    low, high = blueprint.zoomed(plot, (0, 0))
-    assert low < high < np.inf

@@ -1,7 +1,6 @@
 """What is drawn in three dimensions: the actuator's place, and its force to scale."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,7 +61,7 @@ def test_a_full_arrow_is_longer_than_any(largest: float) -> None:
     assert f"{full:.3e}"[:5] in ("1.000", "2.000", "5.000")
 
 
-@pytest.mark.parametrize("kappa", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("kappa", [0.3, 0.8])
 def test_no_force_around_the_first_contact_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kappa: float
 ) -> None:
@@ -74,48 +73,3 @@ def test_no_force_around_the_first_contact_is_cut_off(
     as_rerun.fill(rr.RecordingStream("a"), replaying.prepare(recording, alone=True))
     largest = np.abs(recording.truth.arrays["f_a_n"]).max()
     assert largest <= full[0] <= 2.5 * largest
-
-
-@pytest.mark.parametrize(
-    ("force_n", "full_n"),
-    [
-        ([0.0, -3.0, 1.0, 0.0, 90.0, 0.0], 5.0),
-        ([0.0, 0.0, np.nan, 0.0, -90.0, 0.0], 100.0),
-        ([0.0, 0.0, 0.0, 0.0, np.inf, 0.0], 0.0),
-        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0),
-    ],
-    ids=["in it", "later only", "without bound", "none"],
-)
-def test_a_full_arrow_goes_by_the_first_contact(force_n: list[float], full_n: float) -> None:
-    """Around it, from 1 to 3 ns; by the whole run where nothing pushes there."""
-    curve = SimpleNamespace(name="F_a", time_ns=np.arange(6), values=np.array(force_n))
-    shown: Any = SimpleNamespace(
-        plots=[SimpleNamespace(curves=[curve])], when=SimpleNamespace(selection_ns=(1, 3))
-    )
-    assert as_rerun._full_arrow_n(shown) == full_n
-
-
-def test_a_plate_may_lie_anywhere() -> None:
-    """As in a file of modes with coordinates of its own: rim, scale and name of the actuator lie
-    around it, and not around the origin."""
-    w = 1e-6 * np.ones((4, 6, 4))
-    x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
-    found = []
-    for shift in (0.0, -0.25):
-        plate = Deflection(np.arange(4), x + shift, y + shift, w, (0.2 + shift, 0.1 + shift))
-        drawn = scene3d.scale(plate, (0, 3), 0.003)
-        stream: Any = Drawn()
-        scene3d.send_plate(stream, plate, drawn)
-        scene3d.send_actuator(stream, np.ones(4), plate, plate.contact_point_m, drawn, 2.0)
-        parts = stream.components
-        found.append(
-            [
-                np.array(parts["scene/edge"]["strips"][0])[:, :2] - shift,
-                np.array(parts["scene/colours"]["strips"])[..., :2] - shift,
-                np.array(parts["scene/colours/values"]["positions"])[:, :2] - shift,
-                np.array(parts["scene/actuator/name"]["positions"])[:, :2] - shift,
-                np.array(parts["scene/actuator/leader"]["strips"])[..., :2] - shift,
-            ]
-        )
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-6)

@@ -5,38 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.run_options import Transport
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies import bench
 from tests.hertzloop.processes import hertzloop
 
 SHORT = "run.duration_s=0.0016"
-
-
-def test_every_transport_and_a_sweep_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    setup = load("aluminium-3mm", [SHORT])
-    asked: list[Transport] = []
-    walls = {Transport.COMPILED: 0.0016, Transport.INPROCESS: 0.0032, Transport.ZENOH: 0.016}
-
-    def loop_s(_: object, transport: Transport) -> float:
-        asked.append(transport)
-        return walls[transport] * (10.0 if len(asked) <= len(Transport) else 1.0)
-
-    monkeypatch.setattr(bench, "_loop_s", loop_s)
-    rounds: list[tuple[int, int]] = []
-    found = bench.measure(setup, quick=True, on_progress=lambda *done: rounds.append(done))
-    # All transports take turns, and the first round is not counted.
-    assert asked == 3 * list(Transport)
-    assert rounds == [(1, 3), (2, 3), (3, 3)]
-    by = {loop.transport: loop for loop in found.loops}
-    assert by[Transport.COMPILED].median_us == pytest.approx(1.0)
-    assert by[Transport.COMPILED].times_real_time == pytest.approx(1.0)
-    assert by[Transport.ZENOH].median_us == by[Transport.ZENOH].least_us == pytest.approx(10.0)
-    assert by[Transport.ZENOH].times_real_time == pytest.approx(0.1)
-    assert found.sweep.cases == 30
-    assert 0.0 < found.sweep.per_s <= found.sweep.most_per_s
-    assert (found.scene, found.steps, found.rounds) == ("aluminium-3mm", 1600, 2)
 
 
 def test_latencies_are_multiples_of_the_step_and_shorter_than_the_run() -> None:
@@ -45,12 +18,6 @@ def test_latencies_are_multiples_of_the_step_and_shorter_than_the_run() -> None:
     assert [case["controller.latency_us"] for case in cases] == [0.0, 0.5, 1.0, 1.5]
     tiny = load("aluminium-3mm", ["run.duration_s=3e-6", "controller.latency_us=0"])
     assert len(bench.latency_cases(tiny, 100)) == 2
-
-
-def test_cases_that_cannot_be_run_are_an_error() -> None:
-    setup = load("aluminium-3mm", [SHORT])
-    with pytest.raises(SceneError, match=r"1 of 1 cases cannot be run: controller\.latency_us"):
-        bench._cases_per_s(setup, [{"controller.latency_us": -1.0}])
 
 
 @pytest.mark.full

@@ -14,7 +14,7 @@ import pytest
 
 from hertzloop.plant.structures.mode_file import read_modes
 from tests.hertzloop.processes import hertzloop
-from tests.identification.field import FOLDER
+from tests.identification.records.field import FOLDER
 
 LAWS = FOLDER / "laws"
 pytestmark = [
@@ -121,8 +121,7 @@ def test_a_restitution_on_a_rigid_support(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "more"),
-    [("plain", ()), ("skew", ()), ("expw", ("--exponential-window", "0.05"))],
+    ("kind", "more"), [("plain", ()), ("skew", ()), ("expw", ("--exponential-window", "0.05"))]
 )
 def test_hits_give_the_three_modes(kind: str, more: tuple[str, ...], folder: Path) -> None:
     assert python(folder, "hits.py", kind).returncode == 0
@@ -138,10 +137,7 @@ def test_hits_give_the_three_modes(kind: str, more: tuple[str, ...], folder: Pat
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [
-        (("bom_scene.toml",), 88.1),
-        (("base.toml", "--set", "controller.law=lat.py"), 92.0),
-    ],
+    [(("bom_scene.toml",), 88.1), (("base.toml", "--set", "controller.law=lat.py"), 92.0)],
 )
 def test_files_in_other_encodings_run(
     words: tuple[str, ...], expected: float, folder: Path

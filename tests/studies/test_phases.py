@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +14,10 @@ from hertzloop.studies import tuning as tune
 from hertzloop.studies.requests import TuneRequest
 from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool
-from hertzloop.studies.sweeps.pool import local_pool
-from tests.commands import invoke
+from tests.commands import as_options, invoke
 
 CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
 EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
-
-
-@pytest.fixture(scope="module")
-def pool() -> Iterator[Pool]:
-    with local_pool(1) as pool:
-        yield pool
 
 
 def by_hand(**changes: object) -> list[float]:
@@ -45,13 +37,7 @@ def test_phases_are_spread_evenly_about_the_middle() -> None:
 
 def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    words = [
-        "sweep",
-        "aluminium-3mm",
-        *(word for s in EARLY for word in ("--set", s)),
-        "--workers",
-        "1",
-    ]
+    words = ["sweep", "aluminium-3mm", *as_options(EARLY), "--workers", "1"]
     words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
     done = invoke([*words, "-o", "a.csv", "--json", "a.json"])
     assert done.exit_code == 0, done.output

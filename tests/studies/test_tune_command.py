@@ -37,6 +37,10 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (["--population", "1001"], "Invalid value for '--population'"),
         (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out-dir", __file__], "cannot create the folder"),
+        (["--vary", "controller.kapa=0:1"], "Did you mean kappa"),
+        (["--vary", "controller.kappa=0:1000"], "controller.kappa = 1000"),
+        (["--over", "sphere.radius_m=-1"], "sphere.radius_m = -1"),
+        (["no-such-scene"], "unknown scene"),
         (["--out-dir", "/proc"], "cannot write to the folder /proc"),
     ],
 )
@@ -48,16 +52,6 @@ def test_mistakes_are_the_users(
     assert found.exit_code == 2
     assert says in " ".join(found.stderr.split())
     assert not list(tmp_path.iterdir())
-
-
-def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
-    scenes = Path(__file__).parents[2] / "hertzloop" / "scene"
-    path = str(scenes / "aluminium-3mm.toml")
-    found = invoke(["tune", path, *QUICK, "--out-dir", str(tmp_path / "new")])
-    assert found.exit_code == 0
-    written = {f.name for f in (tmp_path / "new").iterdir()}
-    files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
-    assert written == files | {"tuned-aluminium-3mm.toml"}
 
 
 def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:

@@ -1,56 +1,31 @@
-"""Modes from frequency responses and from hits: accuracy, held-out data, and what is refused."""
+"""Modes from frequency responses: accuracy, units, and what is refused."""
 
-import json
-import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import scipy
 
-from hertzloop.identification.modes import delay, universal
-from hertzloop.identification.modes.delay import correct_delay, delay_force
-from hertzloop.identification.modes.hits import Hit, hits_of_records, read_hits, rows_of_hits
-from hertzloop.identification.modes.identify import identify_modes
-from hertzloop.identification.modes.modes import MeasuredModes, modes_of_hits, modes_of_responses
-from hertzloop.identification.modes.picture import draw
+from hertzloop.identification.modes import universal
+from hertzloop.identification.modes.modes import modes_of_responses
 from hertzloop.identification.modes.responses import responses_of_sets
-from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.reading import read_record
-from hertzloop.identification.records.record import Record
-from hertzloop.plant.structures.mode_file import ModeTable, read_modes
+from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load
 from tests.commands import invoke
+from tests.identification.modes.known import (
+    CONTACT,
+    FLEXIBILITY,
+    KNOWN,
+    LOSS,
+    OTHER,
+    near,
+    response,
+    silent,
+)
 
-HAMMER = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"
 FILE = Path("test.uff")
-HZ, LOSS = np.array([180.0, 433.0, 790.0, 1210.0]), np.array([4e-3, 3e-3, 1e-2, 6e-3])
-CONTACT, OTHER = np.array([1.2, 0.8, 1.5, 0.9]), np.array([-0.4, 0.9, 0.3, -1.1])
-FLEXIBILITY = 2e-7
 SI = universal.units_given("m,N")
-
-
-def silent(name: str, modes: int, error: float) -> None:
-    pass
-
-
-def response(table: ModeTable, hz: np.ndarray, shape: np.ndarray, order: int) -> np.ndarray:
-    """Response at a point to a force at the contact point, from the definition of the modes."""
-    w = 2 * np.pi * hz
-    found = np.zeros(len(hz), complex)
-    parts = (table.omega_rad_s, table.loss_factor + 0 * table.omega_rad_s, table.shape_contact,
-             shape, table.per_modal_mass_1_kg)  # fmt: skip
-    for omega, loss, contact, there, per_mass in zip(*parts, strict=True):
-        found += contact * there * per_mass / (omega**2 - w**2 + 1j * loss * omega * w)
-    if shape is table.shape_contact:
-        found += table.residual_flexibility_m_n or 0.0
-    return found * (1j * w) ** order
-
-
-KNOWN = ModeTable(2 * np.pi * HZ, LOSS, np.ones(4), CONTACT, OTHER, FLEXIBILITY)
 
 
 def data_set(node: int, values: np.ndarray, hz: np.ndarray, **changes: Any) -> dict[str, Any]:
@@ -164,287 +139,22 @@ def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
         universal.holds_modes([{"type": 55}, *sets], None, FILE)
 
 
-def records(
-    shape: np.ndarray, hits: int = 3, noise: float = 1e-3, flexibility: float = 0.0
-) -> list[Record]:
-    """Hits on the known modes, stepped exactly in fine steps, with noise."""
-    rate, fine, count = 12800, 16, 800
-    dt, rng = 1 / rate / fine, np.random.default_rng(4)
-    found = []
-    for i in range(hits):
-        share = np.clip((np.arange(count * fine) * dt - 2e-3) / 5e-4, 0, 1)
-        force = (50 + 20 * i) * np.sin(np.pi * share) ** 2
-        motion = flexibility * np.gradient(np.gradient(force, dt), dt)
-        for hz, loss, contact, there in zip(HZ, LOSS, CONTACT, shape, strict=True):
-            w = 2 * np.pi * hz
-            system = scipy.signal.cont2discrete(
-                ([contact * there, 0, 0], [1, loss * w, w * w]), dt, "foh"
-            )
-            motion = motion + scipy.signal.lfilter(np.ravel(system[0]), system[1], force)
-        # A contact force pushes the structure down.
-        for name, quantity, values in (("f", "contact_force", force[::fine]),
-                                       ("a", "acceleration", -motion[::fine])):  # fmt: skip
-            spoilt = values + noise * np.max(np.abs(values)) * rng.standard_normal(count)
-            found.append(Record(f"{name}{i}", np.arange(count) / rate, spoilt, quantity))
-    return found
-
-
-def near(table: ModeTable, hz: float) -> int:
-    return int(np.argmin(np.abs(table.omega_rad_s / (2 * np.pi) - hz)))
-
-
-def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
-    every = records(CONTACT, flexibility=FLEXIBILITY / 100)
-    fitted, held = hits_of_records(every[:4]), hits_of_records(every[4:])
-    found = modes_of_hits(fitted, held, True, silent)
-    assert [one.name for one in found.held_out] == ["f2, a2"]
-    assert found.held_out[0].rms < 0.02
-    for hz, loss, shape in zip(HZ, LOSS, CONTACT, strict=True):
-        i = near(found.table, hz)
-        assert found.table.omega_rad_s[i] == pytest.approx(2 * np.pi * hz, rel=2e-4)
-        assert found.table.loss_factor[i] == pytest.approx(loss, rel=0.1)
-        assert found.table.shape_contact[i] == pytest.approx(shape, rel=0.02)
-
-
-def test_a_sensor_that_looks_down_at_the_contact_point_is_refused() -> None:
-    hits = hits_of_records(records(-CONTACT, hits=2))
-    with pytest.raises(universal.ModalDataError, match="turn the sign of the response"):
-        modes_of_hits(hits[:1], hits[1:], True, silent)
+def test_everything_that_is_missing_is_named_at_once() -> None:
+    unsaid = two_sets(ordinate_axis_units_lab="", orddenom_axis_units_lab="",
+                      ordinate_spec_data_type=0)  # fmt: skip
+    along_x = data_set(1, unsaid[0]["data"], unsaid[0]["x"], rsp_dir=1, ref_dir=1)
+    other = data_set(2, unsaid[1]["data"], unsaid[1]["x"], ref_node=2)
+    for some, parts in [
+        ([*unsaid, along_x, other], ["--direction", "--reference", "--kind", "--units m,N"]),
+        (unsaid, ["--kind", "--units m,N"]),
+    ]:
+        with pytest.raises(universal.ModalDataError) as refused:
+            taken(some, universal.Points(1))
+        assert all(part in str(refused.value) for part in parts)
 
 
 @pytest.mark.full
-def test_hits_elsewhere_need_the_sensor() -> None:
-    """Residues of both signs are of no drive point; with a sensor, the product of shapes is the
-    measured residue."""
-    hits = hits_of_records(records(OTHER, hits=2))
-    with pytest.raises(universal.ModalDataError, match="--sensor: is missing"):
-        modes_of_hits(hits[:1], hits[1:], True, silent)
-    found = modes_of_hits(hits[:1], hits[1:], False, silent)
-    assert "Measure there too" in found.notes[0]
-    assert found.table.shape_sensor is not None
-    for hz, product in zip(HZ, CONTACT * OTHER, strict=True):
-        i = near(found.table, hz)
-        both = found.table.shape_contact[i] * found.table.shape_sensor[i]
-        assert both == pytest.approx(product, rel=0.03)
-
-
-def test_hits_that_are_refused() -> None:
-    force, motion, other, last = records(CONTACT, hits=2)
-    later = Record("late", motion.time_s + 1e-5, motion.value, "acceleration")
-    early = Record("early", force.time_s[:-25], force.value[25:], "contact_force")
-    speed = Record("v", last.time_s, last.value, "v_p")
-    passed = Record(
-        "slow", motion.time_s, motion.value, "acceleration", Measurement(low_pass_hz=1e3)
-    )
-    gap = Record("gap", motion.time_s, motion.value, "xi")
-    for some, sentence in [
-        ([force, other, motion], "--from: 2 records of a force and 1 of a response"),
-        ([force, later], "were not sampled at the same, evenly spaced times"),
-        ([early, Record("m", early.time_s, motion.value[25:], "acceleration")],
-         "has . samples before the hit. Give at least 8"),
-        ([force, motion, other, speed], "has another quantity or rate"),
-        ([force, passed], "name different filters"),
-        ([replace(force, value=-force.value), motion], "its peak is negative"),
-        ([replace(force, value=np.minimum(force.value, 30.0)), motion], r"f0: \d+ samples are cl"),
-        ([force, gap], "is neither a force nor a motion"),
-        ([replace(motion, quantity="contact_force"), replace(force, quantity="acceleration")],
-         "a0: has both signs, .* Check whether force and response are swapped"),
-        ([force, replace(motion, value=motion.value + np.sin(900 * motion.time_s) * 300)],
-         r"a0: is not at rest before the hit: its rms there is \d+ % of its largest value"),
-        ([force, replace(motion, value=np.where(motion.time_s > 0.05, np.nan, motion.value))],
-         "a0: has gaps in its values"),
-    ]:  # fmt: skip
-        with pytest.raises(universal.ModalDataError, match=sentence):
-            hits_of_records(some)
-
-
-def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path: Path) -> None:
-    force, motion, other, last = records(CONTACT, hits=2)
-    expected = hits_of_records([force, motion, other, last])
-    columns = [force.time_s, motion.value, force.value]
-    text = "time_s,acceleration_m_s2,contact_force_n"
-    np.savetxt(tmp_path / "hit.csv", np.transpose(columns), delimiter=",", header=text, comments="")
-    [found] = read_hits([tmp_path / "hit.csv"])
-    assert np.allclose(found.force_n, expected[0].force_n, rtol=1e-12, atol=1e-12)
-    assert np.allclose(found.response, expected[0].response, rtol=1e-12, atol=1e-9)
-    still = np.zeros(4000)
-    in_a_row = [
-        Record(name, np.arange(9600) / 12800, np.concatenate([one, still, two, still]), quantity)
-        for name, one, two, quantity in (("f", force.value, other.value, "contact_force"),
-                                         ("a", motion.value, last.value, "acceleration"))
-    ]  # fmt: skip
-    found, second = hits_of_records(in_a_row)
-    assert (found.name, second.name) == ("f (hit 1), a (hit 1)", "f (hit 2), a (hit 2)")
-    assert second.first == 128  # 10 ms
-    end = slice(second.first, second.first + 600)
-    there = slice(expected[1].first, expected[1].first + 600)
-    assert np.allclose(second.force_n[end], expected[1].force_n[there], atol=0.2)
-
-
-def test_of_several_hits_the_clipped_one_is_left_out() -> None:
-    force, motion, other, last = records(CONTACT, hits=2)
-    still = np.zeros(2000)
-    values = {
-        "contact_force": [force.value, still, np.minimum(other.value, 30.0), still, other.value],
-        "acceleration": [motion.value, still, last.value, still, last.value],
-    }
-    together = [
-        Record(name, np.arange(6400) / 12800, np.concatenate(parts), name)
-        for name, parts in values.items()
-    ]
-    found = hits_of_records(together)
-    assert [one.name.partition(",")[0] for one in found] == [
-        "contact_force (hit 1)", "contact_force (hit 3)",
-    ]  # fmt: skip
-    [note] = found[0].notes
-    assert re.match(r"Left out: contact_force \(hit 2\): \d+ samples are clipped", note)
-
-
-def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
-    force, motion = records(CONTACT, hits=1)
-    [plain] = hits_of_records([force, motion])
-    [moved] = hits_of_records([replace(force, value=force.value + 9.0), motion])
-    assert np.allclose(moved.force_n, plain.force_n, atol=1e-12)
-    noisy = force.value + 1.5 * np.random.default_rng(3).standard_normal(len(force.value))
-    [hit] = hits_of_records([replace(force, value=noisy), motion])
-    assert abs(hit.first - plain.first) <= 2
-    assert not np.any(hit.force_n[plain.first + 20 :])  # noise is not taken as force
-    assert not np.any(hit.force_n[: plain.first - 4])
-    assert np.any(plain.force_n[plain.first + 20 :])
-
-
-def test_hits_of_other_responses_are_told() -> None:
-    force, motion, other, last = records(CONTACT, hits=2)
-    swapped = hits_of_records([force, last, other, motion])
-    found = modes_of_hits(swapped, [], False, silent)
-    assert re.search(r"error of \d\d % is large: .* same hits in the same order", found.notes[0])
-
-
-def test_a_response_from_rest_is_exact() -> None:
-    """Rows of a mode against the exact steps of the records, without noise."""
-    hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
-    rows = rows_of_hits([hit], False).basis(2 * np.pi * HZ, LOSS)
-    expected = (CONTACT**2) @ rows
-    assert np.max(np.abs(expected - hit.response)) < 2e-3 * np.max(np.abs(hit.response))
-
-
-def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
-    hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
-    observed, tried = rows_of_hits([hit], False), []
-
-    def error(modes: Any) -> float:
-        tried.append(len(modes.omega_rad_s))
-        return abs(len(modes.omega_rad_s) - 4) + 1.0
-
-    assert len(identify_modes(observed, error).omega_rad_s) == 4
-    assert tried[:2] == [0, 4]
-
-
-def delayed(hits: list[Hit], samples: float) -> list[Hit]:
-    """The same hits, recorded with the response late by so many samples."""
-    return [replace(delay_force(hit, -samples), first=hit.first) for hit in hits]
-
-
-def of_known_modes(found: MeasuredModes) -> None:
-    table = found.table
-    assert len(table.omega_rad_s) == len(HZ)
-    assert np.allclose(table.omega_rad_s, KNOWN.omega_rad_s, rtol=2e-4)
-    assert np.allclose(table.loss_factor, LOSS, rtol=0.1)
-    assert np.allclose(table.shape_contact, CONTACT, rtol=0.02)
-
-
-@pytest.mark.parametrize("samples", [0.3, 0.5, 1.0, 3.0, -2.0])
-def test_a_late_response_is_corrected_and_told(samples: float) -> None:
-    late = delayed(hits_of_records(records(CONTACT)), samples)
-    found = modes_of_hits(late[:2], late[2:], True, silent)
-    of_known_modes(found)
-    assert found.delay_s * 12800 == pytest.approx(samples, abs=0.02)
-    word, plural = "late" if samples > 0 else "early", "" if samples == 1.0 else "s"
-    assert found.notes[0].startswith(
-        f"The response is {word} by {abs(samples):.2f} sample{plural} ("
-    )
-
-
-def test_a_late_response_elsewhere_and_in_noise() -> None:
-    late = delayed(hits_of_records(records(OTHER, hits=2, noise=0.01)), 1.0)
-    found = modes_of_hits(late[:1], late[1:], False, silent)
-    assert found.delay_s * 12800 == pytest.approx(1.0, abs=0.03)
-    assert found.held_out[0].rms < 0.1
-
-
-def test_no_delay_changes_nothing() -> None:
-    hits = hits_of_records(records(CONTACT))
-    same, others, late = correct_delay(hits[:2], hits[2:])
-    assert late == 0.0
-    assert all(one is other for one, other in zip(same + others, hits, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("estimates", "sentence"),
-    [
-        ([(0.2, 0.04), (1.0, 1e-5), (-2.0, 1e-5), (1.0, 1e-5)],
-         r"1\.00 and -2\.00 samples fit equally well"),
-        ([(0.2, 0.9), (1.0, 0.16), (-2.0, 0.8), (1.0, 0.16)],
-         r"is not simultaneous .* 1\.00 samples fits best, with an error of 40 %"),
-    ],
-)  # fmt: skip
-def test_a_delay_that_the_hits_do_not_tell_is_refused(
-    estimates: list[tuple[float, float]], sentence: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = iter([delay._Estimate(samples, square, 1.0, square) for samples, square in estimates])
-    monkeypatch.setattr(delay, "_estimate_near", lambda *_: next(found))
-    monkeypatch.setattr(delay, "_basins", lambda _: [1.0, -2.0])
-    with pytest.raises(universal.ModalDataError, match=sentence):
-        correct_delay(hits_of_records(records(CONTACT, hits=2)), [])
-
-
-def windowed(hits: list[Hit], time_s: float, *, both: bool) -> list[Hit]:
-    """The same hits, as a recorder with an exponential window gives them."""
-    found = []
-    for hit in hits:
-        t = hit.interval_s * (np.arange(len(hit.force_n)) - (0 if both else hit.first))
-        window = np.exp(-np.maximum(t, 0.0) / time_s)
-        force = hit.force_n * window if both else hit.force_n
-        found.append(replace(hit, force_n=force, response=hit.response * window))
-    return found
-
-
-@pytest.mark.parametrize("both", [False, True], ids=["response", "both"])
-@pytest.mark.parametrize("time_s", [0.02, 0.05, 0.1])
-def test_an_exponential_window_adds_no_damping(time_s: float, both: bool) -> None:
-    hits = windowed(hits_of_records(records(CONTACT)), time_s, both=both)
-    given = [replace(hit, window_s=time_s) for hit in hits]
-    of_known_modes(modes_of_hits(given[:2], given[2:], True, silent))
-
-
-def test_a_window_that_was_not_given_is_told() -> None:
-    hits = windowed(hits_of_records(records(CONTACT)), 0.02, both=False)
-    found = modes_of_hits(hits[:2], hits[2:], True, silent)
-    [note] = [note for note in found.notes if "peaks of the response" in note]
-    assert "give --exponential-window SECONDS" in note
-
-
-def test_a_window_that_takes_more_damping_than_there_is() -> None:
-    hits = [replace(hit, window_s=0.05) for hit in hits_of_records(records(CONTACT))]
-    with pytest.raises(
-        universal.ModalDataError, match=r"--exponential-window = 0\.05: the mode at"
-    ):
-        modes_of_hits(hits[:2], hits[2:], True, silent)
-
-
-@pytest.mark.full
-def test_each_measured_hit_is_predicted_by_the_others(tmp_path: Path) -> None:
-    """The promise: at most 8 % of its rms in the first 40 ms."""
-    every = [read_record(HAMMER / f"{kind}{i}.csv") for kind in "fa" for i in (1, 2, 3)]
-    found = modes_of_hits(hits_of_records(every), [], False, silent)
-    assert [one.name for one in found.held_out] == [f"f{i}.csv, a{i}.csv" for i in (1, 2, 3)]
-    assert max(one.rms for one in found.held_out) < 0.04
-    draw(found, tmp_path / "hits.png")
-    assert (tmp_path / "hits.png").stat().st_size > 10_000
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("order", [0, 1, 2], ids=["receptance", "mobility", "accelerance"])
+@pytest.mark.parametrize("order", [1, 2], ids=["mobility", "accelerance"])
 def test_responses_of_a_shipped_scene_by_pyuff(order: int, tmp_path: Path) -> None:
     """The promise: at 0.1 % noise, up to 5 kHz, frequencies to 1e-5, damping to 1 %, shapes to
     0.5 %."""
@@ -481,70 +191,3 @@ def test_responses_of_a_shipped_scene_by_pyuff(order: int, tmp_path: Path) -> No
         ("actuator", table.shape_actuator, mass * sign * known.shape_actuator[below], 5e-3),
     ]:
         assert np.max(np.abs(values[found] / expected - 1)) < most, name
-
-
-def test_everything_that_is_missing_is_named_at_once() -> None:
-    unsaid = two_sets(ordinate_axis_units_lab="", orddenom_axis_units_lab="",
-                      ordinate_spec_data_type=0)  # fmt: skip
-    along_x = data_set(1, unsaid[0]["data"], unsaid[0]["x"], rsp_dir=1, ref_dir=1)
-    other = data_set(2, unsaid[1]["data"], unsaid[1]["x"], ref_node=2)
-    for some, parts in [
-        ([*unsaid, along_x, other], ["--direction", "--reference", "--kind", "--units m,N"]),
-        (unsaid, ["--kind", "--units m,N"]),
-    ]:
-        with pytest.raises(universal.ModalDataError) as refused:
-            taken(some, universal.Points(1))
-        assert all(part in str(refused.value) for part in parts)
-
-
-def written(tmp_path: Path, hits: int = 1) -> list[str]:
-    """Files of hits, with force and response side by side."""
-    every = records(CONTACT, hits=hits)
-    paths = [tmp_path / f"h{i}.csv" for i in range(hits)]
-    for path, force, motion in zip(paths, every[::2], every[1::2], strict=True):
-        np.savetxt(path, np.c_[force.time_s, force.value, motion.value], delimiter=",",
-                   header="time_s,contact_force_n,acceleration_m_s2", comments="")  # fmt: skip
-    return list(map(str, paths))
-
-
-def test_modes_are_written_whatever_strikes_them(tmp_path: Path) -> None:
-    """The scene is refused when it is run, not when its modes are converted."""
-    command = ["scene", "modes", "--from", *written(tmp_path, 2), "--contact", "hit", "-o",
-               str(tmp_path / "m.csv"), "--json", str(tmp_path / "m.json")]  # fmt: skip
-    done = invoke(command)
-    assert done.exit_code == 0, done.output
-    assert "The scene cannot be run yet: the modes of m.csv reach up to 1,210" in done.output
-    assert "too low for an impact" in json.loads((tmp_path / "m.json").read_text())["warning"]
-    assert len(read_modes("m.csv", (tmp_path / "m.csv").read_bytes()).omega_rad_s) == len(HZ)
-    run = invoke(["run", str(tmp_path / "m.toml")])
-    assert run.exit_code == 2
-    assert "too low for an impact" in run.output
-    wrong = invoke([*command, "--overwrite", "--set", "run.duration_s=-1"])
-    assert wrong.exit_code == 2
-    assert "run.duration_s" in wrong.output
-
-
-def test_modes_are_written_without_a_residual_flexibility(tmp_path: Path) -> None:
-    done = invoke(
-        ["scene", "modes", "--from", *written(tmp_path), "--contact", "hit", "--sensor", "there",
-         "-o", str(tmp_path / "m.csv")]
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
-    assert "The scene cannot be run yet: m.csv does not give residual_flexibility_m_n" in (
-        done.output
-    )
-    run = invoke(["run", str(tmp_path / "m.toml")])
-    assert run.exit_code == 2
-    assert "does not give residual_flexibility_m_n" in run.output
-
-
-def test_options_of_the_window(tmp_path: Path) -> None:
-    files = written(tmp_path)
-    for words, sentence in [
-        (["--exponential-window", "0.1"], "describes a measured structure. Add --from FILE"),
-        (["--from", *files, "--contact", "a", "--exponential-window", "0"], "must be positive"),
-        (["--from", "a.uff", "--contact", "1", "--exponential-window", "1"], "for records of hits"),
-    ]:
-        done = invoke(["scene", "modes", *words])
-        assert done.exit_code == 2, done.output
-        assert sentence in done.output

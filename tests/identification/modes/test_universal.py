@@ -55,7 +55,6 @@ def test_the_units_of_the_file_are_converted(
 ) -> None:
     stated = {"type": 164, "units_code": code, "length": length, "force": force}
     units = universal.units_of([stated], FILE, None)
-    assert units is not None
     assert units.mass_kg == pytest.approx(mass_kg, rel=1e-6)
     heavier = modes([normal(0)], units=units).table.per_modal_mass_1_kg
     assert heavier[0] == pytest.approx(1 / (MASS[0] * mass_kg), rel=1e-6)
@@ -76,7 +75,6 @@ def test_units_that_cannot_be_known_are_refused() -> None:
     ):
         universal.units_of([foot], FILE, None)
     slug = universal.units_of([foot], FILE, "ft,lbf")
-    assert slug is not None
     assert slug.mass_kg == pytest.approx(14.5939, rel=1e-5)
     with pytest.raises(
         universal.ModalDataError, match="--units = metric: must be a length and a force"
@@ -205,7 +203,7 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
     done = invoke(
         ["scene", "modes", "offcentre-6mm", "--from", str(tmp_path / "modes.uff"), "--contact",
          "1", "--actuator", "2", "-o", str(tmp_path / "of-file.csv"),
-         *(word for text in settings for word in ("--set", text))]
+         *sets(settings)]
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "312 modes from 277.01 to 52600 Hz" in done.output
@@ -242,29 +240,3 @@ def test_the_command_refuses_what_it_cannot_mean() -> None:
         done = invoke(["scene", "modes", *words])
         assert done.exit_code == 2, done.output
         assert sentence in done.output
-
-
-def test_contact_and_units_are_missed_together(tmp_path: Path) -> None:
-    pyuff = pytest.importorskip("pyuff")
-    one = pyuff.prepare_55(
-        model_type=1, id1="NONE", id2="NONE", id3="NONE", id4="NONE", id5="NONE", analysis_type=2,
-        data_ch=2, spec_data_type=8, load_case=0, mode_n=1, freq=100.0, modal_m=1.0,
-        modal_damp_vis=0.01, modal_damp_his=0.0, node_nums=[1, 2], r1=np.zeros(2), r2=np.zeros(2),
-        r3=np.ones(2),
-    )  # fmt: skip
-    pyuff.UFF(str(tmp_path / "a.uff")).write_sets([one], "overwrite")
-    done = invoke(["scene", "modes", "--from", str(tmp_path / "a.uff")])
-    assert done.exit_code == 2
-    assert "--contact: is missing" in done.output
-    assert "Give --units m,N" in done.output
-
-
-def test_a_response_to_predict_without_its_force() -> None:
-    """The sentence names the option that gave the file."""
-    hits = Path(__file__).parents[3] / "docs" / "examples" / "hammer"
-    done = invoke(
-        ["scene", "modes", "--from", str(hits / "f1.csv"), str(hits / "a1.csv"), "--contact", "A",
-         "--hold-out", str(hits / "a3.csv")]
-    )  # fmt: skip
-    assert done.exit_code == 2, done.output
-    assert "--hold-out: 0 records of a force and 1 of a response" in done.output

@@ -16,7 +16,7 @@ def plate_squared(
     orthotropic plate with D_x, D_y, D_1 and D_xy as `rigidities`: w sqrt(m'')."""
 
     @BilinearForm
-    def bending(u, v, _):  # type: ignore[no-untyped-def]
+    def bending(u, v, _):
         if rigidities is None:
             return (1.0 - nu) * ddot(dd(u), dd(v)) + nu * trace(dd(u)) * trace(dd(v))
         (uxx, uxy), (_, uyy) = dd(u)
@@ -26,7 +26,7 @@ def plate_squared(
         return d_x * uxx * vxx + d_y * uyy * vyy + across + 4.0 * d_xy * uxy * vxy
 
     @BilinearForm
-    def mass(u, v, _):  # type: ignore[no-untyped-def]
+    def mass(u, v, _):
         return u * v
 
     mesh = MeshTri.init_sqsymmetric().refined(refined).scaled(size_m)

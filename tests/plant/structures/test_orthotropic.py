@@ -28,8 +28,6 @@ METAL = Material(7.2e10, 2700.0, 0.34)
 def rigidities(of: Material, h: float) -> tuple[float, float, float, float]:
     """D_x, D_y, D_1 and D_xy as a textbook has them, N m."""
     x, y, shear, nu = of.young_x_pa, of.young_y_pa, of.shear_pa, of.poisson_xy
-    assert x and y and shear  # noqa: PT018
-    assert nu is not None
     by_yx = nu * y / x
     whole = h**3 / 12.0 / (1.0 - nu * by_yx)
     return x * whole, y * whole, nu * y * whole, shear * h**3 / 12.0
@@ -119,16 +117,12 @@ def test_the_high_modes_are_as_dense_and_mobile_as_the_infinite_plate(material: 
     assert len(modes.omega) == pytest.approx(expected, rel=0.03)
     # Mean mobility of a band: sum of lambda phi^2 times pi/2 over its width.
     local = plate.local_plate
-    assert local is not None
     mean = modes.scale_per_kg * np.sum(modes.at_contact**2) * np.pi / 2.0 / limit
     assert mean * local.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.05)
     # 2/pi K((1 - eta)/2) is the mean over all directions.
     eta = local.rigidity.eta
-    whole = quad(
-        lambda t: 1.0 / math.sqrt(1.0 - 0.5 * (1.0 - eta) * math.sin(2.0 * t) ** 2),
-        0.0,
-        math.pi / 2.0,
-    )[0]
+    share = 0.5 * (1.0 - eta)
+    whole = quad(lambda t: (1.0 - share * math.sin(2.0 * t) ** 2) ** -0.5, 0.0, math.pi / 2.0)[0]
     ratio = local.rigidity.mean_n_m / local.bending_stiffness_n_m
     assert math.sqrt(ratio) == pytest.approx(whole * 2.0 / math.pi, rel=1e-12)
 
@@ -145,8 +139,6 @@ def test_residual_flexibility_is_what_the_modes_beyond_add() -> None:
 
 def test_a_turned_plate_is_the_same_plate() -> None:
     x, y = SPRUCE.young_x_pa, SPRUCE.young_y_pa
-    assert x and y  # noqa: PT018
-    assert SPRUCE.poisson_xy
     across = replace(SPRUCE, young_x_pa=y, young_y_pa=x, poisson_xy=SPRUCE.poisson_xy * y / x)
     limit = 2.0 * np.pi * 3e3
     one = edged(SPRUCE, "csff").modes(limit, POINT, POINT)

@@ -137,7 +137,7 @@ def test_limit_of_modes_settles() -> None:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
+@pytest.mark.parametrize("step_s", [1e-6, 2e-5])
 @pytest.mark.parametrize("pressure_pa", [None, 0.7e9])
 def test_the_balance_closes(step_s: float, pressure_pa: float | None) -> None:
     limit = None if pressure_pa is None else Limit(pressure_pa, 0.003)

@@ -41,7 +41,6 @@ def test_a_finite_impulse_response_closes_the_loop(taps: list[float]) -> None:
     plant = PoleForm(np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(2))
     law = LawFilter(-0.4, np.empty(0, complex), np.empty(0, complex), np.array(taps))
     found = closed_loop_poles(plant, law, 3)
-    assert found is not None
     assert len(found) == 4 + 3 + len(taps)
     gain = 1.0 + loop_of(plant, law, 1, 0).gain(found) * found**-3.0
     assert np.abs(gain).max() < 1e-9

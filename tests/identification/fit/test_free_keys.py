@@ -1,0 +1,40 @@
+"""Keys that a fit frees: their text, ranges and priors."""
+
+import pytest
+
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.free_keys import parse_free_key
+from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene
+
+
+def test_free_keys_are_read_from_their_text() -> None:
+    setup = scene()
+    one = parse_free_key(setup, "sphere.drop_height_m=0.04:0.06±2%")
+    assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
+    assert parse_free_key(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
+    for text, words in (
+        ("plate.size_m", "one positive number"),
+        ("plate.thicknes_m", "Did you mean plate.thickness_m"),
+        (PRESSURE, "does not yield"),
+        ("controller.latency_us", "law is off.*without control.*--set controller.law"),
+        ("actuator.bandwidth_hz", "law is off.*without control"),
+        ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
+        ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
+        ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
+        ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-05"),
+        ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
+        ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
+    ):  # fmt: skip
+        with pytest.raises(FitError, match=words):
+            parse_free_key(setup, text)
+
+
+def test_a_default_range_ends_where_the_scene_does() -> None:
+    wide = parse_free_key(scene("sphere.drop_height_m=50.0"), HEIGHT)
+    assert (wide.low, wide.high) == (10.0, pytest.approx(100.0, rel=1e-5))
+    assert wide.high <= 100.0
+
+
+def test_a_key_that_is_free_twice_is_refused() -> None:
+    with pytest.raises(FitError, match="given twice"):
+        fitted(scene(), record(scene()), RADIUS, RADIUS)

@@ -1,0 +1,185 @@
+"""Probabilities of a goal: intervals, uncertain inputs, and Sobol indices."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.probability import exact_coverage
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.studies.budget.goal import parse_goal
+from hertzloop.studies.budget.probability import probability, sobol_indices, wilson
+from hertzloop.studies.sweeps.design import Axis, Design
+from hertzloop.studies.sweeps.evaluate import evaluate
+from hertzloop.studies.sweeps.sweep import read_results, sweep
+from hertzloop.studies.sweeps.uncertain import (
+    UncertainInput,
+    read_uncertain,
+    uncertain_of,
+    with_draws,
+)
+from tests.commands import invoke
+
+SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
+
+
+def test_the_wilson_interval_is_that_of_the_formula():
+    assert wilson(8, 10) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
+    assert (wilson(0, 10)[0], wilson(10, 10)[1]) == (0.0, 1.0)
+
+
+def test_the_interval_holds_probabilities_that_are_not_rare_in_93_to_97_percent():
+    # With a fixed number of cases the coverage is a sum of binomial probabilities.
+    held = [met for met in range(129) if wilson(met, 128)[0] <= 0.892 <= wilson(met, 128)[1]]
+    fixed = sum(math.comb(128, met) * 0.892**met * 0.108 ** (128 - met) for met in held)
+    assert exact_coverage(0.892, 0.5) == pytest.approx(fixed, rel=1e-9)
+    covered = [exact_coverage(0.01 * percent, 0.03) for percent in range(5, 96)]
+    assert min(covered) >= 0.93
+    assert max(covered) <= 0.97
+
+
+class _Loose:
+    """A setup that accepts any value: the distribution reaches below zero."""
+
+    def resolution_of(self, key):
+        return 0.0
+
+    def vary(self, values):
+        return self
+
+
+def test_a_correlated_normal_keeps_its_covariance():
+    covariance = [[4e-6, 1.5e-6], [1.5e-6, 1e-6]]
+    found = uncertain_of(
+        {"correlated": [{"keys": ["sphere.drop_height_m", "plate.thickness_m"],
+                         "mean": [0.05, 0.003], "covariance": covariance}]},
+        _Loose(),
+    )  # fmt: skip
+    drawn = [found.draw(3, number) for number in range(20_000)]
+    values = np.array([[one[key] for key in found.keys] for one in drawn])
+    assert values.mean(axis=0) == pytest.approx([0.05, 0.003], abs=1e-4)
+    assert np.cov(values.T) == pytest.approx(np.array(covariance), rel=0.05)
+    assert drawn[7] == found.draw(3, 7)
+    assert drawn[7] != found.draw(4, 7)
+
+
+def test_distributions_have_their_quantiles():
+    numbers = {"uniform": (2.0, 4.0), "triangular": (0.0, 1.0, 4.0), "normal": (1.0, 2.0),
+               "log_normal": (3.0, 0.5), "values": (1.0, 5.0, 9.0)}  # fmt: skip
+    median = {"uniform": 3.0, "triangular": 4.0 - math.sqrt(6.0), "normal": 1.0,
+              "log_normal": 3.0, "values": 5.0}  # fmt: skip
+    for kind, given in numbers.items():
+        part = UncertainInput(("a.b",), kind, given)
+        assert part.at([0.5])["a.b"] == pytest.approx(median[kind])
+        drawn = [part.at([(i + 0.5) / 500])["a.b"] for i in range(500)]
+        assert sorted(drawn) == drawn
+
+
+@pytest.mark.full
+def test_every_drawn_key_reaches_the_model(pool):
+    setup = load("aluminium-3mm", SHORT)
+    keys = {
+        "sphere.drop_height_m": 0.05, "sphere.radius_m": 0.002, "plate.thickness_m": 0.003,
+        "plate.loss_factor": 0.01, "actuator.bandwidth_hz": 2e5, "controller.latency_us": 4,
+        "controller.kappa": 0.5, "sensors.noise_rms": 0.1, "actuator.mass_kg": 0.001,
+    }  # fmt: skip
+    cases = [{key: value * share} for key, value in keys.items() for share in (0.75, 1.0)]
+    digests = [one["digest"] for one in evaluate(pool, setup, "impact", cases)]
+    for i, key in enumerate(keys):
+        assert digests[2 * i] != digests[2 * i + 1], key
+
+
+def test_probability_is_recorded_and_narrow_enough(pool):
+    setup = load("aluminium-3mm", SHORT)
+    table = {"controller.latency_us": {"distribution": "uniform", "low": 0, "high": 8}}
+    goal = parse_goal("plate_energy_db <= -3")
+    found = probability(pool, setup, [goal], uncertain_of(table, setup), "impact", within=0.08)
+    assert found.cases in (128, 256)
+    assert 0.5 * (found.interval[1] - found.interval[0]) <= 0.08
+    assert len(found.drawn) == found.cases
+    again = evaluate(pool, setup, "impact", [found.worst])[0]
+    assert again["plate_energy_db"] == found.worst_metrics["plate_energy_db"]
+    assert found.interval[0] < found.value < found.interval[1]
+
+
+@pytest.mark.parametrize(
+    ("data", "word"),
+    [({}, "no key"), ({"a.b": {"distribution": "cauchy"}}, "unknown"),
+     ({"sphere.radius_m": {"distribution": "normal", "mean": 1.0}}, "needs mean"),
+     ({"sphere.radius_m": {"distribution": "uniform", "low": 2, "high": 1}}, "increase"),
+     ({"sphere.radius": {"distribution": "uniform", "low": 1, "high": 2}}, "sphere.radius"),
+     ({"correlated": [{"keys": ["a.b", "a.c"], "mean": [1, 2],
+                       "covariance": [[1, 2], [2, 1]]}]}, "positive definite")],
+)  # fmt: skip
+def test_distributions_that_make_no_sense_are_refused(data, word):
+    with pytest.raises(SceneError, match=word):
+        uncertain_of(data, load("aluminium-3mm"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("uncertain = 3", "uncertain = 3: must be a table of scene keys"),
+        ("correlated = 3", "correlated = 3: must be a list"),
+        ('[fit]\nkeys = ["a"]', "fit.values: Field required. Write the scene again"),
+        ("a = ", "cannot be read"),
+    ],
+)
+def test_a_file_of_distributions_that_cannot_be_is_refused(tmp_path, text, said):
+    path = tmp_path / "u.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=said):
+        read_uncertain(path, load("aluminium-3mm"))
+
+
+def test_sobol_indices_of_the_ishigami_function():
+    pytest.importorskip("SALib")
+    parts = [UncertainInput((key,), "uniform", (-math.pi, math.pi)) for key in ("a", "b", "c")]
+
+    def run(points):
+        x = np.array(points) * 2.0 * math.pi - math.pi
+        y = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+        return [{"y": float(value)} for value in y]
+
+    found = sobol_indices(parts, ["y"], 8192, run)
+    first = [0.3139, 0.4424, 0.0]
+    total = [0.5576, 0.4424, 0.2437]
+    assert [one.first for one in found] == pytest.approx(first, abs=0.02)
+    assert [one.total for one in found] == pytest.approx(total, abs=0.02)
+
+
+def test_a_sweep_records_every_drawn_value(tmp_path):
+    setup, out = load("aluminium-3mm", SHORT), tmp_path / "drawn.parquet"
+    table = {"sphere.drop_height_m": {"distribution": "uniform", "low": 0.04, "high": 0.06}}
+    design = with_draws(setup, Design(()), uncertain_of(table, setup), 20)
+    sweep(setup, design, "impact", out, workers=1)
+    rows, header = read_results(out)
+    drawn = [row["sphere.drop_height_m"] for row in rows]
+    assert 0.04 < min(drawn) < 0.045
+    assert 0.055 < max(drawn) < 0.06
+    at = header["design"]["drawn_keys"].index("sphere.drop_height_m")
+    assert [one[at] for one in header["design"]["drawn"]] == drawn
+    assert len({row["digest"] for row in rows}) == 20
+
+
+def test_a_scene_holds_its_own_distributions(tmp_path):
+    scene = tmp_path / "mine.toml"
+    plain = invoke(["scene", "show", "aluminium-3mm"]).stdout
+    scene.write_text(plain + '[uncertain]\n"plate.thickness_m" = { distribution = "normal", '
+                     'mean = 0.003, standard_deviation = 1e-5 }\n')  # fmt: skip
+    setup = load(str(scene))
+    assert setup.scene == load(str(scene)).scene
+    assert read_uncertain(scene, setup).keys == ["plate.thickness_m"]
+    over, uncertain = Axis("plate.thickness_m", (0.003, 0.004)), read_uncertain(scene, setup)
+    with pytest.raises(SceneError, match="is drawn by --uncertain"):
+        with_draws(setup, Design((over,)), uncertain, 3)
+    words = ["sweep", str(scene), "--set", SHORT[0], "--over", "controller.latency_us=0,2",
+             "--uncertain", str(scene), "--cases", "4", "--workers", "1",
+             "--out", str(tmp_path / "a.csv")]  # fmt: skip
+    done = invoke(words)
+    assert done.exit_code == 0, done.output
+    rows, _ = read_results(tmp_path / "a.csv")
+    assert len(rows) == 8
+    assert len({row["plate.thickness_m"] for row in rows}) == 4
+    assert "Over draws of the uncertain keys" in done.output

@@ -1,0 +1,209 @@
+"""Requirements: what they check, as rows of pytest too, and their files."""
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.studies.budget import budget as study
+from hertzloop.studies.budget.goal import parse_goal
+from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.requests import BudgetRequest
+from tests.commands import invoke
+
+REQUIREMENTS = """
+[hertzloop]
+law = "force_feedback"
+
+[[requirement]]
+name = "quiet"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016 }
+goal = "plate_energy_db <= -3"
+expect = { plate_energy_db = -9.044 }
+
+[[requirement]]
+name = "late"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016, "controller.latency_us" = 12 }
+goal = "plate_energy_db <= -0.1"
+"""
+
+
+@pytest.fixture
+def requirements(tmp_path):
+    path = tmp_path / "requirements.toml"
+    path.write_text(REQUIREMENTS)
+    return path
+
+
+def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path):
+    quiet, late = (check(pool, one) for one in read_requirements(requirements))
+    assert quiet.passed
+    assert "to spare" in " ".join(quiet.holds)
+    assert not late.passed
+    assert "is missed by" in late.fails[0]
+    assert "controller.latency_us=12" in late.command
+    junit(tmp_path / "junit.xml", [quiet, late])
+    suite = ET.parse(tmp_path / "junit.xml").getroot()[0]
+    assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
+    requirements.write_text(REQUIREMENTS.replace("-9.044", "-9.08"))  # more than its digits
+    assert not check(pool, read_requirements(requirements)[0]).passed
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("x = 1\n[hertzloop]", "x is unknown"), ("[hertzloop]\nlaws = 'a.py'", "hertzloop.laws is"),
+     ("[[requirement]]\nname = 'a'", r"no table \[hertzloop\]"), ("hertzloop = 1", "no table"),
+     ("[hertzloop]", "Add at least one"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'", "scene"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a metric")],
+)  # fmt: skip
+def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
+    path = tmp_path / "requirements.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=word):
+        read_requirements(path)
+
+
+def _python(*words, folder):
+    plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    plugins.pop("PYTEST_XDIST_WORKER", None)
+    root = str(Path(__file__).parents[3])
+    plugins["PYTHONPATH"] = os.pathsep.join([root, plugins.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", *words], cwd=folder, env=plugins, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+
+
+def test_rows_are_tests_of_pytest(requirements):
+    (requirements.parent / "test_mine.py").write_text(
+        "def test_run(hertzloop_run, hertzloop_sweep):\n"
+        "    changes = {'run.duration_s': 0.0016}\n"
+        "    found = hertzloop_run('aluminium-3mm', 'force_feedback', changes)\n"
+        "    assert found.plate_energy_db < -9\n"
+        "    over = {'run.duration_s': [0.0016], 'controller.latency_us': [0, 2]}\n"
+        "    rows = hertzloop_sweep('aluminium-3mm', over, 'force_feedback')\n"
+        "    assert rows[0]['digest'] == found.digest != rows[1]['digest']\n"
+    )
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
+    assert "Reproduce: hertzloop run aluminium-3mm" in ran.stdout
+    assert "Traceback" not in ran.stdout
+
+
+UNSTABLE_ROW = """
+[[requirement]]
+name = "{}"
+scene = "aluminium-3mm"
+set = {{ "run.duration_s" = 0.0016, "controller.kappa" = 0.1 }}
+goal = "plate_energy_db <= 20"
+"""
+
+
+def test_pytest_names_an_instability_that_no_run_shows(requirements):
+    quiet, coarse = (UNSTABLE_ROW.format(name) for name in ("quiet", "coarse"))
+    head = '[hertzloop]\nlaw = "velocity_feedback"\n'
+    requirements.write_text(f"{head}{quiet}{coarse}limit = {{ bits = 12 }}\n")
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    assert "1 failed, 1 passed, 1 warning" in ran.stdout, ran.stdout + ran.stderr
+    assert "bits: tolerated none (unstable loop), required 12" in ran.stdout
+    assert "PytestWarning: quiet: the linear loop is unstable (grows" in ran.stdout
+
+
+OF_ANOTHER_TOOL = 'title = "Other [hertzloop]"\n[[requirement]]\nid = "REQ_1"\n'
+
+
+@pytest.mark.parametrize("text", [OF_ANOTHER_TOOL, "[["])
+def test_a_repository_of_others_is_left_alone(tmp_path, text):
+    (tmp_path / "requirements.toml").write_text(text)
+    (tmp_path / "test_theirs.py").write_text(
+        "import sys\n"
+        "def test_theirs():\n"
+        "    heavy = {'numpy', 'numba', 'zenoh', 'xarray', 'pydantic', 'hertzloop.scene'}\n"
+        "    assert 'hertzloop.pytest_plugin' in sys.modules\n"
+        "    assert not heavy & set(sys.modules)\n"
+    )
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=tmp_path)
+    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+
+
+def test_the_command_ends_as_documented(requirements, tmp_path):
+    junit_file, found = tmp_path / "j.xml", tmp_path / "b.json"
+    checked = invoke(["budget", "--check", str(requirements), "--junit", str(junit_file)])
+    assert checked.exit_code == 1, checked.output
+    assert "1 of 2 requirements hold" in checked.stdout
+    assert junit_file.is_file()
+    ran = invoke([
+        "budget", "aluminium-3mm", "--law", "force_feedback", "--set", "run.duration_s=0.0016",
+        "--quick", "--no-real-plant", "--only", "latency_us", "--workers", "1",
+        "--json", str(found),
+    ])  # fmt: skip
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(found.read_text())["limits"]["latency_us"]["value"] == 9.0
+    refused = invoke(["budget", "--law", "off"])
+    assert refused.exit_code == 2
+    assert "has no limits" in refused.stderr
+
+
+def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1",
+             "--only", "latency_us", "--json", "a.json"]  # fmt: skip
+    one = " ".join(invoke(words).stdout.split())
+    assert "changes by -4.2 dB in the first impact and by -2.0 dB over all contacts" in one
+    assert "--span both" in one
+    done = invoke([*words, "--span", "both"])
+    assert done.exit_code == 0, done.output
+    assert "the first impact" in done.stdout
+    assert "the whole run" in done.stdout
+    data = json.loads((tmp_path / "a.json").read_text())
+    limits = [data[of]["latency_us"]["value"] for of in ("limits", "other_span")]
+    assert None not in limits
+    assert limits[0] != limits[1]
+    assert data["other_span_db"] == pytest.approx(-2.0, abs=0.05)
+
+
+def test_the_page_shows_limits_and_a_map(pool, tmp_path):
+    page = pytest.importorskip("hertzloop.studies.budget.page")
+    setup = load("aluminium-3mm", ["run.duration_s=0.0016", "controller.law=force_feedback"])
+    goals = [parse_goal("plate_energy_db <= -0.1")]
+    asked = BudgetRequest(quick=True, with_real=False, only=("latency_us", "jitter_us"))
+    found = study.budget(pool, setup, goals, asked)
+    mapped = page.map_of(pool, setup, goals, "impact", found.ideal, True)
+    assert mapped.across.name == found.ideal.binds_first == "latency_us"
+    limit = next(x.value for x in found.ideal.limits if x.quantity == "latency_us")
+    alone = dict(zip(mapped.across_places, mapped.met[0], strict=True))
+    assert all((share == 1.0) == (place <= limit) for place, share in alone.items())
+    written = page.write_page(tmp_path, setup, found, mapped, ["A line."], "hertzloop budget")
+    text = written.read_text()
+    assert "A line." in text
+    assert text.count("<svg") == 2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("law", ["mine.py", "mine.c"])
+def test_a_new_law_brings_requirements_that_hold(tmp_path, law):
+    made = _python("hertzloop", "law", "new", law, "--with-check", folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    workflow = (tmp_path / "workflow.yml").read_text()
+    assert "budget --check requirements.toml" in workflow
+    if law == "mine.c":
+        compiled, _, checked = made.stdout.split("Next: ")[1].strip().partition(" && ")
+        assert f"- run: {compiled}\n" in workflow
+        assert checked == "hertzloop budget --check requirements.toml"
+        subprocess.run(compiled, shell=True, check=True, cwd=tmp_path)
+    ran = _python("hertzloop", "budget", "--check", "requirements.toml", folder=tmp_path)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "2 of 2 requirements hold" in ran.stdout
+    again = _python("hertzloop", "law", "new", "other.py", "--with-check", folder=tmp_path)
+    assert again.returncode == 2
+    assert "requirements.toml exists" in again.stderr

@@ -1,0 +1,14 @@
+"""What several studies' tests run their cases in."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
+
+
+@pytest.fixture(scope="session")
+def pool() -> Iterator[Pool]:
+    with local_pool(1) as found:
+        yield found

@@ -1,0 +1,199 @@
+"""The page of a run: whole by itself, and without an error in a browser."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.reader import read
+from hertzloop.scene.setup import load
+from tests.commands import as_options, call
+from tests.hertzloop.own_laws import write_law
+from tests.recordings.rewriting import messages, write
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
+SHORT = ["run.duration_s=0.003", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
+         "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
+UNSTABLE = ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.duration_s=0.009"]
+
+
+def page_of(folder: Path, scene: str, settings: list[str]) -> Path:
+    record_in_process(load(scene, settings), folder / "a.mcap", compiled=True)
+    result = call("report", folder / "a.mcap", "-o", folder)
+    assert result.exit_code == 0, result.output
+    return folder / "a.html"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return page_of(tmp_path_factory.mktemp("page"), "aluminium-20mm", SHORT)
+
+
+def in_browser(page: Path) -> tuple[str, list[str]]:
+    """The page as it is after loading, and what came on the console."""
+    assert BROWSER is not None
+    done = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr",
+         f"--user-data-dir={page.parent / 'profile'}", "--dump-dom", page.as_uri()],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+def test_a_page_needs_nothing_from_elsewhere_and_is_small(page: Path) -> None:
+    text = page.read_text()
+    assert len(text) < 10e6
+    loaded = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{1,60})""", text)
+    assert all(target.startswith(("data:", "#")) for target in loaded), loaded
+    assert "@import" not in text
+    for word in ("with control", "without", "contact time", "sound exposure level",
+                 "slope_threshold, kappa 0.8", "plate.size_m", "hertzloop run"):  # fmt: skip
+        assert word in text
+    assert text.count("data:audio/wav;base64,") == 2
+    assert text.count("<svg") == 3
+
+
+@pytest.mark.full
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here: apt install chromium")
+def test_a_browser_draws_it_without_an_error(page: Path, tmp_path: Path) -> None:
+    found, console = in_browser(page)
+    assert console == []
+    drawn = re.search(r'data-drawn-after-ms="(\d+)"', found)
+    assert drawn, "the plate was not drawn"
+    assert int(drawn[1]) < 5000
+    assert re.search(r'id="words">[\d.]+ ms, actuator', found)
+    broken = tmp_path / "broken.html"
+    broken.write_text(page.read_text().replace("draw(0);", "drow(0);"))
+    assert any("drow is not defined" in line for line in in_browser(broken)[1])
+
+
+@pytest.mark.full
+def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path: Path) -> None:
+    text = page_of(tmp_path, "aluminium-20mm", UNSTABLE).read_text()
+    assert '<p class="warning">Unstable from 7.547 ms on' in text
+    assert "<th>change</th>" not in text
+    quiet = tmp_path / "quiet"
+    quiet.mkdir()
+    text = page_of(quiet, "aluminium-3mm", ["run.duration_s=0.0005"]).read_text()
+    assert "No contact in this run." in text
+
+
+def test_a_page_is_not_replaced_unasked(page: Path) -> None:
+    result = call("report", page.with_suffix(".mcap"), "-o", page.parent)
+    assert result.exit_code == 2
+    assert "exists" in result.output
+
+
+TWICE = ["run.duration_s=0.15", "run.accuracy=0.02"]  # two impacts, the second one chaotic
+
+
+@pytest.fixture(scope="module")
+def bounces(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that bounces, made as by a user, and what it said."""
+    path = tmp_path_factory.mktemp("bounces") / "a.mcap"
+    words = ("--transport", "compiled", "--out", path, "--json", path.with_suffix(".json"))
+    result = call("run", "aluminium-3mm", *as_options(TWICE), *words)
+    assert result.exit_code == 0, result.output
+    return path
+
+
+def text_of(recording: Path) -> str:
+    """What the page of a recording says."""
+    folder = recording.parent / f"page-{recording.stem}"
+    result = call("report", recording, "-o", folder)
+    assert result.exit_code == 0, result.output
+    return html.unescape((folder / f"{recording.stem}.html").read_text())
+
+
+@pytest.mark.full
+def test_the_page_says_what_the_run_said(bounces: Path) -> None:
+    told = json.loads(bounces.with_suffix(".json").read_text())
+    text = text_of(bounces)
+    assert told["verdict"]
+    assert "(first impact; later ones are not predictable)" in told["verdict"][0]
+    neglected = [
+        f["sentence"] for f in told["validity"] if f["state"] in ("left out", "out of range")
+    ]
+    assert neglected
+    for sentence in (*told["verdict"], *neglected):
+        assert sentence in text
+    assert "Dashed: the same without control." in text
+    assert "Faint" not in text
+    second = told["impacts"][1]
+    assert f"{second['rebound_speed_m_s']:.4f}" not in text  # of which one digit is predictable
+    assert (
+        "only predictable digits are shown: the second impact magnifies the model's error" in text
+    )
+    inspected = call("inspect", bounces, "--details")
+    assert f"{second['rebound_speed_m_s']:.4f}" not in inspected.output
+    for table in (text, inspected.output):
+        assert re.search(r"about \d+0\b", table)
+        assert not re.search(r"\b\de\+\d\d", table)
+    assert "The law slope_threshold" in text
+    assert read(bounces).law_source in text
+
+
+@pytest.mark.full
+def test_what_another_program_controlled_is_not_said_to_repeat(
+    bounces: Path, tmp_path: Path
+) -> None:
+    def foreign() -> list:
+        sent = messages(bounces)
+        for item in sent:
+            if item.stream == "end/controller":
+                item.header.report.law, item.header.report.law_digest = "mine 1.0", ""
+        return sent
+
+    path = write(tmp_path / "other.mcap", bounces, foreign())
+    text = text_of(path)
+    assert "hertzloop run" not in text
+    for words in ("controller outside hertzloop", "hertzloop node plant aluminium-3mm.toml",
+                  "hertzloop node recorder", "digits as recorded",
+                  "No text of the law"):  # fmt: skip
+        assert words in text
+    assert read(path).law_source not in text
+    refused = call("inspect", path, "--law", tmp_path / "law.py")
+    assert refused.exit_code == 2
+    assert "holds no text of the law that ran, mine 1.0" in refused.output
+    assert not (tmp_path / "law.py").exists()
+    assert "digits as recorded" in call("inspect", path).output
+    assert "digits as recorded" in call("inspect", path, "--details").output
+
+
+@pytest.mark.full
+def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands of the page give the same samples, the law's file being lost."""
+    monkeypatch.chdir(tmp_path)
+    law = write_law(tmp_path)
+    settings = [f"controller.law={law}", "run.duration_s=0.0016", "run.accuracy=0.05"]
+    record_in_process(load("aluminium-3mm", settings), tmp_path / "a.mcap", compiled=True)
+    source = law.read_bytes()
+    law.unlink()
+    text = text_of(tmp_path / "a.mcap")
+    assert law.name in text
+    assert source.decode() in text
+    first, second, third = re.findall(r"^(?:<pre>)?hertzloop (.+?)(?:    #.*)?$", text, re.M)
+    Path("aluminium-3mm.toml").write_text(read(Path("a.mcap")).scene_toml)
+    assert call(*first.split()).exit_code == 0
+    assert law.read_bytes() == source
+    assert call(*first.split()).exit_code == 2  # it is there now
+    for command in (f"{second} --transport compiled", third):
+        result = call(*command.split())
+        assert result.exit_code == 0, result.output
+
+
+@pytest.mark.full
+def test_a_linear_loop_has_its_margin_on_the_page(tmp_path: Path) -> None:
+    law = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
+    text = page_of(tmp_path, "oak-20mm", ["run.duration_s=0.003", *law]).read_text()
+    assert "Linear margin of the loop in flight" in text
+    assert "latency limit: 497 steps" in text
+    assert "limited by modes (7, 1), (5, 5), (1, 7)" in text
+    assert 'src="data:image/png;base64,' in text
+    assert len(text) < 10e6
