@@ -4,31 +4,17 @@ import json
 import statistics
 import subprocess
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    RoundsOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.terminal import out
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun, viewer
@@ -131,26 +117,21 @@ def main(
 
     Example: python -m benchmarks.replay --quick
     """
-    check_json(json_file)
-    with results_in(folder, "replay") as made:
-        compile_first()
+    with results_in(folder, "replay", "modal", json_file=json_file) as results:
         found = measure(1, _QUICK_S) if quick else measure(rounds)
-        write_records(made / "replay.csv", found.cases)
-        sizes = [(c.case, c.median) for c in found.cases]
-        title = f"Replay of {found.steps:,} steps"
-        bars(made / "replay.png", title, "median, in the unit of the label", sizes, log=True)
-    headings = ("case", "median", "least")
-    rows = [(c.case, f"{c.median:.3g}", f"{c.least:.3g}") for c in found.cases]
-    out.print(number_table(f"replay of {found.steps:,} steps", headings, rows, text=1))
-    out.print(f"the file has {found.megabytes:.1f} MB")
-    if found.no_frames:
-        out.print(f"frames not measured: {found.no_frames}", soft_wrap=True)
-    written(made, "replay.csv", "replay.png")
-    conclude(
-        f"A recording of {found.steps:,} steps becomes an .rrd file of {found.megabytes:.1f} MB "
-        f"in {found.cases[0].median:.2f} s."
-    )
-    write_json(json_file, {"replay": asdict(found)})
+        results.write("replay", found.cases)
+        results.table(
+            f"replay of {found.steps:,} steps",
+            {"case": "{.case}", "median": "{.median:.3g}", "least": "{.least:.3g}"},
+            found.cases,
+        )
+        out.print(f"the file has {found.megabytes:.1f} MB")
+        if found.no_frames:
+            out.say(f"frames not measured: {found.no_frames}")
+        results.conclude(
+            f"A recording of {found.steps:,} steps becomes an .rrd file of {found.megabytes:.1f} "
+            f"MB in {found.cases[0].median:.2f} s."
+        )
 
 
 if __name__ == "__main__":

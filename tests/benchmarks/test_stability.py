@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks import integrator_kernels as ik
-from benchmarks import stability as limits
-from benchmarks import stability as maps
-from benchmarks import stability as study
+from benchmarks import stability_limits as limits
+from benchmarks import stability_maps as maps
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
+from benchmarks.stability_loop import loop_map
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 
@@ -153,7 +153,7 @@ def test_the_published_scheme_loses_the_momentum_of_a_contact_at_any_step() -> N
 
 
 def test_late_actuator_feeds_energy_in() -> None:
-    found = {(round(p.kappa, 2), p.latency_us): p for p in study.loop_map()}
+    found = {(round(p.kappa, 2), p.latency_us): p for p in loop_map()}
     assert found[0.0, 0.0].injected == 0.0
     assert found[0.0, 0.0].plate_energy_db == pytest.approx(0.0, abs=1e-9)
     assert found[0.4, 0.0].plate_energy_db < -0.1

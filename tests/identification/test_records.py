@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.text_tables import draw, judged
 from hertzloop.common.optional_dependencies import EXTRAS
 from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.records.errors import RecordError
@@ -17,6 +16,7 @@ from hertzloop.identification.records.text.facts import stated_spacing
 from hertzloop.identification.records.text.reading import read_table
 from hertzloop.identification.records.units import name_and_unit, unit_of
 from tests.commands import invoke
+from tests.identification.text_tables import draw, judged
 from tests.tiers import default
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +33,7 @@ def read(folder: Path, text: str, **given: Any) -> Any:
 
 
 def test_drawn_tables_are_read_rightly_or_refused(tmp_path: Path) -> None:
-    """The program `benchmarks.text_tables` reads many more."""
+    """The program `python -m tests.identification.text_tables` reads many more."""
     found = [judged(draw(seed), seed, tmp_path) for seed in range(20_000, 20_060)]
     assert not [one for one in found if one.result == "wrong"]
     assert sum(one.result == "right" for one in found) > 40

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 from benchmarks.budget_agreement import difference
-from benchmarks.probability import exact_coverage
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
@@ -30,7 +30,7 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
     variants,
 )
-from hertzloop.studies.budget.probability import probability, sobol_indices, wilson
+from hertzloop.studies.budget.probability import FIRST, probability, sobol_indices, wilson
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
 from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Axis, Design
@@ -336,6 +336,24 @@ def test_the_wilson_interval_is_that_of_the_formula():
     assert (low, high) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == 1.0
+
+
+def exact_coverage(truth: float, within: float, most: int = 4096) -> float:
+    """Return how often the interval holds a probability when cases double until half the interval
+    is at most `within`: the sum over all numbers of successes at which drawing stops."""
+    cases, covered = FIRST, 0.0
+    going = scipy.stats.binom.pmf(np.arange(cases + 1), cases, truth)
+    while True:
+        for met in np.flatnonzero(going):
+            low, high = wilson(int(met), cases)
+            if 0.5 * (high - low) <= within or cases >= most:
+                covered += going[met] if low <= truth <= high else 0.0
+                going[met] = 0.0
+        if not going.any():
+            return float(covered)
+        more = min(cases, most - cases)
+        going = np.convolve(going, scipy.stats.binom.pmf(np.arange(more + 1), more, truth))
+        cases += more
 
 
 def test_the_coverage_by_theory_is_that_of_drawing_until_the_interval_is_narrow():
