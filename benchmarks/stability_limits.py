@@ -1,7 +1,7 @@
 """Stability limits of the textbook integrators: predicted, and found by running their kernels.
 
-Free vibration with and without damping; and a sphere at rest on the plate, where the contact is a
-spring for as long as one likes, so that the limit of the linearised equations holds exactly.
+Free vibration with and without damping, and the frequencies of a sphere and modes that a contact
+joins.
 """
 
 import math
@@ -25,7 +25,6 @@ TEXTBOOK: dict[str, Kernel] = {
 DAMPED = {"verlet": ik.verlet, "verlet, lagged damping": ik.leapfrog_lagged, "rk4": ik.rk4}
 LIMITS = {"verlet": 2.0, "rk4": 2.0 * math.sqrt(2.0)}  # of w h, for a free vibration
 _FREE_STEPS = 400
-_RESTING_STEPS = 400
 
 
 def growth_per_step(scheme: str, phase: float, loss_factor: float = 0.0) -> float:
@@ -123,29 +122,3 @@ def contact_frequency_rad_s(what: Problem, penetration_m: float) -> float:
     """sqrt(1.5 s sqrt(p)/m), m reduced of the sphere and all modes as free masses, rad/s."""
     spring = 1.5 * what.spec.contact.stiffness * math.sqrt(penetration_m)
     return math.sqrt(spring * (1.0 / what.spec.sphere.mass_kg + float(np.sum(what.drive))))
-
-
-def resting_penetration_m(what: Problem) -> float:
-    """Penetration under the sphere's own weight, m."""
-    weight = what.spec.sphere.mass_kg * ik.GRAVITY
-    return float((weight / what.spec.contact.stiffness) ** (2.0 / 3.0))
-
-
-def resting_motion(scheme: str, what: Problem, phase: float) -> float:
-    """Largest motion in 400 steps of a sphere at rest on the plate that is nudged, over what the
-    nudge would do on a rigid plate; `phase`: step times highest frequency of the linearised
-    contact. Infinite if it blows up."""
-    kernel, more = TEXTBOOK[scheme]
-    depth = resting_penetration_m(what)
-    modes = len(what.omega2)
-    y = np.zeros(2 * modes + 2)
-    y[:modes] = -what.drive / what.omega2 * what.spec.sphere.mass_kg * ik.GRAVITY
-    y[2 * modes] = y[:modes].sum() - depth
-    nudge = 1e-6 * depth  # small enough for the contact to stay a spring
-    spring = 1.5 * what.spec.contact.stiffness * math.sqrt(depth)
-    y[2 * modes + 1] = nudge * math.sqrt(spring / what.spec.sphere.mass_kg)
-    gaps = np.empty(_RESTING_STEPS)
-    step_s = phase / highest_frequency_rad_s(what, depth)
-    kernel(y, *what.arguments, step_s, _RESTING_STEPS, 1, gaps, *more)
-    moved = float(np.abs(gaps + depth).max()) / nudge
-    return moved if math.isfinite(moved) else math.inf
