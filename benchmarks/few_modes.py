@@ -21,7 +21,7 @@ from benchmarks.program import (
     start,
     tracked,
 )
-from benchmarks.results import results_in
+from benchmarks.results import Columns, results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
@@ -188,7 +188,7 @@ def random_plates(seed: int, count: int) -> Iterator[tuple[Plate, float]]:
         yield plate, float(rng.uniform())
 
 
-_COLUMNS = {
+_COLUMNS: Columns = {
     "R/plate, mm": "{0.sphere_mm:g}/{0.plate_mm:g} {0.material}",
     "modes": "{.modes}",
     "rest": "{.truncated}",

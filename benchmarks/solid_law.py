@@ -8,7 +8,7 @@ is as wide as the waves.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,19 +21,15 @@ from benchmarks.program import (
     share,
     start,
 )
-from benchmarks.random_scenes import as_options, drawn, typed
+from benchmarks.random_scenes import as_options, drawn, errors_of, first_impact_of, typed
 from benchmarks.results import results_in
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import out
-from hertzloop.loop.simulate import simulate
-from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.results.law_accuracy import simulated_law_accuracy, stated_error
-from hertzloop.results.verification import against
 from hertzloop.scene import model_error
 from hertzloop.scene.plate_model import widest_limit_hz
 from hertzloop.scene.setup import Setup, load
 
-_LEAD_S = 1e-5
 LAWS = ("force_feedback", "slope_threshold", "velocity_feedback", "fade_out", "predicted")
 _WATCH = ("slope_threshold", "fade_out", "predicted")  # a threshold of the slope
 
@@ -101,15 +97,12 @@ def random_keys(random: np.random.Generator, law: str) -> tuple[dict[str, Any], 
 
 def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outcome | None:
     """A scene by its keys; None if its first impact does not end in time."""
-    run = {"run.lead_in_s": _LEAD_S, "run.plate_model": "modal", "run.accuracy": accuracy}
-    setup = load("aluminium-3mm").vary(keys | more | run)
-    lasts_s = rigid_impact(setup.sphere, setup.mechanics.contact).contact_s
-    setup = setup.with_steps(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    setup = first_impact_of(keys | more, accuracy)
     spec = setup.plant
     limit_hz = spec.frequency_limit_hz
     wide_hz = widest_limit_hz(spec.plate, spec.sphere, spec.contact)
     twice_hz = min(2.0 * limit_hz, spec.plate.highest_hz)
-    both = _errors(setup, twice_hz, 2)
+    both = errors_of(setup, twice_hz)
     if both is None:
         return None
     stated = stated_error(
@@ -121,28 +114,22 @@ def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outc
         keys["controller.kappa"],
         accuracy,
         stated,
-        *both,
-        modes_only=_largest(_errors(setup, twice_hz, 1)),
-        step_only=_largest(_errors(setup, limit_hz, 2)),
-        no_law=_largest(_errors(setup.without_control(same_plate=True), twice_hz, 2)),
-        all_modes=_largest(_errors(setup, wide_hz, 2)),
+        both.penetration,
+        both.rebound_speed,
+        both.plate_energy,
+        modes_only=_largest(setup, twice_hz, 1),
+        step_only=_largest(setup, limit_hz),
+        no_law=_largest(setup.without_control(same_plate=True), twice_hz),
+        all_modes=_largest(setup, wide_hz),
         more=", ".join(f"{key.split('.')[1]} {value:g}" for key, value in more.items()),
         keys=as_options(keys | more),
     )
 
 
-def _errors(setup: Setup, limit_hz: float, parts: int) -> tuple[float, float, float] | None:
-    """Errors of penetration, rebound speed and plate energy against modes up to `limit_hz` and
-    `parts` steps in each step."""
-    fine = replace(setup.plant, step_s=setup.step_s / parts, frequency_limit_hz=limit_hz)
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = against(setup, simulate(setup).truth, fine)
-    return (found.penetration, found.rebound_speed, found.plate_energy) if found else None
-
-
-def _largest(errors: tuple[float, float, float] | None) -> float:
-    """The largest of three errors, at most 1; nan without errors."""
-    return min(1.0, max(errors)) if errors else math.nan
+def _largest(setup: Setup, limit_hz: float, parts: int = 2) -> float:
+    """The largest error, at most 1; nan where the impact does not end."""
+    found = errors_of(setup, limit_hz, parts)
+    return min(1.0, found.largest) if found else math.nan
 
 
 def main(

@@ -32,7 +32,7 @@ from benchmarks.integrators import (
     thesis_run,
 )
 from benchmarks.program import OutDirOption, QuickOption, median, start, tracked
-from benchmarks.results import Results, results_in
+from benchmarks.results import Columns, Results, results_in
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -296,7 +296,7 @@ def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
     """
     with results_in(folder, "speed_accuracy", "modal") as results:
         points = run(results, quick)
-        columns = {
+        columns: Columns = {
             "scene": "{[0]}",
             "error": "{[1]:g}",
             "modal (s/ms)": "{[2]:.2e}",
