@@ -1,30 +1,16 @@
 """Limits of `hertzloop budget` against brute force: every value of a quantity in every variant."""
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from benchmarks.latency import LAWS, law_values
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    SceneArgument,
-    SetOption,
-    bars,
-    check_json,
-    conclude,
-    fail,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
+from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
@@ -42,13 +28,15 @@ from hertzloop.studies.budget.limits import (
 )
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.words import write_rows
 
 _ALL = 1_000_000
 # As long as a sphere needs to leave; the search then simulates the same runs as brute force.
 DURATIONS_S = {
-    "aluminium-3mm": 0.0016, "offcentre-6mm": 0.0016, "aluminium-20mm": 0.004, "oak-20mm": 0.008,
-}  # fmt: skip
+    "aluminium-3mm": 0.0016,
+    "offcentre-6mm": 0.0016,
+    "aluminium-20mm": 0.004,
+    "oak-20mm": 0.008,
+}
 
 
 def by_brute_force(
@@ -61,8 +49,10 @@ def by_brute_force(
     cases = [{quantity.key: quantity.values[place]} | one for place in places for one in each]
     rows = evaluate(pool, setup, "impact", cases)
     goals = [parse_goal(DEFAULT_GOAL)]
-    return {place: all(all_met(goals, row) for row in rows[i * len(each) : (i + 1) * len(each)])
-            for i, place in enumerate(places)}  # fmt: skip
+    return {
+        place: all(all_met(goals, row) for row in rows[i * len(each) : (i + 1) * len(each)])
+        for i, place in enumerate(places)
+    }
 
 
 def difference(quantity: BudgetQuantity, limit: BudgetLimit, holds: dict[int, bool]) -> str:
@@ -82,18 +72,16 @@ def difference(quantity: BudgetQuantity, limit: BudgetLimit, holds: dict[int, bo
 
 @dataclass(frozen=True)
 class Agreement:
-    """Search and brute force for a law: `differences` in words, processor times in s."""
+    """Search and brute force for a law: `differences` in words, processor times in s, and that of
+    the search over that of brute force."""
 
     law: str
-    differences: tuple[str, ...]
     limits: int
-    searched_s: float
-    brute_s: float
-
-    @property
-    def ratio(self) -> float:
-        """Time of the search over that of brute force."""
-        return self.searched_s / self.brute_s
+    differences: str
+    differ: int
+    search_s: float
+    brute_force_s: float
+    ratio: float
 
 
 def compare(
@@ -111,7 +99,7 @@ def compare(
     began_s = time.process_time()
     limits: list[BudgetLimit] = side_by_side([limit_of(q, goals, search) for q in quantities], run)
     searched_s, brute_s = time.process_time() - began_s, 0.0
-    found = []
+    found: list[str] = []
     for quantity, limit in zip(quantities, limits, strict=True):
         if limit.boundary is Boundary.IMPOSSIBLE:
             continue
@@ -119,8 +107,9 @@ def compare(
         quantity = quantity.within(limit)  # a search ends with its scan where it found a limit
         holds = by_brute_force(pool, setup, quantity, search, most)
         brute_s += (time.process_time() - began_s) * len(quantity.values) / len(holds)
-        found.append(difference(quantity, limit, holds))
-    return Agreement(law, tuple(filter(None, found)), len(limits), searched_s, brute_s)
+        found += filter(None, [difference(quantity, limit, holds)])
+    ratio = searched_s / brute_s
+    return Agreement(law, len(limits), "; ".join(found), len(found), searched_s, brute_s, ratio)
 
 
 def main(
@@ -144,11 +133,10 @@ def main(
 
     Example: python -m benchmarks.budget_agreement aluminium-3mm --quick
     """
-    check_json(json_file)
     base = [f"run.duration_s={DURATIONS_S[scene]}"] if scene in DURATIONS_S else []
     base += settings or []
     found = []
-    with results_in(folder, "budget_agreement", "modal") as made:
+    with results_in(folder, "budget_agreement", "modal", json_file=json_file) as results:
         with local_pool(1) as pool:
             for law in tracked("laws", laws or (["force_feedback"] if quick else LAWS)):
                 try:
@@ -156,26 +144,27 @@ def main(
                     only = ("latency_us",) if quick else ()
                     found.append(compare(pool, setup, law, only, values))
                 except SceneError as error:
-                    out.print(f"{law} is left out: {error}", soft_wrap=True)
+                    out.say(f"{law} is left out: {error}")
         if not found:
             fail(f"no law has a budget in {scene}.", 1)
-        columns = ("law", "limits", "differences", "search_s", "brute_force_s", "ratio")
-        rows = [(a.law, a.limits, "; ".join(a.differences), a.searched_s, a.brute_s, a.ratio)
-                for a in found]  # fmt: skip
-        write_rows(made / "budget_agreement.csv", columns, (list(row) for row in rows))
-        bars(made / "budget_agreement.png", f"Budget of {scene}", "time of brute force",
-             [(a.law, a.ratio) for a in found], log=True)  # fmt: skip
-    cells = [(a.law, "; ".join(a.differences) or "none", f"{a.searched_s:.2f}", f"{a.brute_s:.2f}",
-              f"{a.ratio:.3f}") for a in found]  # fmt: skip
-    headings = ("law", "differences", "search, s", "brute force, s", "ratio")
-    out.print(number_table(f"limits in {scene}", headings, cells, text=2))
-    written(made, "budget_agreement.csv", "budget_agreement.png")
-    differ, limits = sum(len(a.differences) for a in found), sum(a.limits for a in found)
-    conclude(
-        f"Of {limits} limits {differ} differ from brute force, and the search takes "
-        f"{min(a.ratio for a in found):.2f} to {max(a.ratio for a in found):.2f} of its time."
-    )
-    write_json(json_file, {"agreement": [asdict(a) for a in found]})
+        results.write("budget_agreement", found)
+        results.table(
+            f"limits in {scene}",
+            {
+                "law": "{.law}",
+                "differences": lambda a: a.differences or "none",
+                "search, s": "{.search_s:.2f}",
+                "brute force, s": "{.brute_force_s:.2f}",
+                "ratio": "{.ratio:.3f}",
+            },
+            found,
+            text=2,
+        )
+        differ, limits = sum(a.differ for a in found), sum(a.limits for a in found)
+        results.conclude(
+            f"Of {limits} limits {differ} differ from brute force, and the search takes "
+            f"{min(a.ratio for a in found):.2f} to {max(a.ratio for a in found):.2f} of its time."
+        )
 
 
 if __name__ == "__main__":

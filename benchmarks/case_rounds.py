@@ -11,25 +11,21 @@ import sys
 import time
 
 from hertzloop.__main__ import collect_rarely
+from hertzloop.loop.simulate import IN_LOOP
+from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.design import Kind, make_design
 from hertzloop.studies.sweeps.evaluate import chunked, run_cases
-
-try:
-    from hertzloop.loop.simulate import IN_LOOP
-    from hertzloop.scene.setup import load
-except ImportError:  # a checkout before the folders were named so
-    from hertzloop.loop.compiled import IN_LOOP  # type: ignore[import-not-found,no-redef]
-    from hertzloop.setup import load  # type: ignore[import-not-found,no-redef]
 
 SCENE = "aluminium-3mm"
 LATENCY_MAP, PLATES = "latency map", "radius, thickness, material (Sobol)"
 OVER = {
     LATENCY_MAP: ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"],
     PLATES: [
-        "sphere.radius_m=0.001:0.006", "plate.thickness_m=0.001:0.006",
+        "sphere.radius_m=0.001:0.006",
+        "plate.thickness_m=0.001:0.006",
         "plate.material=aluminium,steel,glass",
     ],
-}  # fmt: skip
+}
 _KINDS: dict[str, Kind] = {LATENCY_MAP: "grid", PLATES: "sobol"}
 _CASES = {LATENCY_MAP: 192, PLATES: 32}  # a round
 _ROUNDS = 64  # with plates of their own each; the latency map begins anew after four

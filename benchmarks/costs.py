@@ -1,223 +1,194 @@
-"""What a plant step, an exchange and the whole loop cost on this machine.
+"""What a plant step and an exchange cost on this machine."""
 
-Also what it costs to keep other users of a host off the bus: Unix sockets in a private folder, and
-certificates made on the fly, against ports on loopback.
-"""
-
-import importlib.util
-import json
-import tempfile
-import time
+import multiprocessing
+import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from contextlib import contextmanager
+from dataclasses import asdict, astuple
 
-from benchmarks import roofline
-from benchmarks.baseline import (
-    NAME,
-    ROUNDS,
-    Cost,
-    Meets,
-    exchange_costs,
-    in_turn,
-    loop_costs,
-    on_ports,
-    over_zenoh,
-    step_costs,
-    stranger_costs,
-    timed,
-)
-from benchmarks.cases import mode_file_costs
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    fail,
-    number_table,
-    out,
-    results_in,
-    start,
-    write_json,
-    written,
-)
-from hertzloop.bus.port import BusError
-from hertzloop.bus.sockets import LOOPBACK, on_loopback, own_endpoints, reserved_ports
-from hertzloop.bus.streams import PLANT, ROLES
+import numpy as np
+
+from benchmarks import integrator_kernels as ik
+from benchmarks.program import OutDirOption, QuickOption, start
+from benchmarks.results import results_in
+from benchmarks.schemes import discrete_gradient
+from benchmarks.timing import Cost, in_turn, timed
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
+from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.processes.launcher import RunFailed
-from hertzloop.studies.words import write_rows
-from hertzloop.views.format import Table
+from hertzloop.cli.options import JsonOption
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import FLIGHT_X
+from hertzloop.scene.setup import load
 
-_OPENED = 3
-_PAUSE_S = 0.05  # after a session: what closes it must not be counted with the next
+ROUNDS = 9
+_STEPS, _TRIPS = 600, 400
+_PAYLOAD = bytes(100)  # about a block with one sample, or its answer
+_STOP = b"stop"
+_PATIENCE_S = 300.0  # of an echo, while others are measured
+_NAME = "costs"  # of the bus
+
+
+def plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
+    """Steps within the first contact, or in flight over a plate that still rings."""
+    ik.plant_steps(plant.model, plant.state, 0.0, 100)
+    if not contact:
+        plant.state.body[FLIGHT_X] += 1.0
+        ik.plant_steps(plant.model, plant.state, 0.0, 2)
+    kept = [array.copy() for array in plant.state]
+
+    def measure() -> float:
+        for array, value in zip(plant.state, kept, strict=True):
+            array[:] = value
+        return timed(lambda: ik.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
+
+    return measure
+
+
+def two_pass_case(frequencies: int) -> Callable[[], float]:
+    z, grown = np.zeros(frequencies, complex), np.full(frequencies, 1e-6 + 1e-6j)
+    turn = np.exp(1j * np.linspace(0.01, 3.0, frequencies))
+    return lambda: timed(lambda: ik.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
+
+
+def step_costs(rounds: int = ROUNDS) -> list[Cost]:
+    """us per step of the plant kernels on `aluminium-20mm`; yardstick: a plain two-pass loop
+    over all frequencies up to pi/dt. The default scheme with all of them and as many as an
+    accuracy asks for, then the second-order scheme."""
+    cases: dict[str, Callable[[], float]] = {}
+    settings = ["run.accuracy=1e-9", "run.accuracy=1e-3", "run.accuracy=1e-2"]
+    with discrete_gradient.known_to_scenes():
+        for scheme, limits in (("modal", settings), (discrete_gradient.NAME, settings[:1])):
+            for limit in limits:
+                setup = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
+                make = SCHEMES[scheme].load()
+                count = len(make(setup.plant).modes.omega)
+                if not cases:
+                    cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
+                for name, contact in (("flight", False), ("contact", True)):
+                    cases[f"{scheme}, {name}, {count} frequencies"] = plant_case(
+                        make(setup.plant), contact=contact
+                    )
+    return in_turn(cases, rounds)
+
+
+def _echo_zenoh(listen: list[str], connect: list[str]) -> None:
+    port = ZenohPort(CONTROLLER, _NAME, listen, connect, None)
+    port.liveliness.announce()
+    port.liveliness.wait_for([PLANT], _PATIENCE_S)
+    try:
+        while (envelope := port.receive(_PATIENCE_S, "a message to echo")).payload != _STOP:
+            port.publish(Envelope("force", envelope.payload))
+    except PeerLost:
+        pass
+    port.close()
+
+
+def _echo_tcp(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as peer:
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        while data := peer.recv(4096):
+            peer.sendall(data)
 
 
 @contextmanager
-def ways() -> Iterator[dict[str, Meets]]:
-    """All that are possible here, each with endpoints of its own; loopback first."""
-    with ExitStack() as stack:
-        loopback = on_loopback(stack.enter_context(reserved_ports(len(ROLES))))
-        found = {"loopback": on_ports(loopback)}
-        sockets = stack.enter_context(own_endpoints())
-        if sockets[0].startswith("unixsock"):
-            found["Unix sockets"] = on_ports(sockets)
-        if importlib.util.find_spec("cryptography"):
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            numbers = stack.enter_context(reserved_ports(len(ROLES)))
-            files = _certified(folder, numbers)
-            found["TLS on loopback"] = lambda role: ([], [], files[role])
-        yield found
-
-
-def _certified(folder: Path, ports: list[int]) -> dict[str, Path]:
-    """Configurations with certificates of an authority that is forgotten at once."""
-    from hertzloop.certificates import CertificateAuthority, configurations
-
-    places = {role: (LOOPBACK, port) for role, port in zip(ROLES, ports, strict=True)}
-    files = {role: folder / f"{role}.json5" for role in ROLES}
-    for role, configuration in configurations(CertificateAuthority(days=1), places).items():
-        files[role].touch(mode=0o600)
-        files[role].write_text(json.dumps(configuration))
-    return files
-
-
-def link_costs(rounds: int = ROUNDS) -> list[Cost]:
-    """us per round trip of 100 B through the zenoh port, by each way; yardstick: loopback."""
-    with ExitStack() as stack:
-        found = stack.enter_context(ways())
-        cases = {name: stack.enter_context(over_zenoh(meets)) for name, meets in found.items()}
-        return in_turn(cases, rounds)
-
-
-def opening_costs(rounds: int = ROUNDS) -> list[Cost]:
-    """us to open a port, certificates not counted; yardstick: loopback."""
-
-    def case(meets: Meets) -> Callable[[], float]:
-        def measure() -> float:
-            spent = 0.0
-            for _ in range(_OPENED):
-                started = time.perf_counter()
-                port = ZenohPort(PLANT, NAME, *meets(PLANT))
-                spent += 1e6 * (time.perf_counter() - started)
-                port.close()
-                time.sleep(_PAUSE_S)
-            return spent / _OPENED
-
-        return measure
-
-    with ways() as found:
-        return in_turn({name: case(meets) for name, meets in found.items()}, rounds)
-
-
-def certificate_costs(rounds: int = ROUNDS) -> list[Cost]:
-    """us to make what a run by certificates needs: an authority, and one for each role."""
-    if not importlib.util.find_spec("cryptography"):
-        return []
-    with tempfile.TemporaryDirectory() as folder:
-        ports = list(range(1, 1 + len(ROLES)))  # nobody listens there
-        cases = {"TLS, certificates": lambda: timed(lambda: _certified(Path(folder), ports), 1)}
-        return in_turn(cases, rounds)
-
-
-def measure() -> dict[str, list[dict[str, Any]]]:
-    """Costs by group, as plain data."""
-    groups = {
-        "plant step (us)": step_costs(),
-        "plate by its modes (us per step)": mode_file_costs(),
-        "exchange (us per round trip of 100 B)": exchange_costs(),
-        "ways on one host (us per round trip of 100 B)": link_costs(),
-        "opening a port (us)": opening_costs() + certificate_costs(),
-        "whole loop (us per step)": loop_costs(),
-        "beside strangers (us per step)": stranger_costs(),
-    }
-    return {name: [asdict(cost) for cost in costs] for name, costs in groups.items()}
-
-
-def measure_quickly() -> dict[str, list[dict[str, Any]]]:
-    """Costs of the groups that take seconds, in one round each, as plain data."""
-    groups = {
-        "plant step (us)": step_costs(2),
-        "exchange (us per round trip of 100 B)": exchange_costs(2),
-    }
-    return {name: [asdict(cost) for cost in costs] for name, costs in groups.items()}
-
-
-def cost_table(title: str, costs: list[dict[str, Any]]) -> Table:
-    """Measured costs of a group; the first case is the yardstick."""
-    return number_table(
-        title,
-        ("case", "median", "least", "ratio"),
-        (
-            (cost["case"], *(f"{cost[key]:.3g}" for key in ("median_us", "least_us", "ratio")))
-            for cost in costs
-        ),
-        text=1,
+def child(target: Callable[..., None], *arguments: object) -> Iterator[None]:
+    """Another process that runs a function meanwhile; killed if it does not end in time."""
+    process = multiprocessing.get_context("spawn").Process(
+        target=target, args=arguments, daemon=True
     )
+    process.start()
+    try:
+        yield
+    finally:
+        process.join(5.0)
+        process.kill()
 
 
-def roofline_table(title: str, shares: list[dict[str, Any]]) -> Table:
-    """What the parts of a step reach of the processor's peaks; rows of `benchmarks.roofline`."""
-    rows = []
-    for one in shares:
-        floor, alone, step = (one[key] for key in ("floor_us", "pass_us", "step_us"))
-        rows.append((
-            one["case"].rsplit(", ", 1)[0], str(one["frequencies"]), f"{floor:.3f}",
-            f"{alone:.3f}", f"{floor / alone:.0%}", f"{step:.3f}", f"{floor / step:.0%}",
-            f"{one['of_two_pass']:.2f}",
-        ))  # fmt: skip
-    headings = ("case", "modes", "floor us", "pass us", "share", "step us", "share", "loops")
-    table = number_table(title, headings, rows, text=1)
-    rates = [one["gigabytes_s"] for one in shares]
-    table.caption = (
-        f"peaks: {shares[0]['gigaoperations_s']:.1f} G multiply-adds/s, {min(rates):.0f} to "
-        f"{max(rates):.0f} GB/s; share: of the floor; loops: step in two-pass loops over 1104"
-    )
-    return table
+@contextmanager
+def _tcp() -> Iterator[Callable[[], float]]:
+    """Round trips over a plain TCP connection to another process."""
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        child(_echo_tcp, server.getsockname()[1]),
+    ):
+        peer, _ = server.accept()
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+        def trips() -> None:
+            for _ in range(_TRIPS):
+                peer.sendall(_PAYLOAD)
+                peer.recv(4096)
+
+        yield lambda: timed(trips, _TRIPS)
+        peer.close()
+
+
+@contextmanager
+def _zenoh() -> Iterator[Callable[[], float]]:
+    """Round trips through the zenoh port to another process on loopback."""
+    with reserved_ports(len(ROLES)) as ports:
+        endpoints = on_loopback(ports)
+        with child(_echo_zenoh, *mesh_endpoints(CONTROLLER, endpoints)):
+            port = ZenohPort(PLANT, _NAME, *mesh_endpoints(PLANT, endpoints), None)
+            port.liveliness.announce()
+            port.liveliness.wait_for([CONTROLLER], 30.0)
+
+            def trips() -> None:
+                for _ in range(_TRIPS):
+                    port.publish(Envelope("daq", _PAYLOAD))
+                    port.receive(10.0, "the echo")
+
+            yield lambda: timed(trips, _TRIPS)
+            port.publish(Envelope("daq", _STOP))
+            port.liveliness.wait_until_gone(CONTROLLER, 5.0)
+            port.close()
+
+
+def exchange_costs(rounds: int = ROUNDS) -> list[Cost]:
+    """us per round trip of 100 B between two processes; yardstick: plain TCP."""
+    with _tcp() as tcp, _zenoh() as zenoh:
+        return in_turn({"TCP": tcp, "zenoh port": zenoh}, rounds)
+
+
+def measure(rounds: int) -> dict[str, list[Cost]]:
+    """Costs by group."""
+    return {
+        "plant step (us)": step_costs(rounds),
+        "exchange (us per round trip of 100 B)": exchange_costs(rounds),
+    }
 
 
 def main(
     folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
 ) -> None:
-    """Measure what a plant step, an exchange and the whole loop cost on this machine.
+    """Measure what a plant step and an exchange cost on this machine.
 
-    Also measures the ways of a bus on one host, a run beside a listener that does not keep up, and
-    how close the step comes to the limits of the processor. With --quick: step and exchange only.
+    `hertzloop bench` measures the whole loop.
 
     Example: python -m benchmarks.costs --quick
     """
-    check_json(json_file)
-    with results_in(folder, "costs") as made:
-        compile_first()
-        try:
-            data = measure_quickly() if quick else measure()
-            shares = [asdict(one) for one in roofline.shares(*((5,) if quick else ()))]
-        except (RunFailed, BusError) as error:
-            fail(str(error), 1)
-        header = ["group", "case", "median_us", "least_us", "ratio"]
-        flat = [[group, *cost.values()] for group, costs in data.items() for cost in costs]
-        write_rows(made / "costs.csv", header, flat)
-        write_rows(made / "roofline.csv", list(shares[0]), (list(one.values()) for one in shares))
-        sizes = [(f"{row[1]}", float(str(row[2]))) for row in flat]
-        bars(made / "costs.png", "Costs on this machine", "us, median", sizes, log=True)
-    for title, costs in data.items():
-        out.print(cost_table(title, costs))
-    out.print(roofline_table("roofline of the default scheme's step", shares))
-    written(made, "costs.csv", "roofline.csv", "costs.png")
-    step = next(one for one in shares if str(one["case"]).startswith("contact"))
-    part = float(str(step["floor_us"])) / float(str(step["step_us"]))
-    trip = data["exchange (us per round trip of 100 B)"][1]
-    conclude(
-        f"A step in contact over {step['frequencies']} frequencies takes {step['step_us']:.3f} us, "
-        f"{part:.0%} of the speed that memory and arithmetic permit, and an exchange over zenoh "
-        f"{trip['median_us']:.0f} us."
-    )
-    write_json(json_file, {**data, "roofline": shares})
+    with results_in(folder, "costs", "modal", json_file=json_file) as results:
+        groups = measure(2 if quick else ROUNDS)
+        rows = [(group, *astuple(cost)) for group, costs in groups.items() for cost in costs]
+        results.write_rows("costs", ("group", "case", "median_us", "least_us", "ratio"), rows)
+        results.add(**{group: [asdict(cost) for cost in costs] for group, costs in groups.items()})
+        columns = {
+            "case": "{.case}",
+            "median": "{.median_us:.3g}",
+            "least": "{.least_us:.3g}",
+            "ratio": "{.ratio:.3g}",
+        }
+        for group, costs in groups.items():
+            results.table(group, columns, costs)
+        steps, exchanges = groups.values()
+        step = next(cost for cost in steps if cost.case.startswith("modal, contact"))
+        results.conclude(
+            f"A step in contact over {step.case.split()[-2]} frequencies takes "
+            f"{step.median_us:.3f} us, and an exchange over zenoh {exchanges[1].median_us:.0f} us."
+        )
 
 
 if __name__ == "__main__":

@@ -5,39 +5,69 @@ besides. Both in turns, by the processor's time, so that whatever else the machi
 alike.
 """
 
+import subprocess
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.driven import Driven, build, drive
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    RoundsOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    fail,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start
+from benchmarks.results import results_in
+from benchmarks.timing import in_turn
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.terminal import fail, out
+from hertzloop.interop import fmu
 from hertzloop.interop.fmu import NoCompiler, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.simulate import SimulatedRun, simulate
-from hertzloop.plant.time_series import F_C
+from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.scene.setup import load
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a plant showed: `values` at the start and after every step, energies at the end by
+    name, and the processor's time of the steps."""
+
+    values: np.ndarray
+    energies: dict[str, float]
+    cpu_s: float
+
+    def rows(self) -> dict[int, np.ndarray]:
+        """Rows of truth by their index, without the state after the last step."""
+        states = {
+            XI: "gap_m",
+            XI_S: "sphere_height_m",
+            XI_P: "plate_deflection_m",
+            V_P: "plate_velocity_m_s",
+        }
+        means = {F_C: "contact_force_n", F_A: "actuator_force_n"}
+        rows = {row: self.values[name][:-1] for row, name in states.items()}
+        return rows | {row: self.values[name][1:] for row, name in means.items()}
+
+
+def build(folder: Path, source: Path = fmu.C / "drive.c") -> Path:
+    """A program in C beside the library of an exported folder that it uses."""
+    program = folder / source.stem
+    compiler = ["cc", "-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror"]
+    libraries = ["-L", folder, "-lhertzloop_plant", "-Wl,-rpath,$ORIGIN"]
+    subprocess.run([*compiler, "-I", folder, "-o", program, source, *libraries], check=True)
+    return program
+
+
+def drive(program: Path, forces: np.ndarray) -> Driven:
+    """Run the plant of a program `drive` under forces (N), one a step."""
+    given, seen = program.with_name("forces.bin"), program.with_name("values.bin")
+    forces.tofile(given)
+    said = subprocess.run([program, given, seen], check=True, capture_output=True, text=True)
+    data = seen.read_bytes()
+    values = np.frombuffer(data, fmu.VALUES, len(forces) + 1)
+    balance = np.frombuffer(data, np.float64, offset=values.nbytes)
+    energies = dict(zip(fmu.ENERGIES, map(float, balance), strict=True))
+    return Driven(values, energies, float(said.stdout))
 
 
 @dataclass(frozen=True)
@@ -67,21 +97,34 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
             folder = Path(name)
             write_folder(made, cpu, folder)
             program = build(folder)
-            there_s, here_s = [], []
-            for _ in tracked(cpu, range(rounds)):
+
+            def of_loop() -> float:
                 started = time.thread_time()
                 simulate(setup)
-                here_s.append(time.thread_time() - started)
-                driven = drive(program, loop.forces)
-                there_s.append(driven.cpu_s)
+                return 1e6 * (time.thread_time() - started) / setup.steps
+
+            def of_program(program: Path = program) -> float:
+                return 1e6 * drive(program, loop.forces).cpu_s / setup.steps
+
+            costs = in_turn({"compiled loop": of_loop, "C program": of_program}, rounds)
+            driven = drive(program, loop.forces)
             size = (folder / "libhertzloop_plant.so").stat().st_size
-        us, loop_us = (1e6 * min(times) / setup.steps for times in (there_s, here_s))
+        loop_us, us = (cost.least_us for cost in costs)
         first, whole = _differences(loop, driven)
         arrays = len(made.data)
         found.append(
-            Exported(cpu, us, loop_us, loop_us / us, same_bytes(loop, driven), first, whole,
-                     (size - arrays) / 1000, arrays / 1000)
-        )  # fmt: skip
+            Exported(
+                cpu,
+                us,
+                loop_us,
+                loop_us / us,
+                same_bytes(loop, driven),
+                first,
+                whole,
+                (size - arrays) / 1000,
+                arrays / 1000,
+            )
+        )
     return found
 
 
@@ -119,36 +162,37 @@ def main(
 
     Example: python -m benchmarks.exported --quick
     """
-    check_json(json_file)
-    with results_in(folder, "exported") as made:
-        compile_first()
+    with results_in(folder, "exported", "modal", json_file=json_file) as results:
         try:
             found = measure(_CPUS[:1] if quick else _CPUS, 1 if quick else rounds)
         except NoCompiler as error:
             fail(str(error), 2)
         except CompileFault as error:
             fail(str(error), 1)
-        write_records(made / "exported.csv", found)
-        sizes = [("compiled loop", found[0].loop_us_a_step)]
-        sizes += [(f"C program, {row.cpu}", row.us_a_step) for row in found]
-        bars(made / "exported.png", "The plant of aluminium-3mm", "us a step", sizes)
-    headings = ("for", "us/step", "of the loop's speed", "same bytes", "first impact",
-                "whole run", "code, kB", "arrays, kB")  # fmt: skip
-    rows = [
-        (row.cpu, f"{row.us_a_step:.2f}", f"{row.share:.2f}", "yes" if row.same else "no",
-         f"{row.first:.0e}", f"{row.whole:.0e}", f"{row.code_kb:.0f}", f"{row.arrays_kb:.0f}")
-        for row in found
-    ]  # fmt: skip
-    out.print(number_table("the plant of aluminium-3mm in a C program", headings, rows, text=1))
-    out.print("first impact, whole run: largest difference of the contact force, of its largest")
-    written(made, "exported.csv", "exported.png")
-    first = found[0]
-    conclude(
-        f"For this processor the exported plant takes {first.us_a_step:.2f} us a step, "
-        f"{first.share:.2f} times the speed of the compiled loop, and its bytes are "
-        f"{'equal' if first.same else 'not equal'}."
-    )
-    write_json(json_file, {"exported": [asdict(row) for row in found]})
+        results.write("exported", found)
+        results.table(
+            "the plant of aluminium-3mm in a C program",
+            {
+                "for": "{.cpu}",
+                "us/step": "{.us_a_step:.2f}",
+                "of the loop's speed": "{.share:.2f}",
+                "same bytes": lambda row: "yes" if row.same else "no",
+                "first impact": "{.first:.0e}",
+                "whole run": "{.whole:.0e}",
+                "code, kB": "{.code_kb:.0f}",
+                "arrays, kB": "{.arrays_kb:.0f}",
+            },
+            found,
+        )
+        out.print(
+            "first impact, whole run: largest difference of the contact force, of its largest"
+        )
+        first = found[0]
+        results.conclude(
+            f"For this processor the exported plant takes {first.us_a_step:.2f} us a step, "
+            f"{first.share:.2f} times the speed of the compiled loop, and its bytes are "
+            f"{'equal' if first.same else 'not equal'}."
+        )
 
 
 if __name__ == "__main__":

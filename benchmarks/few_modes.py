@@ -6,30 +6,23 @@ default seed.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.program import (
-    JsonOption,
     OutDirOption,
     QuickOption,
     ScenesOption,
     SeedOption,
-    check_json,
-    conclude,
     median,
-    number_table,
-    out,
-    results_in,
     start,
     tracked,
-    write_json,
-    write_records,
-    written,
 )
+from benchmarks.results import Columns, results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics.impacts import impacts_in
@@ -37,7 +30,6 @@ from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene import model_error
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures
 
 _TRUNCATED = "infinite plate"
 _SPARSE = 0.5  # of the frequency that a contact reaches, up to which modes are drawn
@@ -60,10 +52,15 @@ class Plate:
     @property
     def striker(self) -> list[str]:
         """Settings of everything but the plate's size."""
-        return ["controller.law=off", f"sphere.radius_m={self.sphere_mm / 1e3!r}",
-                f"sphere.drop_height_m={self.drop_m!r}", "run.duration_s=0.002",
-                f"plate.material={self.material}", f"plate.thickness_m={self.plate_mm / 1e3!r}",
-                "run.plate_model=modal"]  # fmt: skip
+        return [
+            "controller.law=off",
+            f"sphere.radius_m={self.sphere_mm / 1e3!r}",
+            f"sphere.drop_height_m={self.drop_m!r}",
+            "run.duration_s=0.002",
+            f"plate.material={self.material}",
+            f"plate.thickness_m={self.plate_mm / 1e3!r}",
+            "run.plate_model=modal",
+        ]
 
 
 _DRAWN = (
@@ -102,8 +99,14 @@ def _first(setup: Setup) -> np.ndarray:
     found = impacts_in(setup.plant, simulate(setup).truth)[0]
     scale = setup.sphere.impact_speed_m_s
     energy = 0.5 * setup.sphere.mass_kg * scale**2
-    return np.array([found.peak_force_n, found.rebound_speed_m_s / scale,
-                     found.plate_energy_j / energy, found.duration_s])  # fmt: skip
+    return np.array(
+        [
+            found.peak_force_n,
+            found.rebound_speed_m_s / scale,
+            found.plate_energy_j / energy,
+            found.duration_s,
+        ]
+    )
 
 
 def few_modes(
@@ -118,8 +121,11 @@ def few_modes(
         counts: numbers of modes, or one number as a share, 0 to 1, of the logarithm of the largest.
         truncated: what stands for the rest.
     """
-    point = [f"plate.size_m={list(of.size_m)}", f"plate.contact_point_m={list(of.point_m)}",
-             f"plate.loss_factor={of.loss_factor!r}"]  # fmt: skip
+    point = [
+        f"plate.size_m={list(of.size_m)}",
+        f"plate.contact_point_m={list(of.point_m)}",
+        f"plate.loss_factor={of.loss_factor!r}",
+    ]
     whole = load("aluminium-3mm", [*of.striker, *point])
     known, true = modes_of_scene(whole), _first(whole)
     contact_s = rigid_impact(whole.sphere, whole.mechanics.contact).contact_s
@@ -145,11 +151,19 @@ def few_modes(
                 setup = load("aluminium-3mm", words)
                 error = np.abs(_first(setup) - true) / np.where([1, 0, 1, 1], true, 1.0)
                 yield FewModes(
-                    of.material, of.sphere_mm, of.plate_mm, count,
-                    float(omega[count - 1] / (2.0 * np.pi)), 1e6 * contact_s, model,
-                    float(error[0]), float(error[1]), float(error[2]), float(error[3]),
+                    of.material,
+                    of.sphere_mm,
+                    of.plate_mm,
+                    count,
+                    float(omega[count - 1] / (2.0 * np.pi)),
+                    1e6 * contact_s,
+                    model,
+                    float(error[0]),
+                    float(error[1]),
+                    float(error[2]),
+                    float(error[3]),
                     model_error.expected_error(setup),
-                )  # fmt: skip
+                )
 
 
 def random_plates(seed: int, count: int) -> Iterator[tuple[Plate, float]]:
@@ -163,66 +177,62 @@ def random_plates(seed: int, count: int) -> Iterator[tuple[Plate, float]]:
         size = between(0.15, 0.6), between(0.15, 0.6)
         first, second = (float(f"{side * rng.uniform(0.25, 0.75):.3g}") for side in size)
         plate = Plate(
-            between(1.5, 12.0), between(1.0, 12.0),
-            ("aluminium", "steel", "oak")[int(rng.integers(3))], size, (first, second),
-            between(3e-3, 0.3), between(1e-3, 0.05),
-        )  # fmt: skip
+            between(1.5, 12.0),
+            between(1.0, 12.0),
+            ("aluminium", "steel", "oak")[int(rng.integers(3))],
+            size,
+            (first, second),
+            between(3e-3, 0.3),
+            between(1e-3, 0.05),
+        )
         yield plate, float(rng.uniform())
 
 
-def _row(one: FewModes) -> tuple[str, ...]:
-    return (f"{one.sphere_mm:g}/{one.plate_mm:g} {one.material}", str(one.modes), one.truncated,
-            *(f"{100 * x:.2g}" for x in (one.error, one.length, one.expected)))  # fmt: skip
+_COLUMNS: Columns = {
+    "R/plate, mm": "{0.sphere_mm:g}/{0.plate_mm:g} {0.material}",
+    "modes": "{.modes}",
+    "rest": "{.truncated}",
+    "error": lambda one: f"{100 * one.error:.2g}",
+    "of length": lambda one: f"{100 * one.length:.2g}",
+    "expected": lambda one: f"{100 * one.expected:.2g}",
+}
 
 
 def main(
-    out_dir: OutDirOption = None, scenes: ScenesOption = 100, seed: SeedOption = 5,
-    quick: QuickOption = False, json_file: JsonOption = None,
-) -> None:  # fmt: skip
+    out_dir: OutDirOption = None,
+    scenes: ScenesOption = 100,
+    seed: SeedOption = 5,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
     """Compare impacts on the lowest modes of plates with impacts on all, and count how many errors
     are within the expected one.
 
     Example: python -m benchmarks.few_modes --quick
     """
-    check_json(json_file)
-    with results_in(out_dir, "few-modes", "modal") as folder:
-        headings = ("R/plate, mm", "modes", "rest", "error", "of length", "expected")
+    with results_in(out_dir, "few-modes", "modal", json_file=json_file) as results:
         shown = [
             one
             for plate, counts in _DRAWN[: 1 if quick else None]
             for one in few_modes(plate, counts)
         ]
         title = "first impact on few modes, by what stands for the rest: errors, percent"
-        out.print(number_table(title, headings, map(_row, shown), 1))
-        drawn = list(random_plates(seed, _QUICK if quick else scenes))
+        results.table(title, _COLUMNS, shown)
+        plates = list(random_plates(seed, _QUICK if quick else scenes))
         found = [
             one
-            for plate, share in tracked("random plates", drawn)
+            for plate, share in tracked("random plates", plates)
             for one in few_modes(plate, share, [_TRUNCATED])
         ]
-        ratios = [one.error / one.expected for one in found]
-        beyond = [one for one, ratio in zip(found, ratios, strict=True) if ratio > 1.0]
+        beyond = [one for one in found if one.error > one.expected]
         if beyond:
             title = "random plates whose error is above the expected one, percent"
-            out.print(number_table(title, headings, map(_row, beyond), 1))
-        write_records(folder / "few-modes.csv", shown)
-        write_records(folder / "random.csv", found)
-        metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
-        hz = [one.highest_hz * one.contact_us * 1e-6 for one in found]
-        for i, name in enumerate(("force", "rebound", "energy")):
-            errors = [getattr(one, name) for one in found]
-            axes.loglog(hz, errors, "osd"[i], label=name)
-        axes.axhline(max(one.expected for one in found), color="grey", label="expected")
-        axes.set(title="Few modes: error of an impact", xlabel="last mode, Hz s", ylabel="error")
-        axes.legend()
-        pictures.save(metric, folder / "few-modes.png")
-        written(folder, "few-modes.csv", "random.csv", "few-modes.png")
-        write_json(
-            json_file,
-            {"drawn": [asdict(one) for one in shown], "random": [asdict(one) for one in found]},
-        )
+            results.table(title, _COLUMNS, beyond)
+        results.write("few-modes", shown)
+        results.write("random", found)
         modes = [one.modes for one in found]
-        conclude(
+        ratios = [one.error / one.expected for one in found]
+        results.conclude(
             f"On {len(found)} random plates with {min(modes)} to {max(modes)} modes the error is "
             f"{min(ratios):.2f} to {max(ratios):.2f} times the expected one, {median(ratios):.2f} "
             f"in the middle, and within it {len(found) - len(beyond)} times. The contact time is "

@@ -7,33 +7,23 @@ processes of a command.
 import json
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.commands import ROOT, BeforeOption, Taken, checkouts, take
 from benchmarks.program import (
-    BeforeOption,
-    JsonOption,
     OutDirOption,
     QuickOption,
     RoundsOption,
-    bars,
-    check_json,
-    conclude,
-    cost_of,
-    fail,
     median,
-    number_table,
-    out,
-    results_in,
     start,
     tracked,
-    write_json,
-    write_records,
-    written,
 )
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.terminal import fail
 
-_ROOT = Path(__file__).resolve().parent.parent
 _COMMANDS = {
     "run": ["run", "--overwrite", "--out", "first.mcap"],
     "sweep": ["sweep", "--over", "controller.latency_us=0,5", "--overwrite", "--out", "first.csv"],
@@ -41,8 +31,8 @@ _COMMANDS = {
 }
 _QUICK = {"version": ["--version"]}
 _SHOWN = 25  # kernels in the table
-# Runs each kernel of the default scene in one process, in any version of hertzloop; prints the
-# processor time of each function without that of the functions that it calls.
+# Runs each kernel of the default scene in one process. Prints the processor time of each function
+# without that of the functions that it calls.
 _KERNELS = """
 import json, sys, tempfile, time
 from collections import Counter
@@ -64,19 +54,12 @@ class Own(event.Listener):
             self.running[-1][1] += taken
 
 event.register("numba:compile", Own())
-try:
-    from hertzloop.loop.in_process import record_in_process
-    from hertzloop.loop.simulate import simulate
-    from hertzloop.results.metrics import metrics_of
-    from hertzloop.results.model import chosen_model
-    from hertzloop.scene.build import free_series
-    from hertzloop.scene.setup import load
-except ImportError:  # an earlier version
-    from hertzloop.analysis.metrics import metrics_of
-    from hertzloop.analysis.model import chosen_model
-    from hertzloop.loop.compiled import record_in_process, simulate
-    from hertzloop.setup import load
-    from hertzloop.setup.parts import free_series
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.simulate import simulate
+from hertzloop.results.metrics import metrics_of
+from hertzloop.results.model import chosen_model
+from hertzloop.scene.build import free_series
+from hertzloop.scene.setup import load
 scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.006"])
 with tempfile.TemporaryDirectory() as folder:
     for compiled in (False, True):
@@ -109,28 +92,25 @@ class KernelCost:
     before_s: float | None
 
 
-def take(checkout: Path, words: list[str], folder: Path) -> tuple[float, float]:
-    """Wall time and processor time of a command with an empty cache, s; see `cost_of`."""
+def _take(checkout: Path, words: list[str], folder: Path) -> Taken:
+    """What a command takes with an empty cache."""
     with TemporaryDirectory(prefix="hertzloop-") as cache:
-        return cost_of(words, checkout, folder, {"NUMBA_CACHE_DIR": cache})
+        return take(words, checkout, folder, {"NUMBA_CACHE_DIR": cache})
 
 
 def measure(rounds: int, quick: bool, before: Path | None) -> list[First]:
     """The first commands of both checkouts in turn, as many rounds."""
-    roots = {"this": _ROOT} | ({} if before is None else {"before": before})
-    commands = _QUICK if quick else _COMMANDS
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    found: dict[tuple[str, str], list[Taken]] = {}
     with TemporaryDirectory(prefix="hertzloop-") as name:
         for _ in tracked("rounds", range(rounds)):
-            for command, words in commands.items():
-                for checkout, root in roots.items():
-                    whole = [sys.executable, "-m", "hertzloop", *words]
+            for command, words in (_QUICK if quick else _COMMANDS).items():
+                for checkout, root in checkouts(before).items():
                     own = Path(name, checkout)  # neither reads recordings of the other
                     own.mkdir(exist_ok=True)
-                    taken = take(root, whole, own)
+                    taken = _take(root, [sys.executable, "-m", "hertzloop", *words], own)
                     found.setdefault((command, checkout), []).append(taken)
     return [
-        First(*key, *(median(column) for column in zip(*some, strict=True)))
+        First(*key, median(one.wall_s for one in some), median(one.cpu_s for one in some))
         for key, some in found.items()
     ]
 
@@ -142,7 +122,7 @@ def kernels(checkout: Path) -> dict[str, float]:
         subprocess.CalledProcessError: the scene could not be run.
     """
     with TemporaryDirectory(prefix="hertzloop-") as name:
-        take(checkout, [sys.executable, "-c", _KERNELS], Path(name))
+        _take(checkout, [sys.executable, "-c", _KERNELS], Path(name))
         found: dict[str, float] = json.loads(Path(name, "said.txt").read_text().splitlines()[-1])
     return found
 
@@ -158,38 +138,41 @@ def main(
 
     Example: python -m benchmarks.first_run --quick
     """
-    check_json(json_file)
-    with results_in(folder, "first_run") as made:
+    with results_in(folder, "first_run", json_file=json_file) as results:
         try:
             first = measure(1 if quick else rounds, quick, before)
-            now = kernels(_ROOT)
+            now = kernels(ROOT)
             then = kernels(before) if before else {}
         except subprocess.CalledProcessError as error:
             fail(f"a command failed: {error}", 1)
         names = sorted(now | then, key=lambda name: -max(now.get(name, 0.0), then.get(name, 0.0)))
         costs = [KernelCost(name, now.get(name), then.get(name)) for name in names]
-        write_records(made / "first_run.csv", first)
-        write_records(made / "kernels.csv", costs)
-        largest = [(cost.kernel, cost.now_s or 0.0) for cost in costs[:_SHOWN]]
-        bars(made / "first_run.png", "Kernels that take longest to compile", "s", largest)
-    rows = [(c.command, c.checkout, f"{c.wall_s:.1f}", f"{c.cpu_s:.1f}") for c in first]
-    headings = ("command", "checkout", "wall time, s", "processor time, s")
-    out.print(number_table("first commands, nothing compiled", headings, rows, text=2))
-    cells = [
-        (cost.kernel, *("" if s is None else f"{s:.2f}" for s in (cost.before_s, cost.now_s)))
-        for cost in costs[:_SHOWN]
-    ]
-    title = "processor time to compile a function without those that it calls, s"
-    out.print(number_table(title, ("function", "before", "now"), cells, text=1))
-    written(made, "first_run.csv", "kernels.csv", "first_run.png")
-    conclude(
-        f"The kernels of the default scene are {len(now)} functions, which take "
-        f"{sum(now.values()):.1f} s of processor time to compile."
-    )
-    write_json(
-        json_file,
-        {"first": [asdict(row) for row in first], "kernels": [asdict(row) for row in costs]},
-    )
+        results.write("first", first)
+        results.write("kernels", costs)
+        results.table(
+            "first commands, nothing compiled",
+            {
+                "command": "{.command}",
+                "checkout": "{.checkout}",
+                "wall time, s": "{.wall_s:.1f}",
+                "processor time, s": "{.cpu_s:.1f}",
+            },
+            first,
+            text=2,
+        )
+        results.table(
+            "processor time to compile a function without those that it calls, s",
+            {
+                "function": "{.kernel}",
+                "before": lambda cost: "" if cost.before_s is None else f"{cost.before_s:.2f}",
+                "now": lambda cost: "" if cost.now_s is None else f"{cost.now_s:.2f}",
+            },
+            costs[:_SHOWN],
+        )
+        results.conclude(
+            f"The kernels of the default scene are {len(now)} functions, which take "
+            f"{sum(now.values()):.1f} s of processor time to compile."
+        )
 
 
 if __name__ == "__main__":

@@ -13,19 +13,22 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.program import JsonOption, OutDirOption, QuickOption, conclude, share, start
+from benchmarks.program import OutDirOption, QuickOption, share, start, tracked
+from benchmarks.results import results_in
 from benchmarks.synthetic_fits import (
-    CLOCK_SD,
-    GAIN_SD,
     ExactOption,
     OnlyOption,
     Summary,
     by_one_clock,
+    check_names,
+    drawn_gain_and_clock,
+    known_gain_and_clock,
     moved,
-    summaries,
+    report,
     summary,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key, start_value
 from hertzloop.identification.fit.model import FrozenModel
@@ -80,10 +83,13 @@ def _drawn(seed: int) -> tuple[np.random.Generator, list[str]]:
     height = generator.uniform(0.02, 0.06)
     where = [0.5 * sides[0], 0.45 * sides[1]]
     return generator, [
-        "controller.law=off", f"{RADIUS}={radius}", f"{THICKNESS}={thickness}",
-        f"{HEIGHT}={height}", f"plate.size_m=[{sides[0]}, {sides[1]}]",
+        "controller.law=off",
+        f"{RADIUS}={radius}",
+        f"{THICKNESS}={thickness}",
+        f"{HEIGHT}={height}",
+        f"plate.size_m=[{sides[0]}, {sides[1]}]",
         f"plate.contact_point_m=[{where[0]}, {where[1]}]",
-    ]  # fmt: skip
+    ]
 
 
 def _truth(setup: Setup, quantity: str, kind: str) -> ObservedSignal:
@@ -114,19 +120,22 @@ def run(kind: str, seed: int, exact: bool = False) -> tuple[FitResult, dict[str,
         own.append(f"contact.limiting_pressure_pa={generator.uniform(0.8e9, 1.6e9)}")
     rig = load("aluminium-3mm", [*changes, *own])
     model = load("aluminium-3mm", changes)
-    spoilt = Spoilt(
-        noise=_NOISE, gain=1.0 + GAIN_SD * float(generator.standard_normal()), offset=0.005,
-        clock_ppm=CLOCK_SD * float(generator.standard_normal()),
-    )  # fmt: skip
-    table = Measurement(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+    spoilt = drawn_gain_and_clock(Spoilt(noise=_NOISE), generator)
+    plain = known_gain_and_clock(Measurement())
+    filtered = replace(plain, low_pass_hz=_LOW_PASS_HZ)
     records = by_one_clock(
-        [_truth(rig, quantity, kind) for quantity in _LASTS_S], spoilt, seed, table, _RATE_HZ,
-        _QUIET_S, {"v_p": {"low_pass_hz": _LOW_PASS_HZ}},
-    )  # fmt: skip
+        [_truth(rig, quantity, kind) for quantity in _LASTS_S],
+        spoilt,
+        seed,
+        {"contact_force": plain, "v_p": filtered},
+        _RATE_HZ,
+        _QUIET_S,
+    )
     true = {
-        RADIUS: start_value(model, RADIUS), THICKNESS: start_value(model, THICKNESS),
+        RADIUS: start_value(model, RADIUS),
+        THICKNESS: start_value(model, THICKNESS),
         STIFFNESS: 1.0,
-    }  # fmt: skip
+    }
     base = moved(model, true, _START, generator)
     return fit(base, records, [parse_free_key(base, key) for key in true], exact=exact), true
 
@@ -144,9 +153,11 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     model = load("aluminium-3mm", changes)
     spoilt = Spoilt(noise=_FEW_NOISE, gain=1.0 + _FEW_GAIN * float(generator.standard_normal()))
     one = measured(
-        truth(model, "contact_force", 90e-6, accuracy=1e-5), spoilt, seed, rate_hz=2e6,
-        quiet_s=samples / 2e6, table=Measurement(quantity="contact_force"),
-    )  # fmt: skip
+        truth(model, "contact_force", 90e-6, accuracy=1e-5),
+        spoilt,
+        seed,
+        quiet_s=samples / 2e6,
+    )
     true = {RADIUS: start_value(model, RADIUS), HEIGHT: start_value(model, HEIGHT)}
     return fit(model, [one], [parse_free_key(model, key) for key in true], exact=exact), true
 
@@ -179,22 +190,27 @@ def main(
     """
     known = [*CLASSES, *(f"{n} samples before" for n in FEW)]
     names = only or (["right class", "yield"] if quick else known)
-    found = summaries(
-        "fit_discrepancy", folder, json_file, names, known,
-        lambda name: coverage(name, 1 if quick else seeds, exact, first),
-    )  # fmt: skip
-    wrong, right = [s for s in found if s.wrong], [s for s in found if not s.wrong]
-    parts = [
-        f"{share(sum(s.held for s in some), sum(s.values for s in some))} of the true values "
-        f"{where}"
-        for some, where in (
-            (wrong, "where the rig has another class than the model"),
-            (right, "where it has the same class"),
+    check_names(names, known)
+    with results_in(folder, "fit_discrepancy", "modal", json_file=json_file) as results:
+        found = [
+            coverage(name, 1 if quick else seeds, exact, first)
+            for name in tracked("problems", names)
+        ]
+        report(results, "fit_discrepancy", found)
+        wrong, right = [s for s in found if s.wrong], [s for s in found if not s.wrong]
+        parts = [
+            f"{share(sum(s.held for s in some), sum(s.values for s in some))} of the true values "
+            f"{where}"
+            for some, where in (
+                (wrong, "where the rig has another class than the model"),
+                (right, "where it has the same class"),
+            )
+            if some
+        ]
+        whole = share(sum(s.whole for s in found), sum(s.seeds for s in found))
+        results.conclude(
+            f"The 95 % intervals hold {', and '.join(parts)}; all of a rig in {whole}."
         )
-        if some
-    ]
-    whole = share(sum(s.whole for s in found), sum(s.seeds for s in found))
-    conclude(f"The 95 % intervals hold {', and '.join(parts)}; all of a rig in {whole}.")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Measured hits of a hammer, fitted one by one and together, with the last one held out."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -10,23 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
@@ -42,9 +28,14 @@ _CONVERTER = {"low_pass": "sigma-delta", "low_pass_hz": 11_520.0}  # 0.45 of the
 _STIFFNESS = "hammer.tip_stiffness"
 _KEYS = (_STIFFNESS, "contact.restitution=0.3:0.99")
 _SCENE = (
-    "controller.law=off", "hammer.mass_kg=0.1", "hammer.speed_m_s=0.1", "hammer.tip_stiffness=3e9",
-    "hammer.tip_exponent=1.5", "contact.damping=hunt_crossley", "contact.restitution=0.7",
-)  # fmt: skip
+    "controller.law=off",
+    "hammer.mass_kg=0.1",
+    "hammer.speed_m_s=0.1",
+    "hammer.tip_stiffness=3e9",
+    "hammer.tip_exponent=1.5",
+    "contact.damping=hunt_crossley",
+    "contact.restitution=0.7",
+)
 # How far the point that is hit gives way, over the sensor's point: no record tells it.
 _SHARES = (0.5, 1.0, 0.001)
 # A mode of the point that is hit alone: where its search begins, and the first steps.
@@ -99,20 +90,32 @@ def rig(table: ModeTable, share: float, folder: Path, own: OwnMode | None = None
     of its own; what the sensor shows of a force is always as measured."""
     assert table.shape_sensor is not None
     scaled = replace(
-        table, shape_contact=share * table.shape_contact, shape_sensor=table.shape_sensor / share,
+        table,
+        shape_contact=share * table.shape_contact,
+        shape_sensor=table.shape_sensor / share,
         shape_actuator=share * table.shape_actuator,
-    )  # fmt: skip
+    )
     if own is not None:
-        added: dict[str, Any] = {"omega_rad_s": 2.0 * math.pi * own.hz, "loss_factor": own.loss,
-                                 "per_modal_mass_1_kg": 1.0 / own.kg, "shape_contact": 1.0,
-                                 "shape_actuator": 1.0, "shape_sensor": 0.0}  # fmt: skip
+        added: dict[str, Any] = {
+            "omega_rad_s": 2.0 * math.pi * own.hz,
+            "loss_factor": own.loss,
+            "per_modal_mass_1_kg": 1.0 / own.kg,
+            "shape_contact": 1.0,
+            "shape_actuator": 1.0,
+            "shape_sensor": 0.0,
+        }
         at = int(np.searchsorted(scaled.omega_rad_s, added["omega_rad_s"]))
         added = {key: np.insert(getattr(scaled, key), at, one) for key, one in added.items()}
         scaled = replace(scaled, **added)
     path = folder / f"modes-{share:g}.csv"
     path.write_bytes(write_modes(".csv", scaled))
-    plate = {"plate.modes": str(path), "plate.tail": "spring", "plate.thickness_m": None,
-             "plate.residual_flexibility_m_n": 1e-12, "plate.size_m": None}  # fmt: skip
+    plate = {
+        "plate.modes": str(path),
+        "plate.tail": "spring",
+        "plate.thickness_m": None,
+        "plate.residual_flexibility_m_n": 1e-12,
+        "plate.size_m": None,
+    }
     return load("aluminium-20mm", _SCENE).vary(plate)
 
 
@@ -126,24 +129,38 @@ def own_mode(table: ModeTable, share: float, folder: Path) -> OwnMode:
         free = [parse_free_key(setup, key) for key in _KEYS]
         return fit(setup, forces, free, hold_out=[], exact=True).residual_over_noise
 
-    found = scipy.optimize.minimize(misfit, begin, method="Nelder-Mead", options={
-        "initial_simplex": begin + np.vstack([np.zeros(3), np.diag(_FIRST_STEPS)]),
-        "maxfev": _MOST_FITS, "xatol": 0.01, "fatol": 0.05,
-    })  # fmt: skip
+    found = scipy.optimize.minimize(
+        misfit,
+        begin,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": begin + np.vstack([np.zeros(3), np.diag(_FIRST_STEPS)]),
+            "maxfev": _MOST_FITS,
+            "xatol": 0.01,
+            "fatol": 0.05,
+        },
+    )
     return OwnMode(*(float(value) for value in np.exp(found.x)))
 
 
 def judged(share: float, what: str, found: FitResult, own: OwnMode | None) -> Fitted:
     """The numbers of a fit."""
     values = {e.key: e.value for e in found.estimates}
+    own_hz, own_kg, own_loss = own or (0.0, 0.0, 0.0)
     held = found.hold_out or {"in_pulse_percent": [0.0], "largest_percent": [0.0]}
     return Fitted(
-        # pyrefly: ignore[bad-argument-count]
-        share, what, *(own or (0.0, 0.0, 0.0)), values[_STIFFNESS], values["contact.restitution"],
+        share,
+        what,
+        own_hz,
+        own_kg,
+        own_loss,
+        values[_STIFFNESS],
+        values["contact.restitution"],
         max(abs(n.gain - 1.0) for n in found.nuisances) / 0.03,
         max(abs(n.clock_ppm) for n in found.nuisances) / 50.0,
-        max(held["in_pulse_percent"]), max(held["largest_percent"]),
-    )  # fmt: skip
+        max(held["in_pulse_percent"]),
+        max(held["largest_percent"]),
+    )
 
 
 def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
@@ -183,6 +200,11 @@ def _of_forces(
     yield judged(share, "forces, hit 3 held out", found, own)
 
 
+def _or_empty(field: str, digits: str) -> Callable[[Fitted], str]:
+    """A number of a fit as text, empty where it is zero."""
+    return lambda one: f"{getattr(one, field):{digits}}" if getattr(one, field) else ""
+
+
 def main(
     folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
 ) -> None:
@@ -194,37 +216,37 @@ def main(
 
     Example: python -m benchmarks.fit_hits --quick
     """
-    check_json(json_file)
-    with results_in(folder, "fit_hits") as made, TemporaryDirectory() as files:
-        compile_first()
+    with (
+        results_in(folder, "fit_hits", "modal", json_file=json_file) as results,
+        TemporaryDirectory() as files,
+    ):
         found = list(tracked("fits", fitted(quick, Path(files))))
-        write_records(made / "fit_hits.csv", found)
-        bars(made / "fit_hits.png", "Stiffness of the tip by the records that are fitted",
-             "N/m^1.5",
-             [(f"{one.records}, {one.share:g}{', own mode' if one.own_hz else ''}", one.stiffness)
-              for one in found])  # fmt: skip
-    headings = ("records", "share", "own mode, Hz", "kg", "loss", "stiffness, N/m^1.5",
-                "restitution", "gain, sd", "clock, sd", "held out: in the pulse, %",
-                "largest, %")  # fmt: skip
-    rows = [
-        (one.records, f"{one.share:g}",
-         *(f"{x:.4g}" if x else "" for x in (one.own_hz, one.own_kg, one.own_loss)),
-         f"{one.stiffness:.3g}", f"{one.restitution:.3f}",
-         f"{one.gain_sd:.2f}", f"{one.clock_sd:.2f}",
-         *(f"{x:.2g}" if x else "" for x in (one.in_pulse_percent, one.largest_percent)))
-        for one in found
-    ]  # fmt: skip
-    out.print(number_table("hits of a hammer", headings, rows, text=1))
-    written(made, "fit_hits.csv", "fit_hits.png")
-    last = [one for one in found if bool(one.own_hz) is not quick and one.share == _SHARES[0]]
-    single = [one.stiffness for one in last[:3]]
-    apart = 50.0 * (max(single) - min(single)) / (sum(single) / 3.0)
-    conclude(
-        f"The stiffness of the tip is the same within {apart:.2g} % (+/-) over the hits, and the "
-        f"held-out hit is off by {last[3].in_pulse_percent:.2g} % of its peak in the pulse, at "
-        f"most by {last[3].largest_percent:.2g} %."
-    )
-    write_json(json_file, {"fits": [asdict(one) for one in found]})
+        results.write("fit_hits", found)
+        results.table(
+            "hits of a hammer",
+            {
+                "records": "{.records}",
+                "share": "{.share:g}",
+                "own mode, Hz": _or_empty("own_hz", ".4g"),
+                "kg": _or_empty("own_kg", ".4g"),
+                "loss": _or_empty("own_loss", ".4g"),
+                "stiffness, N/m^1.5": "{.stiffness:.3g}",
+                "restitution": "{.restitution:.3f}",
+                "gain, sd": "{.gain_sd:.2f}",
+                "clock, sd": "{.clock_sd:.2f}",
+                "held out: in the pulse, %": _or_empty("in_pulse_percent", ".2g"),
+                "largest, %": _or_empty("largest_percent", ".2g"),
+            },
+            found,
+        )
+        last = [one for one in found if bool(one.own_hz) is not quick and one.share == _SHARES[0]]
+        single = [one.stiffness for one in last[:3]]
+        apart = 50.0 * (max(single) - min(single)) / (sum(single) / 3.0)
+        results.conclude(
+            f"The stiffness of the tip is the same within {apart:.2g} % (+/-) over the hits, and "
+            f"the held-out hit is off by {last[3].in_pulse_percent:.2g} % of its peak in the "
+            f"pulse, at most by {last[3].largest_percent:.2g} %."
+        )
 
 
 if __name__ == "__main__":

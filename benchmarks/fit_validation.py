@@ -1,42 +1,19 @@
-"""The model against theory and against published measurements, as a table.
-
-Zener's equation is integrated here by itself, without any part of the simulation.
-"""
+"""The coefficient of restitution on an infinite plate, against Zener's equation."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
-from hertzloop.identification.fit.model import FrozenModel
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scene.build import build_plant
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import load
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
-_MASSIVE = (
-    "controller.law=off", "plate.thickness_m=0.05", "plate.material=steel", "run.accuracy=1e-4",
-)  # fmt: skip
-_LOSS = 0.4  # of the energy, Gugan 2000
 
 
 def zener(inelasticity: float) -> float:
@@ -56,32 +33,24 @@ def zener(inelasticity: float) -> float:
 
     out.terminal = True  # type: ignore[attr-defined]
     solved = scipy.integrate.solve_ivp(
-        right, (0.0, 500.0), [0.0, 1.0, 0.0], "DOP853", rtol=1e-12, atol=1e-14, events=out,
+        right,
+        (0.0, 500.0),
+        [0.0, 1.0, 0.0],
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        events=out,
         max_step=0.05,
-    )  # fmt: skip
-    return float(solved.y[2, -1]) - 1.0
-
-
-def _impact(setup: Setup) -> tuple[float, float, float]:
-    """Restitution, contact time (s) and loss of the sphere's energy of the first impact."""
-    lasts = rigid_contact_time_s(
-        setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
     )
-    model = FrozenModel(setup, 2.5 * lasts, 1e-4)
-    run = model.run({}, 2.5 * lasts)
-    fine = np.linspace(0.0, 2.4 * lasts, 20_001)
-    touching = fine[run.force_n(fine) > 0.0]
-    speed = float(np.diff(run.truth[ts.XI_S])[-1]) / run.step_s
-    time_s = float(touching[-1])
-    speed += 9.81 * (float(run.time_s[-1]) - time_s)  # gravity since the end of contact
-    e = speed / run.speed_m_s
-    return e, time_s, 1.0 - e * e
+    return float(solved.y[2, -1]) - 1.0
 
 
 def restitution_on_infinite_plate(inelasticity: float) -> float:
     """Return what the simulation gives on an infinite plate of this inelasticity lambda."""
-    setup = load("aluminium-3mm", ["controller.law=off", "run.plate_model=infinite",
-                                   "run.step_ns=250", "run.lead_in_s=2e-6"])  # fmt: skip
+    setup = load(
+        "aluminium-3mm",
+        ["controller.law=off", "run.plate_model=infinite", "run.step_ns=250", "run.lead_in_s=2e-6"],
+    )
 
     def lam(h: float) -> float:
         s = setup.vary({"plate.thickness_m": h})
@@ -97,92 +66,45 @@ def restitution_on_infinite_plate(inelasticity: float) -> float:
     return float(speed) / one.sphere.impact_speed_m_s
 
 
-def gugan(kind: str) -> float:
-    """Return how much longer than Hertz's a contact lasts that loses 40 % of its energy, %."""
-    base = load("aluminium-3mm", _MASSIVE)
-    elastic = _impact(base)[1]
-
-    def of(x: float) -> tuple[float, float, float]:
-        if kind == "hunt_crossley":
-            return _impact(base.vary({"contact.damping": kind, "contact.restitution": x}))
-        return _impact(
-            base.vary({"contact.plasticity": kind, "contact.limiting_pressure_pa": 1e9 * x})
-        )
-
-    low, high = (0.5, 0.99) if kind == "hunt_crossley" else (0.3, 3.0)
-    x = float(scipy.optimize.brentq(lambda x: of(x)[2] - _LOSS, low, high, xtol=1e-4))
-    return 100.0 * (of(x)[1] / elastic - 1.0)
-
-
-_DROPS_M = (0.01, 0.03, 0.1)
-
-
-def mclaskey_us(height_m: float) -> float:
-    """Return the contact time of a 1.58 mm steel ball on 50 mm of steel, us."""
-    setup = load("aluminium-3mm", [
-        *_MASSIVE, "sphere.radius_m=0.00079", f"sphere.drop_height_m={height_m}",
-    ])  # fmt: skip
-    return 1e6 * _impact(setup)[1]
-
-
 @dataclass(frozen=True)
 class Compared:
-    """A number of the simulation beside that of theory; nan where a source has no number."""
+    """The coefficient of restitution at an inelasticity lambda, by theory and simulated."""
 
-    what: str
-    unit: str
+    inelasticity: float
     theory: float
     simulated: float
-
-
-def zener_compared(quick: bool) -> list[Compared]:
-    """Return the coefficient of restitution on an infinite plate, by inelasticity."""
-    return [
-        Compared(f"restitution, lambda {x:g}", "", zener(x), restitution_on_infinite_plate(x))
-        for x in tracked("Zener", _LAMBDAS[2:4] if quick else _LAMBDAS)
-    ]
-
-
-def published_compared() -> list[Compared]:
-    """Return what published measurements speak of."""
-    found = [
-        Compared(f"contact time, 1.58 mm steel ball from {1e3 * drop:g} mm (McLaskey)", "us",
-                 math.nan, mclaskey_us(drop))
-        for drop in tracked("McLaskey", _DROPS_M)
-    ]  # fmt: skip
-    return found + [
-        Compared(f"contact longer than Hertz's, {kind} (Gugan)", "%", math.nan, gugan(kind))
-        for kind in tracked("Gugan", ("hunt_crossley", "thornton"))
-    ]
 
 
 def main(
     folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
 ) -> None:
-    """Compare the model with theory and with published measurements.
+    """Compare the coefficient of restitution on an infinite plate with Zener's equation.
 
-    Zener's equation is integrated by itself, without any part of the simulation. Published numbers
-    are those of abstracts and first pages. With --quick there are two numbers of theory.
+    The equation is integrated by itself, without any part of the simulation. With --quick there are
+    two values of lambda.
 
     Example: python -m benchmarks.fit_validation --quick
     """
-    check_json(json_file)
-    with results_in(folder, "fit_validation") as made:
-        compile_first()
-        found = zener_compared(quick)
-        away = [(c.what, abs(c.simulated - c.theory)) for c in found]
-        found += [] if quick else published_compared()
-        write_records(made / "fit_validation.csv", found)
-        bars(made / "fit_validation.png", "Zener's equation and simulation",
-             "difference of the coefficient of restitution", away, log=True)  # fmt: skip
-    rows = [(c.what, "" if math.isnan(c.theory) else f"{c.theory:.5f}", f"{c.simulated:.5g}",
-             c.unit) for c in found]  # fmt: skip
-    out.print(number_table("model against theory", ("what", "theory", "simulated", "unit"), rows,
-                           text=1))  # fmt: skip
-    written(made, "fit_validation.csv", "fit_validation.png")
-    worst = max(x for _, x in away)
-    conclude(f"The coefficient of restitution is within {worst:.1e} of Zener's equation.")
-    write_json(json_file, {"compared": [asdict(c) for c in found]})
+    with results_in(folder, "fit_validation", "modal", json_file=json_file) as results:
+        found = [
+            Compared(x, zener(x), restitution_on_infinite_plate(x))
+            for x in tracked("Zener", _LAMBDAS[2:4] if quick else _LAMBDAS)
+        ]
+        results.write("fit_validation", found)
+        results.table(
+            "coefficient of restitution on an infinite plate",
+            {
+                "lambda": "{.inelasticity:g}",
+                "theory": "{.theory:.5f}",
+                "simulated": "{.simulated:.5g}",
+            },
+            found,
+            text=0,
+        )
+        worst = max(abs(c.simulated - c.theory) for c in found)
+        results.conclude(
+            f"The coefficient of restitution is within {worst:.1e} of Zener's equation."
+        )
 
 
 if __name__ == "__main__":

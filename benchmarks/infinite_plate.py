@@ -9,26 +9,13 @@ under the same actuator forces.
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    ScenesOption,
-    SeedOption,
-    bars,
-    conclude,
-    number_table,
-    out,
-    progress,
-    results_in,
-    start,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, ScenesOption, SeedOption, start
+from benchmarks.random_scenes import drawn
+from benchmarks.results import results_in
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
@@ -109,11 +96,13 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     setup = setup.vary({"run.accuracy": request})
     lasts_s = model_error.infinite_plate_lasts_s(setup)
     about = (
-        number, setup.plate_material, 1e3 * setup.sphere.radius_m,
+        number,
+        setup.plate_material,
+        1e3 * setup.sphere.radius_m,
         setup.scene.contact.damping,
         setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
         request,
-    )  # fmt: skip
+    )
     steps = int((setup.first_touch_s + lasts_s) / setup.step_s)
     if lasts_s == 0.0:
         return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
@@ -121,9 +110,12 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     rows = simulate(setup).truth
     spec = setup.plant
     fine = replace(
-        spec, step_s=spec.step_s / 2, frequency_limit_hz=1.0 / spec.step_s,
-        infinite_plate=False, residual_flexibility=True,
-    )  # fmt: skip
+        spec,
+        step_s=spec.step_s / 2,
+        frequency_limit_hz=1.0 / spec.step_s,
+        infinite_plate=False,
+        residual_flexibility=True,
+    )
     plant = built(fine, "modal").at_start()
     plant.state.body[_START] = build_plant(setup, spec).state.body[_START]
     # Up to the last row of the run: the work of its last step shows in no row.
@@ -145,60 +137,22 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     )
 
 
-def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
-    """`scenes` random scenes; writes infinite_plate.csv into `folder`."""
-    random = np.random.default_rng(seed)
-    found: list[Outcome] = []
-    number = 0
-    with progress("random scenes", scenes) as advance:
-        while number < scenes:
-            setup = random_scene(random)
-            if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
-                continue
-            found += [outcome(number, setup, request) for request in REQUESTS]
-            number += 1
-            advance(number)
-    write_records(folder / "infinite_plate.csv", found)
-    return found
+def run(scenes: int, seed: int) -> list[Outcome]:
+    """All requests of so many random scenes."""
+
+    def next_ones(number: int, random: np.random.Generator) -> list[Outcome]:
+        setup = random_scene(random)
+        if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
+            return []
+        return [outcome(number, setup, request) for request in REQUESTS]
+
+    return drawn(scenes, seed, next_ones)
 
 
-def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
-    """Per request: scenes, of those offered, and the worst of gap, rebound and energy error over
-    the request, then of energy without control."""
-    rows: list[tuple[str, ...]] = []
-    for request in REQUESTS:
-        mine = [o for o in found if o.request == request]
-        offered = [o for o in mine if o.lasts_us]
-        free = [o for o in offered if o.control.startswith("off")]
-
-        def worst(values: list[float], request: float = request) -> str:
-            known = [value for value in values if not math.isnan(value)]
-            return f"{max(known, default=math.nan) / request:.2f}"
-
-        rows.append(
-            (
-                f"{request:g}",
-                str(len(mine)),
-                str(len(offered)),
-                worst([o.gap_error for o in offered]),
-                worst([o.rebound_error for o in offered]),
-                worst([o.energy_error for o in offered]),
-                worst([o.energy_error for o in free]),
-            )
-        )
-    return rows
-
-
-def worst_ratios(found: list[Outcome]) -> list[tuple[str, float]]:
-    """Largest error over requested accuracy, by request and metric; NaN where none is known."""
-    metrics = {"gap": "gap_error", "rebound": "rebound_error", "energy": "energy_error"}
-    rows = []
-    for request in REQUESTS:
-        for name, field in metrics.items():
-            values = [getattr(o, field) for o in found if o.request == request and o.lasts_us]
-            known = [value for value in values if not math.isnan(value)]
-            rows.append((f"{name}, asked {request:g}", max(known, default=math.nan) / request))
-    return rows
+def worst(found: list[Outcome], *metrics: str) -> float:
+    """Largest error of some metrics over the requested accuracy; NaN where none is known."""
+    ratios = [getattr(o, f"{metric}_error") / o.request for o in found for metric in metrics]
+    return max((ratio for ratio in ratios if not math.isnan(ratio)), default=math.nan)
 
 
 def main(
@@ -211,23 +165,36 @@ def main(
 
     Example: python -m benchmarks.infinite_plate --quick
     """
-    with results_in(folder, "infinite_plate", "modal") as made:
-        found = run(made, 4 if quick else scenes, seed)
-        ratios = worst_ratios(found)
-        title = "Infinite plate: largest error over what was asked"
-        bars(made / "infinite_plate.png", title, "error over requested accuracy", ratios)
-    headings = ("asked", "scenes", "offered", "gap", "rebound", "energy", "energy, no control")
-    table_title = "Infinite plate, errors over what was asked"
-    out.print(number_table(table_title, headings, summary(found)))
-    written(made, "infinite_plate.csv", "infinite_plate.png")
-    offered = sum(o.lasts_us > 0.0 for o in found)
-    worst = max((value for _, value in ratios if not math.isnan(value)), default=math.nan)
-    conclude(
-        f"The infinite plate is offered in {offered} of {len(found)} requests, and its largest "
-        f"error is {worst:.2f} times the requested accuracy."
-        if offered
-        else f"The infinite plate is offered in none of {len(found)} requests."
-    )
+    with results_in(folder, "infinite_plate", "modal") as results:
+        found = run(4 if quick else scenes, seed)
+        results.write("infinite_plate", found)
+        rows = []
+        for request in REQUESTS:
+            mine = [o for o in found if o.request == request]
+            offered = [o for o in mine if o.lasts_us]
+            free = [o for o in offered if o.control.startswith("off")]
+            ratios = [worst(offered, metric) for metric in ("gap", "rebound", "energy")]
+            rows.append((request, len(mine), len(offered), *ratios, worst(free, "energy")))
+        results.table(
+            "Infinite plate, errors over what was asked",
+            {
+                "asked": "{[0]:g}",
+                "scenes": "{[1]}",
+                "offered": "{[2]}",
+                "gap": "{[3]:.2f}",
+                "rebound": "{[4]:.2f}",
+                "energy": "{[5]:.2f}",
+                "energy, no control": "{[6]:.2f}",
+            },
+            rows,
+            text=0,
+        )
+        offered = [o for o in found if o.lasts_us]
+        results.conclude(
+            f"The infinite plate is offered in {len(offered)} of {len(found)} requests, and its "
+            f"largest error is {worst(offered, 'gap', 'rebound', 'energy'):.2f} times the "
+            "requested accuracy."
+        )
 
 
 if __name__ == "__main__":

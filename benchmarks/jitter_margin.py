@@ -8,26 +8,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.jitter_kernels import SimulatedLoop, simulate
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    SeedOption,
-    bars,
-    conclude,
-    median,
-    number_table,
-    out,
-    progress,
-    results_in,
-    start,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, SeedOption, median, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.terminal import out
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.jitter import ErrorResponse
 from hertzloop.studies.margin.linear import PoleForm
@@ -263,14 +250,11 @@ def searched(number: int, loop: RandomLoop) -> SearchedLoop:
     return SearchedLoop(number, modes, loop.every, loop.delay, margin, constant, first, kind, below)
 
 
-def run(folder: Path, seed: int, count: int) -> list[SearchedLoop]:
-    """Search in `count` random loops and that of three modes, and write jitter_margin.csv."""
+def run(seed: int, count: int) -> list[SearchedLoop]:
+    """Search in `count` random loops and that of three modes."""
     found = [searched(0, three_modes())]
-    with progress("random loops", count) as advance:
-        for i in range(1, count + 1):
-            found.append(searched(i, random_loop(np.random.default_rng([seed, i]))))
-            advance(i)
-    write_records(folder / "jitter_margin.csv", found)
+    for i in tracked("random loops", range(1, count + 1)):
+        found.append(searched(i, random_loop(np.random.default_rng([seed, i]))))
     return found
 
 
@@ -287,31 +271,28 @@ def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption =
 
     Example: python -m benchmarks.jitter_margin --quick
     """
-    with results_in(folder, "jitter_margin") as made:
-        found = run(made, seed, 20 if quick else _LOOPS)
-        counts = histogram(found)
-        bars(
-            made / "jitter_margin.png",
-            "Jitter margin over the smallest latency with an unstable sequence",
-            "loops",
-            counts,
+    with results_in(folder, "jitter_margin") as results:
+        found = run(seed, 20 if quick else _LOOPS)
+        results.write("jitter_margin", found)
+        columns = {"ratio": "{[0]}", "loops": "{[1]}"}
+        title = "Jitter margin over smallest unstable latency"
+        results.table(title, columns, histogram(found))
+        kinds = [one.sequence or "none found" for one in found]
+        counts = [(kind, kinds.count(kind)) for kind in sorted(set(kinds))]
+        columns = {"kind": "{[0]}", "loops": "{[1]}"}
+        results.table("First unstable sequence", columns, counts)
+        out.print(f"median ratio {median(one.margin / one.unstable for one in found):.3g}")
+        three = found[0]
+        out.print(
+            f"three modes: margin {three.margin:.4g} steps, unstable from {three.unstable:g} on"
         )
-    out.print(number_table("Jitter margin over smallest unstable latency", ("ratio", "loops"),
-                           [(text, str(count)) for text, count in counts], 1))  # fmt: skip
-    kinds = [one.sequence or "none found" for one in found]
-    rows = [(kind, str(kinds.count(kind))) for kind in sorted(set(kinds))]
-    out.print(number_table("First unstable sequence", ("kind", "loops"), rows, 1))
-    out.print(f"median ratio {median(one.margin / one.unstable for one in found):.3g}")
-    three = found[0]
-    out.print(f"three modes: margin {three.margin:.4g} steps, unstable from {three.unstable:g} on")
-    for one in found:
-        if one.contradicts:
-            out.print(f"contradiction: {one}", soft_wrap=True)
-    written(made, "jitter_margin.csv", "jitter_margin.png")
-    conclude(
-        f"In {sum(one.contradicts for one in found)} of {len(found)} loops a latency below the "
-        "jitter margin is unstable."
-    )
+        for one in found:
+            if one.contradicts:
+                out.say(f"contradiction: {one}")
+        results.conclude(
+            f"In {sum(one.contradicts for one in found)} of {len(found)} loops a latency below the "
+            "jitter margin is unstable."
+        )
 
 
 if __name__ == "__main__":

@@ -13,51 +13,39 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    SetOption,
-    check_json,
-    conclude,
-    fail,
-    number_table,
-    out,
-    progress,
-    results_in,
-    start,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.latency_pictures import CHANGES, draw_chance, draw_maps
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import Columns, Results, results_in
 from hertzloop.cli.many_cases import resumable
+from hertzloop.cli.options import JsonOption, SetOption
 from hertzloop.cli.prepare import check_law, scene_from
+from hertzloop.cli.terminal import fail
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.results.cases import CASE_METRICS, Span, metrics_of_case
+from hertzloop.results.cases import Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures, words
+from hertzloop.studies import words
 from hertzloop.studies.sweeps.design import KEY as PHASE
 from hertzloop.studies.sweeps.design import Design, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.tuning import LAWS
-from hertzloop.studies.words import METRICS, write_rows
 
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5
 KAPPA = "controller.kappa"
 _CHANCE_COLUMNS = (
-    "controller.law", "run.seed", "controller.jitter_us", "controller.drop_out_probability",
-    "plate_energy_db", "rebound_percent",
-)  # fmt: skip
+    "controller.law",
+    "run.seed",
+    "controller.jitter_us",
+    "controller.drop_out_probability",
+    "plate_energy_db",
+    "rebound_percent",
+)
 _SEEDS = tuple(range(1, 21))
 Energies = Callable[[list[dict[str, Any]]], list[float]]  # of cases, dB; inf: unstable
 
@@ -241,9 +229,12 @@ def over_phases(energies: Energies, middle_us: float, most_us: int) -> dict[str,
     ideal = spread_of(energies([{"controller.latency_us": 0, PHASE: p} for p in phases()]))
     least, most = (math.nan if us < 0.0 else us for us in (min(found), max(found)))
     return {
-        "mean_db": ideal.mean, "least_db": ideal.least, "most_db": ideal.most,
-        "least_latency_us": least, "most_survived_us": most,
-    }  # fmt: skip
+        "mean_db": ideal.mean,
+        "least_db": ideal.least,
+        "most_db": ideal.most,
+        "least_latency_us": least,
+        "most_survived_us": most,
+    }
 
 
 def best_laws(found: list[Critical]) -> Iterator[tuple[str, str, float, float]]:
@@ -310,159 +301,51 @@ def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
     return evaluate(pool, scene, named.span, cases)
 
 
-def header_of(
-    quick: bool, more_laws: tuple[str, ...], scenes: Sequence[Named] | None = None
-) -> dict[str, Any]:
-    """What decides the cases of the study, and what comes of them."""
-    scenes = scenes or SCENES
-    found = [named.scene() for named in scenes]
-    settings = [named.settings for named in scenes]
-    return work_of(found, more_laws, Design(())) | {"quick": quick, "settings": settings}
+@dataclass(frozen=True)
+class Study:
+    """What is measured: scenes, further laws, and whether coarsely."""
+
+    scenes: Sequence[Named] = SCENES
+    more_laws: tuple[str, ...] = ()
+    quick: bool = False
+
+    def header(self) -> dict[str, Any]:
+        """What decides the cases of the study, and what comes of them."""
+        found = [named.scene() for named in self.scenes]
+        settings = [named.settings for named in self.scenes]
+        work = work_of(found, self.more_laws, Design(()))
+        return work | {"quick": self.quick, "settings": settings}
+
+    @property
+    def mapped(self) -> Sequence[Named]:
+        """The scenes whose maps are drawn."""
+        return self.scenes[:1] if self.quick else self.scenes[:3:2]
+
+    def critical(self, pool: Pool) -> Iterator[Critical]:
+        """Critical values of every law in every scene."""
+        pairs = [(named, law) for named in self.scenes for law in (*LAWS, *self.more_laws)]
+        for named, law in tracked("critical values", pairs):
+            yield critical(pool, named, law, 20 if self.quick else 40)
 
 
-def run(
-    folder: Path,
-    quick: bool,
-    on_progress: Callable[[int, int], None] = lambda done, of: None,
-    more_laws: tuple[str, ...] = (),
-    through: Callable[[Pool], Pool] = lambda pool: pool,
-    scenes: Sequence[Named] | None = None,
-) -> list[Critical]:
-    """Measure all, write pictures and CSV files; the table of critical values, also of
-    `more_laws`. `through`: what stands between the study and the processes that run its cases;
-    `scenes`: those of the documentation if left out."""
-    scenes = scenes or SCENES
-    tabled = (*LAWS, *more_laws)
-    count = 15 if quick else 30
-    mapped = scenes[:1] if quick else scenes[:3:2]
-    steps, done = len(mapped) + 1 + len(scenes) * len(tabled), 0
-    found = []
-    with local_pool() as cores:
-        pool = through(cores)
-        for named in mapped:
-            rows = maps(pool, named, count)
-            for key, some in rows.items():
-                name = f"latency-{named.stem}-{key.split('.')[1]}.csv"
-                write_rows(folder / name, list(some[0]), (list(row.values()) for row in some))
-            draw_maps(folder / f"latency-{named.stem}.png", named.name, rows, _CHANGES)
-            done += 1
-            on_progress(done, steps)
-        early = scenes[min(1, len(scenes) - 1)]
-        laws = ("slope_threshold", "predicted", "force_feedback")
-        rows_of_chance = chance(pool, early, laws)
-        write_rows(
-            folder / "latency-chance.csv",
-            _CHANCE_COLUMNS,
-            ([row.get(key, 0) for key in _CHANCE_COLUMNS] for row in rows_of_chance),
-        )
-        draw_chance(folder / "latency-chance.png", early.name, rows_of_chance, laws)
-        done += 1
-        on_progress(done, steps)
-        for named in scenes:
-            for law in tabled:
-                found.append(critical(pool, named, law, 20 if quick else 40))
-                done += 1
-                on_progress(done, steps)
-    write_records(folder / "latency-critical.csv", found)
+def run(results: Results, study: Study, pool: Pool) -> list[Critical]:
+    """Measure all, write pictures and CSV files; the critical values."""
+    for named in tracked("maps", study.mapped):
+        rows = maps(pool, named, 15 if study.quick else 30)
+        for key, some in rows.items():
+            name = f"latency-{named.stem}-{key.split('.')[1]}"
+            results.write_rows(name, list(some[0]), (row.values() for row in some))
+        path = results.path(f"latency-{named.stem}.png")
+        draw_maps(path, named.name, rows, CHANGES)
+    early = study.scenes[min(1, len(study.scenes) - 1)]
+    laws = ("slope_threshold", "predicted", "force_feedback")
+    by_chance = chance(pool, early, laws)
+    columns = [[row.get(key, 0) for key in _CHANCE_COLUMNS] for row in by_chance]
+    results.write_rows("latency-chance", _CHANCE_COLUMNS, columns)
+    draw_chance(results.path("latency-chance.png"), early.name, by_chance, laws)
+    found = list(study.critical(pool))
+    results.write("latency-critical", found)
     return found
-
-
-_CHANGES = {
-    name: words for name, words in METRICS.items() if CASE_METRICS[name].unit in ("dB", "%")
-}
-_EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
-_LEAST_DB = 0.05
-_COLOURS = "RdBu_r"
-_UNSTABLE = "#b8b8b8"
-_LINE = "as without control"
-_LEVELS = 16  # an even number: the band in the middle is around zero, and white
-_FLAT = 0.02  # of a scale: less than this has no line
-
-
-def draw_maps(
-    path: Path, title: str, maps: dict[str, list[dict[str, Any]]], metrics: dict[str, str]
-) -> None:
-    """A row a metric with one scale, zero in its middle; a column a map. Rows that show nothing are
-    left out, and named."""
-    grids = {metric: [_grid(rows, key, metric) for key, rows in maps.items()] for metric in metrics}
-    reaches = {metric: _reach(found) for metric, found in grids.items()}
-    kept = [f for f in metrics if reaches[f] >= _EMPTY.get(f, _LEAST_DB)]
-    dropped = [metrics[f].partition(" (")[0] for f in metrics if f not in kept]
-    sheet, axes = pictures.sheet(max(1, len(kept)), len(maps), width=13.0, height=2.3)
-    for line, metric in enumerate(kept):
-        reach = pictures.round_above(reaches[metric])
-        for column, (key, found) in enumerate(zip(maps, grids[metric], strict=True)):
-            ax = axes[line, column]
-            shown = _draw_map(ax, *found, reach)
-            ax.set_ylabel(words.AXES[key])
-            if key == "sensors.bits":
-                ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-            if line == len(kept) - 1:
-                ax.set_xlabel(words.AXES["controller.latency_us"])
-        unit = "points" if metric == "rebound_percent" else "dB"
-        name = metrics[metric].partition(" (")[0]
-        bar = sheet.colorbar(
-            shown, ax=list(axes[line]), label=f"{name}:\nchange ({unit})",
-            ticks=np.linspace(-reach, reach, 5), aspect=12, pad=0.01,
-        )  # fmt: skip
-        bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
-    left_out = f"\nNot shown, as hardly changed: {', '.join(dropped)}" if dropped else ""
-    sheet.suptitle(f"{title}: change against no control. Blue: less{left_out}")
-    known: list[Any] = [Line2D([], [], color="black", linestyle="--", label=_LINE)]
-    if any(np.isnan(z).any() for found in grids.values() for _, _, z in found):
-        known.append(Patch(color=_UNSTABLE, label="unstable"))
-    sheet.legend(handles=known, loc="outside upper right", ncols=len(known))
-    pictures.save(sheet, path)
-
-
-def _grid(rows: list[dict[str, Any]], key: str, metric: str) -> tuple[list[Any], list[Any], Any]:
-    """Latencies, values of the key, and the metric's change, (values, latencies); nan: unstable."""
-    latencies = sorted({row["controller.latency_us"] for row in rows})
-    values = sorted({row[key] for row in rows})
-    z = np.array([np.nan if row[metric] is None else row[metric] for row in rows], float)
-    z = z.reshape(len(latencies), len(values)).T - CASE_METRICS[metric].without
-    return latencies, values, z
-
-
-def _reach(found: list[tuple[list[Any], list[Any], Any]]) -> float:
-    """Largest change of a row, without the last 2 % of a map's cases: the map in the middle counts,
-    as one gain may drown all else."""
-    sizes = [np.abs(z[np.isfinite(z)]) for _, _, z in found]
-    reaches = [float(np.percentile(size, 98)) for size in sizes if len(size)]
-    return float(np.median(reaches)) if reaches else 0.0
-
-
-def _draw_map(ax: Any, latencies: list[Any], values: list[Any], z: Any, reach: float) -> Any:
-    ax.set_facecolor(_UNSTABLE)
-    levels = np.linspace(-reach, reach, _LEVELS)
-    shown = ax.contourf(latencies, values, z, levels, cmap=_COLOURS, extend="both")
-    ax.grid(False)
-    if np.nanmin(z) < -_FLAT * reach and np.nanmax(z) > _FLAT * reach:
-        ax.contour(latencies, values, z, [0.0], colors="black", linestyles="--")
-    return shown
-
-
-def draw_chance(path: Path, title: str, rows: list[dict[str, Any]], laws: tuple[str, ...]) -> None:
-    """Median and 5 to 95 % of the seeds over jitter and over the share of lost commands."""
-    sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
-    for ax, key in (
-        (axes[0, 0], "controller.jitter_us"),
-        (axes[0, 1], "controller.drop_out_probability"),
-    ):
-        for i, law in enumerate(laws):
-            mine = [row for row in rows if key in row and row["controller.law"] == law]
-            places = sorted({row[key] for row in mine})
-            spread = [[row["plate_energy_db"] for row in mine if row[key] == x] for x in places]
-            low, middle, high = np.percentile(np.array(spread), [5, 50, 95], axis=1)
-            look = pictures.look(i)
-            ax.plot(places, middle, label=words.law(law), **look)
-            ax.fill_between(places, low, high, color=look["color"], alpha=0.2)
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(xlabel=words.AXES[key], ylabel=words.against_none("plate_energy_db"))
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    sheet.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    sheet.suptitle(f"{title}: median, and 5 to 95 % of 20 seeds")
-    pictures.save(sheet, path)
 
 
 def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) -> str:
@@ -475,29 +358,37 @@ def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) ->
     return words if ranged == words else f"{words} ({ranged})"
 
 
-def _survival_table(scene: str, found: list[Critical]) -> Any:
-    """What each law tolerates in a scene."""
-    headings = ("law", "plate energy (dB)", "rebound", "latency (us)", "bits", "bits to 0.5 dB")
-    table = number_table(f"{scene}: latency and bits that each law tolerates", headings, (), text=1)
-    for c in found:
-        us, rebound = c.critical_latency_us, c.ideal_rebound_percent
-        energy = "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}"
-        survives = "never" if math.isnan(us) else f"{us:.0f}"
-        if us == math.inf:
-            survives = f"> {c.most_latency_us:.0f}"
-        law = words.law(c.law) if c.law in shipped_laws() else Path(c.law).name
-        table.add_row(
-            law + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}"),
-            _over_phases(energy, (c.least_db, c.most_db), ".2f", "unstable", "unstable"),
-            "" if math.isnan(rebound) else f"{rebound:.0f} %",
-            _over_phases(
-                survives, (c.least_latency_us, c.most_survived_us), ".0f", "never",
-                f"> {c.most_latency_us:.0f}",
-            ),
-            *("none" if math.isnan(x) else f"{x:.0f}" for x in (c.critical_bits, c.settled_bits)),
-        )  # fmt: skip
-    table.caption = "in brackets: least to most over touch phases"
-    return table
+def _latency(c: Critical) -> str:
+    """The latency that a law tolerates, with its range over touch phases."""
+    us, most = c.critical_latency_us, f"> {c.most_latency_us:.0f}"
+    middle = "never" if math.isnan(us) else most if us == math.inf else f"{us:.0f}"
+    return _over_phases(middle, (c.least_latency_us, c.most_survived_us), ".0f", "never", most)
+
+
+def _energy(c: Critical) -> str:
+    """The plate energy without latency, with its range over touch phases."""
+    middle = "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}"
+    return _over_phases(middle, (c.least_db, c.most_db), ".2f", "unstable", "unstable")
+
+
+def _law(c: Critical) -> str:
+    name = words.law(c.law) if c.law in shipped_laws() else Path(c.law).name
+    return name + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}")
+
+
+def _or(value: float, missing: str, unit: str = "") -> str:
+    """A number without digits after the point, or a word for one that is missing."""
+    return missing if math.isnan(value) else f"{value:.0f}{unit}"
+
+
+_COLUMNS: Columns = {
+    "law": _law,
+    "plate energy (dB)": _energy,
+    "rebound": lambda c: _or(c.ideal_rebound_percent, "", " %"),
+    "latency (us)": _latency,
+    "bits": lambda c: _or(c.critical_bits, "none"),
+    "bits to 0.5 dB": lambda c: _or(c.settled_bits, "none"),
+}
 
 
 def main(
@@ -526,7 +417,6 @@ def main(
 
     Example: python -m benchmarks.latency aluminium-3mm --quick
     """
-    check_json(json_file)
     scenes: Sequence[Named] = SCENES[:1] if quick else SCENES
     if scene is not None or settings:
         source = scene or DEFAULT
@@ -539,29 +429,25 @@ def main(
             check_law((scenes[0].scene()).vary({"controller.law": law}))
     except SceneError as error:
         fail(str(error), 2)
-    header = header_of(quick, tuple(laws or ()), scenes)
-    with (
-        results_in(folder, "latency", "modal") as made,
-        resumable(made, "latency", header) as finished,
-        progress("latency", 100) as advance,
-    ):
-        found = run(
-            made, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ()),
-            finished.of, scenes,
-        )  # fmt: skip
-    for name in dict.fromkeys(c.scene for c in found):
-        out.print(_survival_table(name, [c for c in found if c.scene == name]))
-    best = list(best_laws(found))
-    keys = ("scene", "law", "survives_us", "more_than_two_points_us")
-    data = {"critical": [vars(c) for c in found],
-            "best": [dict(zip(keys, row, strict=True)) for row in best],
-            "ran": finished.ran}  # fmt: skip
-    written(made, "latency-*.png", "latency-*.csv")
-    conclude("; ".join(
-        f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than "
-        "slope_threshold" for name, law, survives, buys in best
-    ).capitalize() + ".")  # fmt: skip
-    write_json(json_file, data)
+    study = Study(scenes, tuple(laws or ()), quick)
+    with results_in(folder, "latency", "modal", json_file=json_file) as results:
+        with resumable(results.folder, "latency", study.header()) as finished, local_pool() as pool:
+            found = run(results, study, finished.of(pool))
+        for name in dict.fromkeys(c.scene for c in found):
+            title = f"{name}: latency and bits that each law tolerates"
+            caption = "in brackets: least to most over touch phases"
+            mine = [c for c in found if c.scene == name]
+            results.table(title, _COLUMNS, mine, caption=caption)
+        best = list(best_laws(found))
+        keys = ("scene", "law", "survives_us", "more_than_two_points_us")
+        results.add(critical=[vars(c) for c in found], ran=finished.ran)
+        results.add(best=[dict(zip(keys, row, strict=True)) for row in best])
+        parts = [
+            f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than "
+            "slope_threshold"
+            for name, law, survives, buys in best
+        ]
+        results.conclude("; ".join(parts).capitalize() + ".")
 
 
 if __name__ == "__main__":

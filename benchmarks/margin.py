@@ -5,9 +5,11 @@ and critical latencies against the compiled closed loop, in flight and with impa
 user that are linear, or nearly so.
 """
 
+import csv
 import math
 import tempfile
-from collections.abc import Iterator, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,16 +19,12 @@ from benchmarks.program import (
     OutDirOption,
     QuickOption,
     SeedOption,
-    conclude,
     median,
-    number_table,
-    out,
     progress,
-    results_in,
     start,
-    write_records,
-    written,
 )
+from benchmarks.results import results_in
+from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.state_kernels import STEP
@@ -47,8 +45,12 @@ _ON_CIRCLE = 1e-13
 _BASES = ("aluminium-3mm", "aluminium-20mm", "offcentre-6mm", "oak-20mm")
 # A fast sphere flies for long enough to show a slow growth, and the loop in flight is the same.
 _FLIGHT = {"run.lead_in_s": 1.0, "run.duration_s": 1.01, "sphere.drop_height_m": 20.0}
-_BESIDE = ("controller.law=velocity_feedback", "sensors.quantity=v_p", "run.accuracy=0.05",
-           "run.step_ns=5000")  # fmt: skip
+_BESIDE = (
+    "controller.law=velocity_feedback",
+    "sensors.quantity=v_p",
+    "run.accuracy=0.05",
+    "run.step_ns=5000",
+)
 _BEATS_PER_S = 0.1
 
 
@@ -176,9 +178,11 @@ def random_scene(rng: np.random.Generator, damped: bool = False) -> tuple[str, S
         f"plate.loss_factor={10.0 ** rng.uniform(*((-2.5, -1.3) if damped else (-4, -2))):.2e}",
     ]
     for key, low, high in (
-        ("actuator.bandwidth_hz", 2e4, 3e5), ("sensors.low_pass_hz", 2e4, 3e5),
-        ("sensors.ac_coupling_hz", 5.0, 500.0), ("sensors.resonance_hz", 4e4, 2e5),
-    ):  # fmt: skip
+        ("actuator.bandwidth_hz", 2e4, 3e5),
+        ("sensors.low_pass_hz", 2e4, 3e5),
+        ("sensors.ac_coupling_hz", 5.0, 500.0),
+        ("sensors.resonance_hz", 4e4, 2e5),
+    ):
         if rng.random() < 0.2:
             settings.append(f"{key}={math.exp(rng.uniform(math.log(low), math.log(high))):.0f}")
     if rng.random() < 0.2:
@@ -286,17 +290,19 @@ def beside_the_contact(seed: int, wanted: int) -> Iterator[Check]:
         # Right at the limit modes beat.
         agrees = grows > 0.5 * per_s if per_s else grows < _BEATS_PER_S
         why = "" if agrees else "does not grow" if per_s else "grows"
-        return Check("beside the contact", f"{case}, latency {steps} steps", per_s, grows, agrees,
-                     why)  # fmt: skip
+        return Check(
+            "beside the contact", f"{case}, latency {steps} steps", per_s, grows, agrees, why
+        )
 
     while found < wanted:
         points = [[float(x) for x in rng.uniform(0.06, 0.44, 2)] for _ in range(3)]
         case = [
-            f"plate.contact_point_m={points[0]}", f"sensors.point_m={points[1]}",
+            f"plate.contact_point_m={points[0]}",
+            f"sensors.point_m={points[1]}",
             f"controller.kappa={float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.8))}",
             *([f"plate.actuator_point_m={points[2]}"] if rng.random() < 0.5 else []),
             *(["sensors.mass_kg=0.02"] if rng.random() < 0.3 else []),
-        ]  # fmt: skip
+        ]
         setup = load("oak-20mm", [*case, *_BESIDE]).vary(_FLIGHT)
         limit = margin_of(setup).latency_limit_steps
         if limit is None or not 10 <= limit <= 2000:
@@ -358,51 +364,34 @@ def command(p, s, samples, i):
     x = samples[i]
 BODY
 '''
-# Name, whether it is linear, and the body of the law.
-LAWS: tuple[tuple[str, bool, str], ...] = (
-    ("gain", True, "return -20.0 * x"),
-    ("low-pass", True, "s.a += 0.1 * (x - s.a); return -20.0 * s.a"),
-    ("high-pass", True, "s.a += 0.05 * (x - s.a); return -20.0 * (x - s.a)"),
-    ("two poles", True, "s.a = 0.9 * s.a + x; s.b = 0.8 * s.b + s.a; return -s.b"),
-    ("resonance", True, "a = 1.8 * s.a - 0.9 * s.b + x; s.b = s.a; s.a = a; return -0.5 * a"),
-    ("PI", True, "s.a = 0.999 * s.a + x; return -10.0 * x - 0.01 * s.a"),
-    ("difference", True, "a = s.a; s.a = x; return -20.0 * (x - a)"),
-    ("delay of 7", True, "return -20.0 * samples[i - 7] if i >= 7 else 0.0"),
-    ("mean of 40", True, "s.a = 0.0\\nfor j in range(min(40, i + 1)): s.a += samples[i - j]\\n"
-     "return -0.5 * s.a"),
-    ("comb", True, "s.a = samples[i - 12] if i >= 12 else 0.0; return -10.0 * (x - 0.7 * s.a)"),
-    ("quantised", False, "return -20.0 * 1e-5 * round(x / 1e-5)"),
-    ("saturated at 1e4 N", False, "return min(max(-20.0 * x, -1e4), 1e4)"),
-    ("dead zone of 1e-7", False, "return -20.0 * x if abs(x) > 1e-7 else 0.0"),
-    ("gain that drifts", False, "return -20.0 * x * (1.0 + 1e-6 * i)"),
-    ("gain by sign", False, "return -20.0 * x if x > 0.0 else -20.0001 * x"),
-    ("offset", False, "return -20.0 * x + 1e-9"),
-    ("cubic share", False, "return -20.0 * x - 1e-3 * x * x * x"),
-    ("holds the peak", False, "s.a = max(0.999 * s.a, x); return -20.0 * s.a"),
-    ("limited slope", False, "s.a += min(max(x - s.a, -50.0), 50.0); return -20.0 * s.a"),
-    ("starts late", False, "return -20.0 * x if i >= 200 else 0.0"),
-)  # fmt: skip
+_LAWS = Path(__file__).with_name("margin_laws.csv")
 
 
-def own_laws(laws: tuple[tuple[str, bool, str], ...]) -> Iterator[Check]:
+def laws() -> list[dict[str, str]]:
+    """Laws of a user: name, whether it is linear, and the body."""
+    with _LAWS.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def own_laws(some: Iterable[dict[str, str]]) -> Iterator[Check]:
     """Yield whether laws of a user are classified rightly."""
     with tempfile.TemporaryDirectory() as folder:
-        for i, (name, linear, body) in enumerate(laws):
-            lines = body.replace("; ", "\n").replace("\\n", "\n").splitlines()
+        for i, row in enumerate(some):
             path = Path(folder) / f"law_{i}.py"
-            text = _LAW.replace("BODY", "\n".join(f"    {line}" for line in lines))
-            path.write_text(text, encoding="utf-8")
+            body = textwrap.indent(row["body"], "    ")
+            path.write_text(_LAW.replace("BODY", body), encoding="utf-8")
             setup = load("oak-20mm", [f"controller.law={path}", "sensors.quantity=v_p"])
+            linear = row["linear"] == "yes"
             try:
                 law_filter(setup)
                 found, why = True, ""
             except NotLinearError as error:
                 found, why = False, str(error)
-            yield Check("own law", name, float(linear), float(found), found == linear, why)
+            yield Check("own law", row["name"], float(linear), float(found), found == linear, why)
 
 
-def run(folder: Path, seed: int, quick: bool) -> list[Check]:
-    """Make all comparisons, and write margin.csv into `folder`."""
+def run(seed: int, quick: bool) -> list[Check]:
+    """Make all comparisons."""
     sizes = (30, 60) if quick else (25, 50, 100, 200, 200, 300, 300, 400, 500, 600)
     parts = (
         ("random loops", 100 if quick else 2000, lambda n: synthetic(seed, n)),
@@ -411,7 +400,7 @@ def run(folder: Path, seed: int, quick: bool) -> list[Check]:
         ("critical latencies", 2 if quick else 40, lambda n: critical_latencies(seed, n // 2)),
         ("beside the contact", 2 if quick else 40, lambda n: beside_the_contact(seed, n // 2)),
         ("impacts", 1 if quick else 30, lambda n: with_impacts(seed, n)),
-        ("own laws", 4 if quick else 20, lambda n: own_laws(LAWS[:: 20 // n])),
+        ("own laws", 4 if quick else 20, lambda n: own_laws(laws()[:: 20 // n])),
     )
     found: list[Check] = []
     for name, count, checks in parts:
@@ -419,7 +408,6 @@ def run(folder: Path, seed: int, quick: bool) -> list[Check]:
             for i, check in enumerate(checks(count), 1):
                 found.append(check)
                 advance(i)
-    write_records(folder / "margin.csv", found)
     return found
 
 
@@ -432,54 +420,34 @@ def relative(checks: Sequence[Check]) -> list[float]:
     ]
 
 
-def draw(path: Path, checks: Sequence[Check]) -> Path:
-    """Draw simulated over predicted growth (PNG)."""
-    from hertzloop.studies import pictures
-
-    metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
-    for i, kind in enumerate(("growth", "critical latency", "beside the contact", "impacts")):
-        some = [c for c in checks if c.kind == kind and math.isfinite(c.found)]
-        look = pictures.look(i, marked=True) | {"linestyle": ""}
-        axes.plot([c.predicted for c in some], [c.found for c in some], label=kind, **look)
-    axes.axline((0.0, 0.0), slope=1.0, color="#7F7F7F", linewidth=0.8)
-    axes.set_xscale("symlog", linthresh=10.0)
-    axes.set_yscale("symlog", linthresh=10.0)
-    axes.set(title="Growth of the loop", xlabel="predicted, 1/s", ylabel="simulated, 1/s")
-    axes.legend()
-    return pictures.save(metric, path)
-
-
 def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption = False) -> None:
     """Compare the linear margin with all poles, simulations and laws whose answer is known.
 
     Example: python -m benchmarks.margin --quick
     """
-    with results_in(folder, "margin", "modal") as made:
-        checks = run(made, seed, quick)
-        draw(made / "margin.png", checks)
-    rows = []
-    for kind in dict.fromkeys(c.kind for c in checks):
-        some = [c for c in checks if c.kind == kind]
-        away = relative(some) if kind in ("growth", "impacts") else []
-        rows.append([
-            kind, str(len(some)), str(sum(c.agrees is True for c in some)),
-            str(sum(c.agrees is False for c in some)), str(sum(c.agrees is None for c in some)),
-            f"{median(away):.1e}" if away else "-",
-        ])  # fmt: skip
-    headings = ("comparison", "cases", "agree", "differ", "cannot tell", "median difference")
-    out.print(number_table("Linear margin against independent answers", headings, rows, 1))
-    for check in checks:
-        if not check.agrees:
-            out.print(
-                f"{check.kind}: {check.case}: predicted {check.predicted:.5g}, found "
-                f"{check.found:.5g}: {check.why}", soft_wrap=True,
-            )  # fmt: skip
-    written(made, "margin.csv", "margin.png")
-    differ = sum(c.agrees is False for c in checks)
-    conclude(
-        f"The linear margin agrees in {sum(c.agrees is True for c in checks)} of {len(checks)} "
-        f"comparisons and differs in {differ}; the others cannot tell."
-    )
+    with results_in(folder, "margin", "modal") as results:
+        checks = run(seed, quick)
+        results.write("margin", checks)
+        rows = []
+        for kind in dict.fromkeys(c.kind for c in checks):
+            some = [c for c in checks if c.kind == kind]
+            away = relative(some) if kind in ("growth", "impacts") else []
+            counts = [sum(c.agrees is answer for c in some) for answer in (True, False, None)]
+            rows.append((kind, len(some), *counts, f"{median(away):.1e}" if away else "-"))
+        headings = ("comparison", "cases", "agree", "differ", "cannot tell", "median difference")
+        columns = {heading: f"{{[{i}]}}" for i, heading in enumerate(headings)}
+        results.table("Linear margin against independent answers", columns, rows)
+        for check in checks:
+            if not check.agrees:
+                out.say(
+                    f"{check.kind}: {check.case}: predicted {check.predicted:.5g}, found "
+                    f"{check.found:.5g}: {check.why}"
+                )
+        differ = sum(c.agrees is False for c in checks)
+        results.conclude(
+            f"The linear margin agrees in {sum(c.agrees is True for c in checks)} of {len(checks)} "
+            f"comparisons and differs in {differ}; the others cannot tell."
+        )
 
 
 if __name__ == "__main__":

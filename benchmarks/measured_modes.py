@@ -1,57 +1,33 @@
-"""Measured structures: modes from noisy responses of known scenes, from universal files, and from
-hits.
+"""Measured structures: modes from noisy responses of known scenes, and from hits.
 
 No unbiased estimate has smaller standard deviations than the bound of Cramér and Rao. The bound
 printed here takes as known how large the noise is and all that lies above the band.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    check_json,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import Columns, results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.identification.modes.hits import hits_of_records
 from hertzloop.identification.modes.identify import real_rows
 from hertzloop.identification.modes.modes import modes_of_hits, modes_of_responses
 from hertzloop.identification.modes.responses import FrequencyResponses, noise_weights
-from hertzloop.identification.modes.universal import (
-    RESPONSES,
-    Points,
-    modes_of_sets,
-    read_sets,
-    units_of,
-)
+from hertzloop.identification.modes.universal import RESPONSES, Points
 from hertzloop.identification.records.reading import read_record
-from hertzloop.identification.records.record import Record
-from hertzloop.loop.simulate import simulate
-from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load
-from hertzloop.studies import pictures
 
 _NOISE = 1e-3
 _JUDGED_HZ = 5e3  # up to here
 _TARGETS = {"frequency": 1e-5, "damping": 1e-2, "contact": 5e-3, "actuator": 5e-3}
-_FILED, _SHORT = "offcentre-6mm", ("run.duration_s=0.004", "run.accuracy=0.01")
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
 # Scene, kind of response, noise in proportion to each value or to the rms, distance of lines, Hz.
 _CASES = (
@@ -109,9 +85,12 @@ def response(table: ModeTable, hz: np.ndarray, shape: np.ndarray, order: int) ->
 
 
 def bounds(
-    known: ModeTable, hz: np.ndarray, shapes: Sequence[np.ndarray], order: int,
+    known: ModeTable,
+    hz: np.ndarray,
+    shapes: Sequence[np.ndarray],
+    order: int,
     noise: Sequence[np.ndarray],
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Least standard deviations of unbiased estimates, relative: of frequencies, loss factors, and
     shapes at the contact and at the last point, (4, modes up to the last line).
 
@@ -155,9 +134,14 @@ def deviation(scene: str, kind: str, noise: str, line_hz: float, high_hz: float)
         values.append(exact + noises[-1] * (parts[0] + 1j * parts[1]))
     points = Points(1) if same else Points(1, 2)
     measured = FrequencyResponses(
-        hz, np.array(values), np.array([noise_weights(one) for one in values]), order,
-        tuple(range(1, 1 + len(values))), 1, "z",
-    )  # fmt: skip
+        hz,
+        np.array(values),
+        np.array([noise_weights(one) for one in values]),
+        order,
+        tuple(range(1, 1 + len(values))),
+        1,
+        "z",
+    )
     table = modes_of_responses(measured, None, points, lambda *_: None).table
     below = known.omega_rad_s < 2.0 * np.pi * min(_JUDGED_HZ, high_hz)
     loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
@@ -179,111 +163,21 @@ def deviation(scene: str, kind: str, noise: str, line_hz: float, high_hz: float)
     for name, mode, found, bound in zip(_TARGETS, worst, apart, least, strict=True):
         numbers |= {name: float(found[mode]), f"{name}_bound": float(bound[mode])}
     return Deviation(
-        scene, kind, noise, line_hz,
+        scene,
+        kind,
+        noise,
+        line_hz,
         modes=int(np.count_nonzero(known.omega_rad_s < 2.0 * np.pi * high_hz)),
-        found=len(table.omega_rad_s), seconds=seconds,
-        beyond=int(np.count_nonzero(np.any(list(_TARGETS.values()) < least.T, axis=1))), **numbers,
-    )  # fmt: skip
+        found=len(table.omega_rad_s),
+        seconds=seconds,
+        beyond=int(np.count_nonzero(np.any(list(_TARGETS.values()) < least.T, axis=1))),
+        **numbers,
+    )
 
 
-@dataclass(frozen=True)
-class ByFile:
-    """Largest difference of two recordings, over the largest value of each of their signals."""
-
-    modes: str
-    difference: float
-
-
-def by_universal_file() -> Iterator[ByFile]:
-    """Recordings with the modes of a scene, written to data set 55 by pyuff and read back, against
-    those with modes of six digits and of all digits."""
-    import pyuff  # of an extra
-
-    known = modes_of_scene(load(_FILED))
-    loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
-    exact = (known.omega_rad_s / (2.0 * np.pi), 1.0 / known.per_modal_mass_1_kg, loss / 2.0,
-             known.shape_contact, known.shape_actuator)  # fmt: skip
-    flat, names = np.zeros(2), dict.fromkeys((f"id{i}" for i in range(1, 6)), "NONE")
-    sets = [
-        pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0,
-                          temp=1.0, temp_offset=273.15)
-    ]  # fmt: skip
-    for i, (hz, mass, ratio, *shape) in enumerate(zip(*exact, strict=True)):
-        sets.append(
-            pyuff.prepare_55(
-                model_type=1, **names, analysis_type=2, data_ch=2, spec_data_type=8, load_case=0,
-                mode_n=i + 1, freq=float(hz), modal_m=float(mass), modal_damp_vis=float(ratio),
-                modal_damp_his=0.0, node_nums=[1, 2], r1=flat, r2=flat, r3=np.array(shape),
-            )
-        )  # fmt: skip
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "modes.uff"
-        pyuff.UFF(str(file)).write_sets(sets, "overwrite")
-        read = read_sets(file)
-        found = modes_of_sets(read, file, Points(1, 2), units_of(read, file, None)).table
-
-        def rows(
-            hz: np.ndarray, mass: np.ndarray, ratio: np.ndarray, shape: np.ndarray,
-            there: np.ndarray,
-        ) -> np.ndarray:  # fmt: skip
-            return recorded(ModeTable(2.0 * np.pi * hz, 2.0 * ratio, 1.0 / mass, shape, there))
-
-        def recorded(table: ModeTable) -> np.ndarray:
-            (Path(folder) / "modes.npz").write_bytes(write_modes(".npz", table))
-            flexibility = f"plate.residual_flexibility_m_n={known.residual_flexibility_m_n!r}"
-            modes = [f"plate.modes={Path(folder) / 'modes.npz'}", flexibility]
-            return np.asarray(simulate(load(_FILED, [*modes, *_SHORT])).truth)
-
-        ours, whole = recorded(found), rows(*exact)
-        largest = np.maximum(np.abs(whole).max(axis=1, keepdims=True), 1e-300)
-        for name, others in (("six digits", rows(*map(_six_digits, exact))), ("all digits", whole)):
-            yield ByFile(name, float(np.max(np.abs(ours - others) / largest)))
-
-
-def _six_digits(values: np.ndarray) -> np.ndarray:
-    return np.array([float(f"{value:.5e}") for value in values])
-
-
-def held_out_hits(
-    change: Callable[[Record], Record] = lambda one: one, hits: Sequence[int] = (1, 2, 3)
-) -> list[tuple[str, int, float, float]]:
-    """Name, number of modes, and errors of each shipped hit, predicted by the others, after a
-    change of each record."""
-    records = [change(read_record(_HAMMER / f"{kind}{i}.csv")) for i in hits for kind in "fa"]
-    found = modes_of_hits(hits_of_records(records), [], False, lambda *_: None)
-    return [(one.name, one.modes, one.rms, one.peak) for one in found.held_out]
-
-
-def _noisy(one: Record) -> Record:
-    rng = np.random.default_rng(list(one.name.encode()))
-    size = 0.01 * np.max(np.abs(one.value))
-    return replace(one, value=one.value + size * rng.standard_normal(len(one.value)))
-
-
-def _slower(one: Record) -> Record:
-    """At half the rate, without what lies above 0.43 of it."""
-    both = np.concatenate([one.value, one.value[::-1]])
-    hz = np.fft.rfftfreq(len(both), one.interval_s)
-    passed = np.fft.rfft(both) / (1.0 + np.exp((hz * 2.0 * one.interval_s - 0.43) * 200.0))
-    value = np.fft.irfft(passed, len(both))[: len(one.value)]
-    return replace(one, time_s=one.time_s[::2], value=value[::2])
-
-
-def _part(one: Record, first: int, last: int) -> Record:
-    return replace(one, time_s=one.time_s[first:last], value=one.value[first:last])
-
-
-# Of the last two hits, which begin after 19 samples.
-_CHANGES: dict[str, Callable[[Record], Record]] = {
-    "none": lambda one: one,
-    "noise of 1 % of the peak": _noisy,
-    "half the rate": _slower,
-    "8 samples before the hit": lambda one: _part(one, 11, len(one.value)),
-    "the first 16 ms": lambda one: _part(one, 0, 410),
-    "an offset of a tenth of the peak": lambda one: replace(
-        one, value=one.value + 0.1 * np.max(np.abs(one.value))
-    ),
-}
+def _numbers(suffix: str = "") -> Columns:
+    """Columns of all quantities, or of their bounds."""
+    return {name: f"{{.{name}{suffix}:.1e}}" for name in _TARGETS}
 
 
 def main(
@@ -294,99 +188,41 @@ def main(
 
     Example: python -m benchmarks.measured_modes --quick
     """
-    check_json(json_file)
-    with results_in(out_dir, "measured-modes") as folder:
-        cases = _CASES[:1] if quick else _CASES
-        high_hz = 2e3 if quick else 6e3
+    with results_in(out_dir, "measured-modes", json_file=json_file) as results:
+        cases, high_hz = (_CASES[:1], 2e3) if quick else (_CASES, 6e3)
         found = [deviation(*case, high_hz) for case in tracked("responses", cases)]
+        results.write("responses", found)
         judged = f"modes up to {_JUDGED_HZ / 1e3:g} kHz, noise {_NOISE:g}"
-        out.print(
-            number_table(
-                f"largest deviation of {judged}",
-                ("case", "modes", "found", *_TARGETS, "s"),
-                [
-                    (one.case, str(one.modes), str(one.found),
-                     *(f"{getattr(one, name):.1e}" for name in _TARGETS), f"{one.seconds:.0f}")
-                    for one in found
-                ],
-                text=1,
-            )
-        )  # fmt: skip
-        out.print(
-            number_table(
-                f"bound of the standard deviation in the same mode; {judged}",
-                ("case", *_TARGETS, "modes beyond a target"),
-                [
-                    (one.case, *(f"{getattr(one, f'{name}_bound'):.1e}" for name in _TARGETS),
-                     str(one.beyond))
-                    for one in found
-                ],
-                text=1,
-            )
-        )  # fmt: skip
-        filed = list(by_universal_file())
-        out.print(
-            number_table(
-                f"recording of {_FILED} with modes of data set 55, largest difference",
-                ("from modes of", "relative"),
-                [(one.modes, f"{one.difference:.1e}") for one in filed],
-                text=1,
-            )
+        case = {"case": "{.case}"}
+        results.table(
+            f"largest deviation of {judged}",
+            {**case, "modes": "{.modes}", "found": "{.found}", **_numbers(), "s": "{.seconds:.0f}"},
+            found,
         )
-        hits = held_out_hits()
-        out.print(
-            number_table(
-                "hits predicted by the other two, first 40 ms",
-                ("hit", "modes", "error/rms, %", "largest error/peak, %"),
-                [
-                    (name, str(modes), f"{100 * rms:.2f}", f"{100 * peak:.2f}")
-                    for name, modes, rms, peak in hits
-                ],
-                text=1,
-            )
-        )  # fmt: skip
-        changed = [
-            (name, held_out_hits(change, (2, 3)))
-            for name, change in tracked(
-                "changed hits", list(_CHANGES.items())[: 2 if quick else None]
-            )
-        ]
-        out.print(
-            number_table(
-                "hits 2 and 3, changed, predicted by each other, first 40 ms",
-                ("change", "modes", "error/rms, %"),
-                [
-                    (name, ", ".join(str(modes) for _, modes, _, _ in some),
-                     ", ".join(f"{100 * rms:.1f}" for _, _, rms, _ in some))
-                    for name, some in changed
-                ],
-                text=1,
-            )
-        )  # fmt: skip
-        write_records(folder / "responses.csv", found)
-        metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
-        for i, name in enumerate(_TARGETS):
-            pairs = [(getattr(one, f"{name}_bound"), getattr(one, name)) for one in found]
-            axes.loglog(*zip(*pairs, strict=True), "osd^"[i], label=name)
-        axes.axline((1e-6, 1e-6), (1e-3, 1e-3), color="grey")
-        axes.set(title="Largest deviation of identified modes", xlabel="bound", ylabel="found")
-        axes.legend()
-        pictures.save(metric, folder / "responses.png")
-        written(folder, "responses.csv", "responses.png")
-        data = {
-            "responses": [asdict(one) for one in found],
-            "universal_file": [asdict(one) for one in filed],
-            "hits": [dict(zip(("name", "modes", "error", "largest_error"), one, strict=True))
-                     for one in hits],
-            "changed_hits": {name: [one[2] for one in some] for name, some in changed},
-        }  # fmt: skip
-        write_json(json_file, data)
+        results.table(
+            f"bound of the standard deviation in the same mode; {judged}",
+            {**case, **_numbers("_bound"), "modes beyond a target": "{.beyond}"},
+            found,
+        )
+        records = [read_record(_HAMMER / f"{kind}{i}.csv") for i in (1, 2, 3) for kind in "fa"]
+        hits = modes_of_hits(hits_of_records(records), [], False, lambda *_: None).held_out
+        results.table(
+            "hits predicted by the other two, first 40 ms",
+            {
+                "hit": "{.name}",
+                "modes": "{.modes}",
+                "error/rms, %": lambda one: f"{100 * one.rms:.2f}",
+                "largest error/peak, %": lambda one: f"{100 * one.peak:.2f}",
+            },
+            hits,
+        )
         within = [
-            one for one in found
+            one
+            for one in found
             if all(getattr(one, name) <= target for name, target in _TARGETS.items())
-        ]  # fmt: skip
+        ]
         barred = sum(one.beyond > 0 for one in found if one not in within)
-        conclude(
+        results.conclude(
             f"Modes are within all targets in {len(within)} of {len(found)} cases; in {barred} of "
             "the others no unbiased estimate has standard deviations within the targets."
         )

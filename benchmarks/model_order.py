@@ -6,11 +6,9 @@ itself), against twice the modes that any request chose and half the step.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,17 +17,13 @@ from benchmarks.program import (
     QuickOption,
     ScenesOption,
     SeedOption,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    progress,
-    results_in,
     share,
     start,
-    write_records,
-    written,
 )
+from benchmarks.random_scenes import drawn
+from benchmarks.results import results_in
+from hertzloop.cli.prepare import compile_first
+from hertzloop.cli.terminal import out
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
@@ -43,7 +37,6 @@ from hertzloop.scene.plate_model import NEAREST
 from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
 
-Found = TypeVar("Found")
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _STEP_S = 1e-6
 _MOST_MODES = 6000.0  # up to 1/(2 step): keeps a scene within seconds
@@ -89,9 +82,16 @@ def random_spec(random: np.random.Generator) -> PlantSpec:
             contact = Contact(hertz_stiffness(radius, steel, material))
             at = (point[0], point[1])
             return PlantSpec(
-                sphere, plate, contact, at, at, _STEP_S, 0.5 / _STEP_S, 0.0,
+                sphere,
+                plate,
+                contact,
+                at,
+                at,
+                _STEP_S,
+                0.5 / _STEP_S,
+                0.0,
                 residual_flexibility=True,
-            )  # fmt: skip
+            )
 
 
 def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impact | None, int]:
@@ -158,8 +158,8 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
                 limit / 1e3,
                 count,
                 *errors,
-                count / cheapest,
-                limit >= 0.5 / _STEP_S,
+                times_cheapest=count / cheapest,
+                capped=limit >= 0.5 / _STEP_S,
             )
         )
     return found
@@ -168,53 +168,6 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
 def material_name(plate: Plate) -> str:
     """Name of the shipped material that a random plate is of."""
     return next(name for name, material in MATERIALS.items() if material is plate.material)
-
-
-def drawn(
-    scenes: int, seed: int, outcomes: Callable[[int, np.random.Generator], list[Found]]
-) -> list[Found]:
-    """Outcomes of `scenes` random scenes; one that has none is drawn anew."""
-    random = np.random.default_rng(seed)
-    found: list[Found] = []
-    number = 0
-    with progress("random scenes", scenes) as advance:
-        while number < scenes:
-            its = outcomes(number, random)
-            number += bool(its)
-            found += its
-            advance(number)
-    return found
-
-
-def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
-    """`scenes` random scenes; writes model_order.csv and model_order.png into `folder`."""
-    found = drawn(scenes, seed, outcomes)
-    write_records(folder / "model_order.csv", found)
-    _draw(folder / "model_order.png", found)
-    return found
-
-
-def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
-    """Per request: scenes, share that meets it, of those the step can carry, worst error over
-    request, median and largest cost against the cheapest."""
-    rows: list[tuple[str, ...]] = []
-    for request in REQUESTS:
-        mine = [o for o in found if o.request == request]
-        free = [o for o in mine if not o.capped]
-        met = [o for o in free if o.error <= request]
-        costs = sorted(o.times_cheapest for o in met)
-        rows.append(
-            (
-                f"{request:g}",
-                str(len(mine)),
-                str(len(mine) - len(free)),
-                f"{100.0 * len(met) / max(len(free), 1):.0f} %",
-                f"{max((o.error / request for o in free), default=math.nan):.2f}",
-                f"{costs[len(costs) // 2] if costs else math.nan:.2f}",
-                f"{costs[-1] if costs else math.nan:.2f}",
-            )
-        )
-    return rows
 
 
 def _draw(path: Path, found: list[Outcome]) -> None:
@@ -230,6 +183,19 @@ def _draw(path: Path, found: list[Outcome]) -> None:
     for axis in axes[0]:
         axis.legend()
     pictures.save(metric, path)
+
+
+def summary(request: float, found: list[Outcome]) -> tuple[float, ...]:
+    """The request, scenes, those beyond the step, the share of the others that meets it (%), worst
+    error over request, and median and largest cost against the cheapest."""
+    mine = [o for o in found if o.request == request]
+    free = [o for o in mine if not o.capped]
+    met = [o for o in free if o.error <= request]
+    costs = sorted(o.times_cheapest for o in met) or [math.nan]
+    worst = max((o.error / request for o in free), default=math.nan)
+    percent = 100.0 * len(met) / max(len(free), 1)
+    beyond = len(mine) - len(free)
+    return request, len(mine), beyond, percent, worst, costs[len(costs) // 2], costs[-1]
 
 
 def main(
@@ -248,29 +214,40 @@ def main(
     from benchmarks import model_order_closed_loop as closed_loop
 
     scenes = 4 if quick else scenes
-    with results_in(folder, "model_order", "modal") as made:
+    with results_in(folder, "model_order", "modal") as results:
         compile_first(load(DEFAULT, ["plate.tail=spring"]))
-        found = run(made, scenes, seed)
-        whole = closed_loop.run(made, scenes, seed)
-    headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",
-                "cost/cheapest, median", "largest")  # fmt: skip
-    out.print(number_table("Automatic choice of modes", headings, summary(found)))
-    for outcome in found:
-        if outcome.error > outcome.request and not outcome.capped:
-            out.print(f"missed: {outcome}", soft_wrap=True)
-    title = "Damper 0.3 to 0.9, or yield: within what was asked, loop closed"
-    out.print(number_table(title, closed_loop.HEADINGS, closed_loop.summary(whole)))
-    for missed in closed_loop.missed(whole):
-        out.print(missed, soft_wrap=True)
-    written(made, "model_order.csv", "model_order.png", "model_order_closed_loop.csv")
-    free = [o for o in found if not o.capped]
-    others = [o for o in whole if not o.said]
-    met = share(sum(o.error <= o.request for o in free), len(free))
-    closed = share(sum(o.error <= o.request for o in others), len(others))
-    conclude(
-        f"The automatic choice of modes meets the requested accuracy in {met} of the impacts "
-        f"without losses, and in {closed} of those in whole scenes whose run expects to meet it."
-    )
+        found = drawn(scenes, seed, outcomes)
+        whole = drawn(scenes, seed, closed_loop.outcomes)
+        results.write("model_order", found)
+        results.write("model_order_closed_loop", whole)
+        _draw(results.path("model_order.png"), found)
+        results.table(
+            "Automatic choice of modes",
+            {
+                "asked": "{[0]:g}",
+                "scenes": "{[1]}",
+                "beyond the step": "{[2]}",
+                "met": "{[3]:.0f} %",
+                "worst error/asked": "{[4]:.2f}",
+                "cost/cheapest, median": "{[5]:.2f}",
+                "largest": "{[6]:.2f}",
+            },
+            [summary(request, found) for request in REQUESTS],
+            text=0,
+        )
+        for outcome in found:
+            if outcome.error > outcome.request and not outcome.capped:
+                out.say(f"missed: {outcome}")
+        closed_loop.report(results, whole)
+        free = [o for o in found if not o.capped]
+        others = [o for o in whole if not o.said]
+        met = share(sum(o.error <= o.request for o in free), len(free))
+        closed = share(sum(o.error <= o.request for o in others), len(others))
+        results.conclude(
+            f"The automatic choice of modes meets the requested accuracy in {met} of the impacts "
+            f"without losses, and in {closed} of those in whole scenes whose run expects to meet "
+            "it."
+        )
 
 
 if __name__ == "__main__":

@@ -9,13 +9,14 @@ frequency, where the steps of a held force have a line; that would test the refe
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.model_order import drawn, material_name, random_spec
-from benchmarks.program import write_records
+from benchmarks.model_order import material_name, random_spec
+from benchmarks.random_scenes import as_options, typed
+from benchmarks.results import Results
+from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
@@ -34,10 +35,6 @@ _PARTS = 4  # of a step, in the reference
 _LEAD_S = 1e-5
 _LONGEST_S = 4e-3
 _METRICS = ("gap", "rebound", "energy")
-HEADINGS = (
-    "asked", "law", "impacts", *_METRICS, "all", "worst/asked",
-    "said (law)", "others", "worst/asked",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,25 +76,21 @@ def random_keys(random: np.random.Generator) -> dict[str, Any]:
     spec = random_spec(random)
     sphere, plate = spec.sphere, spec.simply_supported
     keys: dict[str, Any] = {
-        "sphere.radius_m": sphere.radius_m, "sphere.drop_height_m": sphere.drop_height_m,
-        "plate.material": material_name(plate), "plate.size_m": list(plate.size_m),
-        "plate.thickness_m": plate.thickness_m, "plate.contact_point_m": list(spec.contact_point_m),
-    }  # fmt: skip
-    keys = {key: _rounded(value) for key, value in keys.items()}
+        "sphere.radius_m": sphere.radius_m,
+        "sphere.drop_height_m": sphere.drop_height_m,
+        "plate.material": material_name(plate),
+        "plate.size_m": list(plate.size_m),
+        "plate.thickness_m": plate.thickness_m,
+        "plate.contact_point_m": list(spec.contact_point_m),
+    }
+    keys = {key: typed(value) for key, value in keys.items()}
     if random.random() < 0.5:
-        e = _rounded(random.uniform(0.3, 0.9))
+        e = typed(random.uniform(0.3, 0.9))
         return keys | {"contact.damping": "hunt_crossley", "contact.restitution": e}
     m, s, v = sphere.mass_kg, spec.contact.stiffness, sphere.impact_speed_m_s
     wide = math.pi * sphere.radius_m * rigid_penetration_m(m, s, v)
-    pressure = _rounded(random.uniform(0.3, 0.9) * rigid_peak_force_n(m, s, v) / wide)
+    pressure = typed(random.uniform(0.3, 0.9) * rigid_peak_force_n(m, s, v) / wide)
     return keys | {"contact.plasticity": "thornton", "contact.limiting_pressure_pa": pressure}
-
-
-def _rounded(value: Any) -> Any:
-    """Digits that can be typed."""
-    if isinstance(value, list):
-        return [_rounded(x) for x in value]
-    return value if isinstance(value, str) else float(f"{value:.4g}")
 
 
 def random_law(random: np.random.Generator, setup: Setup) -> dict[str, Any]:
@@ -105,8 +98,8 @@ def random_law(random: np.random.Generator, setup: Setup) -> dict[str, Any]:
     v = setup.plant.sphere.impact_speed_m_s
     return {
         "controller.law": "slope_threshold",
-        "controller.kappa": _rounded(random.uniform(0.3, 0.9)),
-        "controller.v_thr_m_s": _rounded(-v * random.uniform(0.2, 0.8)),
+        "controller.kappa": typed(random.uniform(0.3, 0.9)),
+        "controller.v_thr_m_s": typed(-v * random.uniform(0.2, 0.8)),
     }
 
 
@@ -114,10 +107,15 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
     """All requests of the next random scene, without and with the law; none if a contact of it
     lasts too long, or the law runs away from a dent."""
     keys = random_keys(random)
-    base = load("aluminium-3mm").vary(keys | {
-        "controller.law": "off", "run.plate_model": "modal", "run.lead_in_s": _LEAD_S,
-        "run.duration_s": _LONGEST_S,
-    })  # fmt: skip
+    base = load("aluminium-3mm").vary(
+        keys
+        | {
+            "controller.law": "off",
+            "run.plate_model": "modal",
+            "run.lead_in_s": _LEAD_S,
+            "run.duration_s": _LONGEST_S,
+        }
+    )
     law = random_law(random, base)
     found = []
     for more in ({}, law):
@@ -164,56 +162,50 @@ def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verificatio
         beyond=expected > 1.001 * setup.accuracy,
         by_modes=under_law.by_modes.largest if under_law else math.nan,
         law_tells=under_law is not None and not under_law.kept,
-        keys=" ".join(f"--set {key}={value}".replace(", ", ",") for key, value in keys.items()),
+        keys=as_options(keys),
     )
 
 
-def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
-    """`scenes` random scenes; writes model_order_closed_loop.csv into `folder`."""
-    found = drawn(scenes, seed, outcomes)
-    write_records(folder / "model_order_closed_loop.csv", found)
-    return found
+def summary(request: float, law: str, found: list[Outcome]) -> tuple[Any, ...]:
+    """The request, the law, impacts, share that meets the request in each metric and in all,
+    largest error over request; those whose run says that it cannot (of these as twice the modes
+    change too much under the law); share of the others that meets it, and their largest error over
+    request."""
+    mine = [o for o in found if (o.request, o.law) == (request, law)]
+    others = [o for o in mine if not o.said]
+    said = f"{len(mine) - len(others)} ({sum(o.law_tells for o in mine)})"
+    metrics = [_share([getattr(o, metric) <= request for o in mine]) for metric in _METRICS]
+    return request, law, len(mine), *metrics, *_met(mine), said, *_met(others)
 
 
-def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
-    """Per law and request: impacts, share that meets it in each metric and in all, largest error
-    over request; those whose run says that it cannot (of these as twice the modes change too
-    much under the law); share of the others that meets it, and their largest error over request."""
-    rows: list[tuple[str, ...]] = []
-    for request in REQUESTS:
-        for law in dict.fromkeys(o.law for o in found):
-            mine = [o for o in found if (o.request, o.law) == (request, law)]
-            others = [o for o in mine if not o.said]
-            rows.append((
-                f"{request:g}", law, str(len(mine)),
-                *(_share([getattr(o, metric) <= request for o in mine]) for metric in _METRICS),
-                _share([o.error <= request for o in mine]), _worst(mine),
-                f"{len(mine) - len(others)} ({sum(o.law_tells for o in mine)})",
-                _share([o.error <= request for o in others]), _worst(others),
-            ))  # fmt: skip
-    return rows
-
-
-def missed(found: list[Outcome]) -> list[str]:
-    """A line an impact that misses its request, with the keys that make the scene where its run
-    expects to meet it."""
-    lines = []
-    for o in found:
-        if o.error > o.request:
-            errors = f"gap {o.gap:.1e}, rebound {o.rebound:.1e}, energy {o.energy:.1e}"
-            why = f"said: expects {o.expected:.1e}" if o.beyond else f"NOT SAID, {o.keys}"
-            if o.law_tells:
-                why = f"said: twice the modes change {o.by_modes:.1e}"
-            lines.append(
-                f"missed: scene {o.scene}, {o.contact}, {o.law}, asked {o.request:g}: {errors} "
-                f"({why})"
-            )
-    return lines
+def _met(found: list[Outcome]) -> tuple[str, str]:
+    """Share that meets its request, and largest error over request."""
+    worst = max((o.error / o.request for o in found), default=math.nan)
+    return _share([o.error <= o.request for o in found]), f"{worst:.2g}"
 
 
 def _share(met: list[bool]) -> str:
     return f"{100.0 * sum(met) / len(met):.0f} %" if met else ""
 
 
-def _worst(found: list[Outcome]) -> str:
-    return f"{max((o.error / o.request for o in found), default=math.nan):.2g}"
+def report(results: Results, found: list[Outcome]) -> None:
+    """Print the table, and a line for each impact that misses its request, with the keys that make
+    the scene where its run expects to meet it."""
+    headings = ("asked", "law", "impacts", *_METRICS, "all", "worst/asked", "said (law)")
+    columns = {heading: f"{{[{i}]}}" for i, heading in enumerate(headings)}
+    results.table(
+        "Damper 0.3 to 0.9, or yield: within what was asked, loop closed",
+        columns | {"asked": "{[0]:g}", "others": "{[9]}", "others, worst/asked": "{[10]}"},
+        [summary(r, law, found) for r in REQUESTS for law in dict.fromkeys(o.law for o in found)],
+        text=0,
+    )
+    for o in found:
+        if o.error > o.request:
+            errors = f"gap {o.gap:.1e}, rebound {o.rebound:.1e}, energy {o.energy:.1e}"
+            why = f"said: expects {o.expected:.1e}" if o.beyond else f"NOT SAID, {o.keys}"
+            if o.law_tells:
+                why = f"said: twice the modes change {o.by_modes:.1e}"
+            out.say(
+                f"missed: scene {o.scene}, {o.contact}, {o.law}, asked {o.request:g}: {errors} "
+                f"({why})"
+            )

@@ -19,18 +19,10 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    conclude,
-    fail,
-    out,
-    results_in,
-    start,
-    tracked,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
 from benchmarks.schemes.discrete_gradient import known_to_scenes
+from hertzloop.cli.terminal import fail, out
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.recordings.reader import read
@@ -38,17 +30,13 @@ from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.loading import DEFAULT, shipped
-from hertzloop.scene.setup import load
+from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.report.page import page_of
-from hertzloop.studies.words import write_rows
 from hertzloop.views import replaying
 
 NOTES = "pictures.json"
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 WITHIN = 1e-6  # relative: processors differ in the last bits, changes of a model do not
-_SHORT_3MM = "run.duration_s=0.0016"
-_SHORT_20MM = "run.duration_s=0.009"
-
-Case = tuple[str, tuple[str, ...]]  # scene and what is changed
 
 
 @dataclass(frozen=True)
@@ -77,7 +65,8 @@ _OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controlle
 _FEEDBACK = "controller.law=velocity_feedback"
 MORE = {
     "comparison": [
-        Run("aluminium-20mm", (_SHORT_14MS,)), Run("aluminium-20mm", (_SHORT_14MS, *_OTHER))
+        Run("aluminium-20mm", (_SHORT_14MS,)),
+        Run("aluminium-20mm", (_SHORT_14MS, *_OTHER)),
     ],
     "unstable": [
         Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
@@ -85,130 +74,40 @@ MORE = {
     "paced": [
         Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
     ],
-}  # fmt: skip
+}
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """`command` writes the picture as `writes` into DIR; `cases`: runs that it draws, or such as it
-    draws; `replayed`: the case whose replay or report it is."""
-
-    command: str
-    writes: str
-    cases: tuple[Case, ...] = ()
-    replayed: Case | None = None
+def note_of(note: dict[str, Any]) -> dict[str, Any]:
+    """What a noted picture shows today: metrics of the first impact of its cases, words of its
+    replay."""
+    replayed = note["replayed"]
+    metrics = {case: dict(_metrics(case)) for case in note["metrics"]}
+    return note | {"metrics": metrics, "words": _words(replayed) if replayed else []}
 
 
-def _laws(scene: str, short: str, *changes: tuple[str, ...]) -> tuple[Case, ...]:
-    return tuple((scene, (short, *change)) for change in changes)
-
-
-_KAPPAS = _laws(
-    "aluminium-20mm", _SHORT_20MM, (), ("controller.kappa=0.4",), ("sensors.bits=6",),
-    ("controller.latency_us=30",), ("controller.law=shifted_threshold",),
-)  # fmt: skip
-_SCHEMES = _laws(
-    "aluminium-3mm", _SHORT_3MM, (), ("run.step_ns=250",),
-    ("run.scheme=discrete_gradient", "controller.law=off"),
-)  # fmt: skip
-_PUBLISHED = tuple(
-    (name, ("run.duration_s=0.02",)) for name in ("thesis-aluminium", "thesis-oak")
-) + _laws("aluminium-20mm", _SHORT_20MM, ("controller.law=off",))
-_PLANTS = tuple((name, (_SHORT_20MM, "controller.law=off")) for name in (
-    "aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"
-))  # fmt: skip
-_DEFAULT: Case = (DEFAULT, ())
-[_PACED] = MORE["paced"]
-_TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controller.v_thr_m_s=-0.99")
-_LATENCY = "python -m benchmarks.latency -o DIR"
-_TUNE = (
-    "hertzloop tune aluminium-20mm --law slope_threshold --law shifted_threshold --law predicted "
-    "--law force_feedback --span run --set run.duration_s=0.014 -o DIR"
-)
-
-_MARGIN = "hertzloop margin oak-20mm --law velocity_feedback --set controller.kappa=0.4 -o DIR"
-# The filter of docs/tutorials/design-a-filter.md: a Butterworth low-pass of order 1 at 5 kHz.
-_ROW = "[-2.3199437104655045,-2.3199437104655045,-0.0,1.0,-0.9690674171937933,0.0]"
-_FILTER = (
-    "controller.law=linear", f"controller.sections=[{_ROW}]", "controller.latency_us=20",
-)  # fmt: skip
-
-PICTURES = {
-    "replay.png": Drawn(
-        f"python -m benchmarks.pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png",
-        replayed=_DEFAULT,
-    ),
-    "replay-paced.png": Drawn(
-        "python -m benchmarks.pictures --only paced -o DIR", "replay-paced.png",
-        replayed=(_PACED.scene, _PACED.changed),
-    ),
-    "report.png": Drawn(
-        "python -m benchmarks.pictures --only report -o DIR", "report.png",
-        replayed=("aluminium-3mm", ()),
-    ),
-    "tune.png": Drawn(
-        _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
-    ),
-    "margin.png": Drawn(
-        _MARGIN, "margin.png",
-        (("oak-20mm", ("controller.law=velocity_feedback", "controller.kappa=0.4")),),
-    ),
-    "margin-filter.png": Drawn(
-        f"hertzloop margin oak-20mm --set {' --set '.join(_FILTER)} -o DIR", "margin.png",
-        (("oak-20mm", _FILTER),),
-    ),
-    "latency.png": Drawn(_LATENCY, "latency-aluminium-3mm.png", _KAPPAS),
-    "latency-chance.png": Drawn(_LATENCY, "latency-chance.png", _KAPPAS),
-    "real.png": Drawn("python -m benchmarks.real_plant -o DIR", "real.png", _KAPPAS),
-    "model_order.png": Drawn("python -m benchmarks.model_order -o DIR", "model_order.png", _PLANTS),
-    "validity.png": Drawn("python -m benchmarks.validity_map -o DIR", "validity.png", _PLANTS),
-    "speed_accuracy.png": Drawn(
-        "python -m benchmarks.speed_accuracy -o DIR", "speed_accuracy.png", _SCHEMES
-    ),
-    "stability.png": Drawn("python -m benchmarks.stability -o DIR", "stability.png", _SCHEMES),
-    "stability-energy.png": Drawn(
-        "python -m benchmarks.stability -o DIR", "stability-energy.png", (*_SCHEMES, *_KAPPAS)
-    ),
-    "weaknesses.png": Drawn("python -m paper.weaknesses -o DIR", "weaknesses.png", _PUBLISHED),
-    "bounces.png": Drawn("python -m paper.figures -o DIR", "bounces.png", _PUBLISHED),
-}  # fmt: skip
-
-
-def note_of(picture: Drawn) -> dict[str, Any]:
-    """What a picture shows: metrics of the first impact of its cases, words of its replay."""
-    return {
-        "command": picture.command,
-        "metrics": {_name(case): dict(_metrics(case)) for case in picture.cases},
-        "words": [] if picture.replayed is None else _words(picture.replayed),
-    }
-
-
-def _name(case: Case) -> str:
-    return " ".join([case[0], *case[1]])
+def _load(case: str) -> Setup:
+    """The setup of a case, such as "aluminium-3mm sensors.bits=6"."""
+    scene, *settings = case.split()
+    return load(scene, settings)
 
 
 @lru_cache
-def _metrics(case: Case) -> dict[str, float]:
+def _metrics(case: str) -> dict[str, float]:
     """Of the first impact; nothing without one."""
     with known_to_scenes():
-        scene = load(*case)
-        impact = first_impact(scene, simulate(scene).truth)
+        setup = _load(case)
+        impact = first_impact(setup, simulate(setup).truth)
     if impact is None:
         return {}
-    found = impact.impact
-    return {
-        "duration_s": found.duration_s,
-        "rebound_speed_m_s": found.rebound_speed_m_s,
-        "peak_force_n": found.peak_force_n,
-        "plate_energy_j": found.plate_energy_j,
-    }
+    names = ("duration_s", "rebound_speed_m_s", "peak_force_n", "plate_energy_j")
+    return {name: getattr(impact.impact, name) for name in names}
 
 
-def _words(case: Case) -> list[str]:
+def _words(case: str) -> list[str]:
     """What a replay of a run writes, and the numbers in it, to the digits that can be read."""
     with TemporaryDirectory(prefix="hertzloop-") as folder:
-        file = Path(folder) / f"{case[0]}.mcap"
-        record_in_process(load(*case), file, compiled=True)
+        file = Path(folder) / f"{case.split()[0]}.mcap"
+        record_in_process(_load(case), file, compiled=True)
         return words_of(replaying.prepare(read(file)))
 
 
@@ -231,29 +130,80 @@ def differences(noted: dict[str, Any], now: dict[str, Any]) -> list[str]:
         for metric, value in metrics.items():
             if not math.isclose(before.get(metric, math.nan), value, rel_tol=WITHIN):
                 found.append(f"{name}: {metric} was {before.get(metric)}, is {value}")
-    for key in ("command", "words"):
-        if noted[key] != now[key]:
-            found.append(f"{key} was {noted[key]}, is {now[key]}")
+    if noted["words"] != now["words"]:
+        found.append(f"words was {noted['words']}, is {now['words']}")
     return found
 
 
-def read_notes(folder: Path) -> dict[str, Any]:
-    """The notes beside the pictures; empty where there are none yet."""
-    path = folder / NOTES
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+def read_notes() -> dict[str, Any]:
+    """The notes beside the pictures of the documentation, by the name of the picture.
 
-
-def write_note(folder: Path, name: str, drawn_again: bool) -> None:
-    """Note what a picture shows today; whether it was drawn just now."""
-    notes = read_notes(folder)
-    notes[name] = note_of(PICTURES[name]) | {"drawn_with_note": drawn_again}
-    ordered = {key: notes[key] for key in sorted(notes)}
-    text = json.dumps(ordered, indent=1, allow_nan=False)
-    (folder / NOTES).write_text(text + "\n", encoding="utf-8")
+    A note holds the `command` that draws it, the file that this `writes`, the case whose replay or
+    report it is (`replayed`), and `metrics` of the cases that it draws, or of such as it draws.
+    """
+    return dict(json.loads((DOCS / NOTES).read_text(encoding="utf-8")))
 
 
 _REPORT = "report"
 _BROWSERS = ("chromium", "chromium-browser", "chrome")
+
+
+def _draw(picture: Path, runs: list[Run]) -> None:
+    """The replay of one run, over a second one if there is one."""
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        files = []
+        for i, run in enumerate(runs):
+            files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
+            try:
+                run.record(files[-1])
+            except RuntimeError as error:
+                fail(str(error), 1)
+        try:
+            first, *others = (read(file) for file in files)
+            replaying.replay(first, None, picture, others[0] if others else None)
+        except RecordingError as error:
+            fail(str(error), 1)
+
+
+def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
+    """Draw the pictures of the documentation again, hours for all, and note what they show."""
+    notes = read_notes()
+    names = only or list(notes)
+    for name in tracked("pictures", names):
+        if not note:
+            _draw_by_command(folder / name, notes[name])
+        notes[name] = note_of(notes[name]) | {"drawn_with_note": not note}
+        text = json.dumps(dict(sorted(notes.items())), indent=1, allow_nan=False)
+        (folder / NOTES).write_text(text + "\n", encoding="utf-8")
+        out.say(f"{'noted' if note else 'written'}: {folder / name}")
+    out.say(f"{len(names)} pictures are {'noted' if note else 'drawn and noted'}.")
+
+
+def _draw_by_command(picture: Path, note: dict[str, Any]) -> None:
+    command = note["command"]
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        words = command.removeprefix("python -m ").replace("DIR", temporary).split()
+        done = subprocess.run([sys.executable, "-m", *words], check=False)
+        if done.returncode:
+            fail(f"'{command}' ended with code {done.returncode}", 1)
+        shutil.copyfile(Path(temporary) / note["writes"], picture)
+
+
+def _photograph_report(picture: Path) -> None:
+    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
+    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if browser is None:
+        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
+        Run("aluminium-3mm").record(file)
+        page.write_text(page_of(read(file)), encoding="utf-8")
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
+        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode or not picture.exists():
+        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
 
 
 def main(
@@ -279,83 +229,25 @@ def main(
     Example: python -m benchmarks.pictures --only aluminium-20mm -o pictures
     """
     wanted = {name: [Run(name)] for name in shipped()} | MORE
-    _check(only, list(PICTURES) if documented else [*wanted, _REPORT])
+    known = list(read_notes()) if documented else [*wanted, _REPORT]
+    if unknown := [name for name in only or [] if name not in known]:
+        fail(f"--only = {unknown[0]}: unknown picture. Choose one of {', '.join(known)}", 2)
     names = only or ([DEFAULT] if quick and not documented else list(wanted))
-    with results_in(folder, "pictures") as made:
+    with results_in(folder, "pictures") as results:
         if documented:
-            _documented(made, only, note)
+            _documented(results.folder, only, note)
             return
         rows = []
         for name in tracked("pictures", names):
             began = time.perf_counter()
             if name == _REPORT:
-                picture = made / f"{_REPORT}.png"
-                _photograph_report(picture)
+                _photograph_report(results.path(f"{_REPORT}.png"))
             else:
-                picture = made / f"replay-{name}.png"
-                _draw(picture, wanted[name])
-            rows.append((name, picture.name, f"{time.perf_counter() - began:.2f}"))
-        write_rows(made / "pictures.csv", ["name", "file", "seconds"], rows)
-    written(made, *(row[1] for row in rows), "pictures.csv")
-    longest = max(float(row[2]) for row in rows)
-    conclude(f"A picture takes {longest:.0f} s at most (number of pictures: {len(rows)}).")
-
-
-def _check(only: list[str] | None, known: list[str]) -> None:
-    unknown = [name for name in only or [] if name not in known]
-    if unknown:
-        fail(f"--only = {unknown[0]}: unknown picture. Choose one of {', '.join(known)}", 2)
-
-
-def _draw(picture: Path, runs: list[Run]) -> None:
-    """The replay of one run, over a second one if there is one."""
-    with TemporaryDirectory(prefix="hertzloop-") as temporary:
-        files = []
-        for i, run in enumerate(runs):
-            files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
-            try:
-                run.record(files[-1])
-            except RuntimeError as error:
-                fail(str(error), 1)
-        try:
-            first, *others = (read(file) for file in files)
-            replaying.replay(first, None, picture, others[0] if others else None)
-        except RecordingError as error:
-            fail(str(error), 1)
-
-
-def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
-    """Draw the pictures of the documentation again, hours for all, and note what they show."""
-    names = only or list(PICTURES)
-    for name in tracked("pictures", names):
-        picture = PICTURES[name]
-        if not note:
-            with TemporaryDirectory(prefix="hertzloop-") as temporary:
-                words = picture.command.removeprefix("python -m ").replace("DIR", temporary)
-                done = subprocess.run([sys.executable, "-m", *words.split()], check=False)
-                if done.returncode:
-                    fail(f"'{picture.command}' ended with code {done.returncode}", 1)
-                shutil.copyfile(Path(temporary) / picture.writes, folder / name)
-        write_note(folder, name, drawn_again=not note)
-        out.print(f"{'noted' if note else 'written'}: {folder / name}", soft_wrap=True)
-    conclude(f"{len(names)} pictures are {'noted' if note else 'drawn and noted'}.")
-
-
-def _photograph_report(picture: Path) -> None:
-    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if browser is None:
-        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
-    with TemporaryDirectory(prefix="hertzloop-") as temporary:
-        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
-        Run("aluminium-3mm").record(file)
-        page.write_text(page_of(read(file)), encoding="utf-8")
-        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
-        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode or not picture.exists():
-        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
+                _draw(results.path(f"replay-{name}.png"), wanted[name])
+            rows.append((name, time.perf_counter() - began))
+        results.write_rows("pictures", ("name", "seconds"), rows)
+        longest = max(seconds for _, seconds in rows)
+        results.conclude(f"A picture takes {longest:.0f} s at most (pictures: {len(rows)}).")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ with bits and noise; both over the phases of the touch. The line's latency is va
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -23,21 +23,10 @@ from benchmarks.latency import (
     over_phases,
     survived_us,
 )
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    check_json,
-    conclude,
-    fail,
-    number_table,
-    out,
-    progress,
-    results_in,
-    start,
-    write_json,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import Columns, Results, results_in
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.setup import Setup
 from hertzloop.studies import pictures, words
 from hertzloop.studies.budget.budget import NOISE, REAL
@@ -45,7 +34,6 @@ from hertzloop.studies.sweeps.design import Spread, at_all, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
 from hertzloop.studies.tuning import LAWS
-from hertzloop.studies.words import write_rows
 
 TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")
@@ -127,17 +115,34 @@ def effect(pool: Pool, named: Named, plant: str, law: str, points: int = _POINTS
     ranged = over_phases(energies, survived, latencies[-1])
     last = with_noise(scene, law_values(law) | {"controller.latency_us": LATENCIES_US[-1]})
     return Effect(
-        named.name, law, plant, last.get("sensors.noise_rms", 0.0),
+        named.name,
+        law,
+        plant,
+        last.get("sensors.noise_rms", 0.0),
         {us: spread_of(x) for us, x in zip(LATENCIES_US, found, strict=True)},
-        survived, ranged["least_latency_us"], ranged["most_survived_us"], float(latencies[-1]),
+        survived,
+        ranged["least_latency_us"],
+        ranged["most_survived_us"],
+        float(latencies[-1]),
         *bits_needed(energies),
-    )  # fmt: skip
+    )
 
 
 def _columns() -> list[str]:
     energies = [f"{part}_db_{us}us" for us in LATENCIES_US for part in ("mean", "least", "most")]
-    return ["scene", "law", "plant", *energies, "critical_us", "least_us", "most_us", "tried_us",
-            "critical_bits", "settled_bits", "noise_rms"]  # fmt: skip
+    return [
+        "scene",
+        "law",
+        "plant",
+        *energies,
+        "critical_us",
+        "least_us",
+        "most_us",
+        "tried_us",
+        "critical_bits",
+        "settled_bits",
+        "noise_rms",
+    ]
 
 
 def _row(e: Effect) -> Iterator[Any]:
@@ -148,27 +153,18 @@ def _row(e: Effect) -> Iterator[Any]:
     yield from (e.critical_bits, e.settled_bits, e.noise_rms)
 
 
-def run(
-    folder: Path,
-    names: tuple[str, ...] = (),
-    on_progress: Callable[[int, int], None] = lambda done, of: None,
-) -> list[Effect]:
-    """Measure all laws in both plants of the scenes named, or of all; write table and picture."""
-    scenes = [named for named in SCENES if named.name in names or not names]
-    cases = [(named, law, plant) for named in scenes for law in TRIED for plant in PLANTS]
-    found = []
+def run(names: Sequence[str]) -> list[Effect]:
+    """Measure all laws in both plants of the scenes named."""
+    scenes = [named for named in SCENES if named.name in names]
+    cases = list(product(scenes, TRIED, PLANTS))
     with local_pool() as pool:
-        for i, (named, law, plant) in enumerate(cases):
-            found.append(effect(pool, named, plant, law))
-            on_progress(i + 1, len(cases))
-    write(folder, found)
-    return found
+        return [effect(pool, named, plant, law) for named, law, plant in tracked("real", cases)]
 
 
-def write(folder: Path, found: list[Effect]) -> None:
+def write(results: Results, found: list[Effect]) -> None:
     """Table and picture."""
-    write_rows(folder / "real.csv", _columns(), (list(_row(e)) for e in found))
-    draw(folder / "real.png", found)
+    results.write_rows("real", _columns(), map(_row, found))
+    draw(results.path("real.png"), found)
 
 
 def draw(path: Path, found: list[Effect]) -> None:
@@ -194,21 +190,34 @@ def draw(path: Path, found: list[Effect]) -> None:
 def _draw(ax: Any, mine: list[Effect], latency_us: int) -> None:
     laws = list(dict.fromkeys(e.law for e in mine))
     for i, plant in enumerate(dict.fromkeys(e.plant for e in mine)):
-        some = [(e.energies[latency_us], laws.index(e.law) + (2 * i - 1) * _APART)
-                for e in mine if e.plant == plant]  # fmt: skip
+        some = [
+            (e.energies[latency_us], laws.index(e.law) + (2 * i - 1) * _APART)
+            for e in mine
+            if e.plant == plant
+        ]
         shown = [(s, y) for s, y in some if s.mean <= _WORST_DB]
         style = pictures.look(i, marked=True) | {"linestyle": ""}
         face = _FACES.get(plant) or style["color"]
         ax.errorbar(
-            [s.mean for s, _ in shown], [y for _, y in shown],
+            [s.mean for s, _ in shown],
+            [y for _, y in shown],
             xerr=[[s.mean - s.least for s, _ in shown], [s.most - s.mean for s, _ in shown]],
-            label=plant, markerfacecolor=face, **style,
-        )  # fmt: skip
+            label=plant,
+            markerfacecolor=face,
+            **style,
+        )
         for spread, y in some:
             if not spread.mean <= _WORST_DB:
                 beyond = "unstable" if math.isnan(spread.mean) else f"{spread.mean:+.0f} dB"
-                ax.annotate(beyond, (0.98, y), xycoords=("axes fraction", "data"), ha="right",
-                            va="center", fontsize=7, color=style["color"])  # fmt: skip
+                ax.annotate(
+                    beyond,
+                    (0.98, y),
+                    xycoords=("axes fraction", "data"),
+                    ha="right",
+                    va="center",
+                    fontsize=7,
+                    color=style["color"],
+                )
     ax.axvline(0.0, color="black", linewidth=0.8)
     ax.axvline(_WANTED_DB, color="0.5", linewidth=0.8, linestyle=":")
     ax.set_yticks(range(len(laws)), [words.law(law) for law in laws])
@@ -225,19 +234,28 @@ def _critical(e: Effect) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-def _table(scene: str, found: list[Effect]) -> Any:
-    """Ideal and real plant side by side, a line a law and plant."""
-    headings = ("law", "plant", *(f"at {us} us" for us in found[0].energies), "helps up to (us)",
-                "bits", "to 0.5 dB")  # fmt: skip
-    title = f"{scene}: plate energy (dB), mean (range) over phases"
-    table = number_table(title, headings, (), text=2)
-    for e in found:
-        energies = ["unstable" if math.isnan(s.mean) else str(s) for s in e.energies.values()]
-        bits = ("none" if math.isnan(x) else f"{x:.0f}" for x in (e.critical_bits, e.settled_bits))
-        table.add_row(words.law(e.law), e.plant, *energies, _critical(e), *bits)
-    return table
+def _bits(bits: float) -> str:
+    return "none" if math.isnan(bits) else f"{bits:.0f}"
 
 
+def _energy(latency_us: int) -> Callable[[Effect], str]:
+    """The plate energy at a latency as text."""
+
+    def text(e: Effect) -> str:
+        spread = e.energies[latency_us]
+        return "unstable" if math.isnan(spread.mean) else str(spread)
+
+    return text
+
+
+_COLUMNS: Columns = {
+    "law": lambda e: words.law(e.law),
+    "plant": "{.plant}",
+    **{f"at {us} us": _energy(us) for us in LATENCIES_US},
+    "helps up to (us)": _critical,
+    "bits": lambda e: _bits(e.critical_bits),
+    "to 0.5 dB": lambda e: _bits(e.settled_bits),
+}
 _SHOWN_DB = (0.1, 3.0)  # less than the first is no help
 
 
@@ -256,43 +274,39 @@ def main(
 
     Example: python -m benchmarks.real_plant --quick
     """
-    check_json(json_file)
     known = [named.name for named in SCENES]
     names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
     for name in names:
         if name not in known:
             fail(f"--scene = {name}: unknown scene. Use one of {', '.join(known)}.", 2)
-    try:
-        with results_in(folder, "real_plant", "modal") as made, progress("real", 100) as advance:
-            found = run(made, names, lambda done, of: advance(round(100 * done / of)))
-    except SweepFailed as error:
-        fail(str(error), 1)
-    for scene in names:
-        out.print(_table(scene, [e for e in found if e.scene == scene]))
-    for scene in names:
-        out.print(f"{scene}, real plant, off the plate at every touch phase:")
-        for wanted_db, us in product(_SHOWN_DB, LATENCIES_US):
-            mine = (e for e in found if (e.scene, e.plant) == (scene, "real"))
-            laws = [e.law for e in mine if e.takes_off(us, wanted_db)]
-            out.print(
-                f"  {wanted_db:g} dB or more at {us} us: {', '.join(laws) or 'none'}",
-                soft_wrap=True,
-            )
-    changed = " ".join(f"--set {key}={value}" for key, value in REAL.items())
-    noise = f"noise of {NOISE:g} of the converter's range (noise_rms in real.csv)"
-    out.print(
-        f"real: {changed}, and {noise}; without contact.plasticity and plate.theory where the "
-        "scene's contact has a damper",
-        soft_wrap=True,
-    )
-    written(made, "real.csv", "real.png")
-    real = [e for e in found if e.plant == "real"]
-    helps = sum(e.takes_off(LATENCIES_US[-1], _SHOWN_DB[0]) for e in real)
-    conclude(
-        f"In the real plant {helps} of {len(real)} laws take energy off the plate at every touch "
-        f"phase with {LATENCIES_US[-1]} us of latency."
-    )
-    write_json(json_file, {"effects": [asdict(e) for e in found], "real": REAL})
+    with results_in(folder, "real_plant", "modal", json_file=json_file) as results:
+        try:
+            found = run(names)
+        except SweepFailed as error:
+            fail(str(error), 1)
+        write(results, found)
+        for scene in names:
+            title = f"{scene}: plate energy (dB), mean (range) over phases"
+            results.table(title, _COLUMNS, [e for e in found if e.scene == scene], text=2)
+        for scene in names:
+            out.print(f"{scene}, real plant, off the plate at every touch phase:")
+            for wanted_db, us in product(_SHOWN_DB, LATENCIES_US):
+                mine = (e for e in found if (e.scene, e.plant) == (scene, "real"))
+                laws = [e.law for e in mine if e.takes_off(us, wanted_db)]
+                out.say(f"  {wanted_db:g} dB or more at {us} us: {', '.join(laws) or 'none'}")
+        changed = " ".join(f"--set {key}={value}" for key, value in REAL.items())
+        noise = f"noise of {NOISE:g} of the converter's range (noise_rms in real.csv)"
+        out.say(
+            f"real: {changed}, and {noise}; without contact.plasticity and plate.theory where the "
+            "scene's contact has a damper"
+        )
+        results.add(effects=[asdict(e) for e in found], real=REAL)
+        real = [e for e in found if e.plant == "real"]
+        helps = sum(e.takes_off(LATENCIES_US[-1], _SHOWN_DB[0]) for e in real)
+        results.conclude(
+            f"In the real plant {helps} of {len(real)} laws take energy off the plate at every "
+            f"touch phase with {LATENCIES_US[-1]} us of latency."
+        )
 
 
 if __name__ == "__main__":

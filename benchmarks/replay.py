@@ -1,87 +1,30 @@
-"""How long the way from a recording to the viewer takes, and a frame there."""
+"""How long a recording takes to the file of the viewer."""
 
-import json
 import statistics
-import subprocess
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
 
-import numpy as np
-
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    RoundsOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay import as_rerun, viewer
+from hertzloop.recordings.replay import as_rerun
 from hertzloop.scene.setup import load
 from hertzloop.views import replaying
-
-_FRAMES = 40
-_STATES: tuple[Literal["paused", "playing"], ...] = ("paused", "playing")
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Median and least of what was measured several times."""
-
-    case: str
-    median: float
-    least: float
 
 
 @dataclass(frozen=True)
 class ReplayCost:
-    """`cases`: from a recording of so many steps, the run without control simulated beside it, to
-    an .rrd file of so many MB, without the start of Python; a frame of the whole dashboard. Why
-    frames are not known, if they are not."""
+    """Wall time and processor time (s), medians, from a recording of so many steps, the run without
+    control simulated beside it, to an .rrd file of so many MB, without the start of Python."""
 
     steps: int
-    cases: list[Measured]
+    wall_s: float
+    cpu_s: float
     megabytes: float
-    no_frames: str = ""
-
-
-def frame_times_ms(
-    rrd: Path, time_ns: int, frames: int, state: Literal["paused", "playing"]
-) -> list[float]:
-    """Time on the viewer's main thread of each of so many frames with everything loaded, ms; the
-    cursor at `time_ns`, or playing from there on. Raises ViewerError as `viewer.screenshot`."""
-    with TemporaryDirectory(prefix="hertzloop-") as folder:
-        trace = Path(folder) / "frames.puffin"
-
-        def ask(process: subprocess.Popen[bytes], port: int) -> None:
-            client = viewer.loaded(process, port)
-            viewer.settled(client, time_ns)
-            client.set_time(
-                viewer.TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state=state
-            )
-            client.capture_profile_trace(str(trace), num_frames=frames)
-
-        viewer.asked(rrd, ask, "tell the time of its frames")
-        words = [str(viewer.executable()), "dump-puffin", str(trace)]
-        dumped = subprocess.run(words, capture_output=True, check=False)
-    if dumped.returncode:
-        raise viewer.ViewerError(f"the viewer cannot read its own times (code {dumped.returncode})")
-    return [1e-6 * frame["duration_ns"] for frame in json.loads(dumped.stdout)["frames"]]
 
 
 def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
@@ -90,30 +33,18 @@ def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         file, rrd = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
         record_in_process(setup, file, compiled=True)
-        found: dict[str, list[float]] = {"to an .rrd file, s": [], "... of processor time, s": []}
-        cursor_ns = _convert(file, rrd, ([], []))  # loads what is compiled
-        for _ in tracked("to an .rrd file", range(rounds)):
-            _convert(file, rrd, tuple(found.values()))
-        why = ""
-        try:
-            for state in _STATES:
-                case = f"a frame of the viewer, {state}, ms"
-                found[case] = frame_times_ms(rrd, cursor_ns, _FRAMES, state)
-        except viewer.ViewerError as error:
-            why = str(error)
+        _convert(file, rrd)  # loads what is compiled
+        times = [_convert(file, rrd) for _ in tracked("to an .rrd file", range(rounds))]
         megabytes = 1e-6 * rrd.stat().st_size
-    cases = [Measured(c, statistics.median(times), min(times)) for c, times in found.items()]
-    return ReplayCost(setup.steps, cases, megabytes, why)
+    wall_s, cpu_s = (statistics.median(column) for column in zip(*times, strict=True))
+    return ReplayCost(setup.steps, wall_s, cpu_s, megabytes)
 
 
-def _convert(file: Path, rrd: Path, times: tuple[list[float], ...]) -> int:
-    """Appends seconds on the wall and of processor time; the time of a still picture, ns."""
+def _convert(file: Path, rrd: Path) -> tuple[float, float]:
+    """Seconds on the wall and of processor time."""
     wall, spent = time.perf_counter(), time.process_time()
-    shown = replaying.prepare(read(file, keep=True))
-    as_rerun.save(shown, rrd)
-    times[0].append(time.perf_counter() - wall)
-    times[1].append(time.process_time() - spent)
-    return shown.when.still_ns
+    as_rerun.save(replaying.prepare(read(file, keep=True)), rrd)
+    return time.perf_counter() - wall, time.process_time() - spent
 
 
 _QUICK_S = 0.0016
@@ -125,32 +56,25 @@ def main(
     quick: QuickOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Measure how long a recording of 600 000 steps takes to the viewer, and a frame there.
+    """Measure how long a recording of 600 000 steps takes to the file of the viewer.
 
     With --quick the recording has 1600 steps.
 
     Example: python -m benchmarks.replay --quick
     """
-    check_json(json_file)
-    with results_in(folder, "replay") as made:
-        compile_first()
+    with results_in(folder, "replay", "modal", json_file=json_file) as results:
         found = measure(1, _QUICK_S) if quick else measure(rounds)
-        write_records(made / "replay.csv", found.cases)
-        sizes = [(c.case, c.median) for c in found.cases]
-        title = f"Replay of {found.steps:,} steps"
-        bars(made / "replay.png", title, "median, in the unit of the label", sizes, log=True)
-    headings = ("case", "median", "least")
-    rows = [(c.case, f"{c.median:.3g}", f"{c.least:.3g}") for c in found.cases]
-    out.print(number_table(f"replay of {found.steps:,} steps", headings, rows, text=1))
-    out.print(f"the file has {found.megabytes:.1f} MB")
-    if found.no_frames:
-        out.print(f"frames not measured: {found.no_frames}", soft_wrap=True)
-    written(made, "replay.csv", "replay.png")
-    conclude(
-        f"A recording of {found.steps:,} steps becomes an .rrd file of {found.megabytes:.1f} MB "
-        f"in {found.cases[0].median:.2f} s."
-    )
-    write_json(json_file, {"replay": asdict(found)})
+        results.write("replay", [found])
+        results.table(
+            f"replay of {found.steps:,} steps",
+            {"time, s": "{.wall_s:.3g}", "processor time, s": "{.cpu_s:.3g}"},
+            [found],
+            text=0,
+        )
+        results.conclude(
+            f"A recording of {found.steps:,} steps becomes an .rrd file of {found.megabytes:.1f} "
+            f"MB in {found.wall_s:.2f} s."
+        )
 
 
 if __name__ == "__main__":

@@ -8,45 +8,30 @@ is as wide as the waves.
 """
 
 import math
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from benchmarks.held_force import typed
-from benchmarks.model_order import drawn
 from benchmarks.program import (
     OutDirOption,
     QuickOption,
     ScenesOption,
     SeedOption,
-    compile_first,
-    conclude,
-    number_table,
-    out,
-    results_in,
     share,
     start,
-    write_records,
-    written,
 )
-from hertzloop.loop.simulate import simulate
-from hertzloop.plant.contact.hertz import rigid_impact
+from benchmarks.random_scenes import as_options, drawn, errors_of, first_impact_of, typed
+from benchmarks.results import results_in
+from hertzloop.cli.prepare import compile_first
+from hertzloop.cli.terminal import out
 from hertzloop.results.law_accuracy import simulated_law_accuracy, stated_error
-from hertzloop.results.verification import against
 from hertzloop.scene import model_error
 from hertzloop.scene.plate_model import widest_limit_hz
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures
 
-_LEAD_S = 1e-5
 LAWS = ("force_feedback", "slope_threshold", "velocity_feedback", "fade_out", "predicted")
 _WATCH = ("slope_threshold", "fade_out", "predicted")  # a threshold of the slope
-HEADINGS = (
-    "law", "kappa", "more", "stated", "gap", "rebound", "energy", "modes only", "step only",
-    "no law", "kept", "all modes",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,81 +71,65 @@ def random_keys(random: np.random.Generator, law: str) -> tuple[dict[str, Any], 
     size = random.uniform(0.15, 0.35, 2)
     drop_m = random.uniform(0.02, 0.12)
     keys: dict[str, Any] = {
-        "plate.theory": "3d", "sphere.radius_m": random.uniform(2e-3, 6e-3),
-        "sphere.drop_height_m": drop_m, "plate.thickness_m": random.uniform(3e-3, 12e-3),
-        "plate.size_m": list(size), "plate.contact_point_m": list(size * random.uniform(0.2, 0.8)),
-        "controller.law": law, "controller.latency_us": float(random.integers(0, 6)),
+        "plate.theory": "3d",
+        "sphere.radius_m": random.uniform(2e-3, 6e-3),
+        "sphere.drop_height_m": drop_m,
+        "plate.thickness_m": random.uniform(3e-3, 12e-3),
+        "plate.size_m": list(size),
+        "plate.contact_point_m": list(size * random.uniform(0.2, 0.8)),
+        "controller.law": law,
+        "controller.latency_us": float(random.integers(0, 6)),
         "controller.kappa": random.uniform(0.2, 0.9),
-    }  # fmt: skip
+    }
     if law == "velocity_feedback":
         keys["controller.kappa"] = random.uniform(0.05, 0.4)
     if law in _WATCH:
         keys["controller.v_thr_m_s"] = -math.sqrt(19.62 * drop_m) * random.uniform(0.2, 0.8)
     more: list[dict[str, Any]] = [
-        {}, {"run.step_ns": 500}, {"sensors.every_steps": 2},
+        {},
+        {"run.step_ns": 500},
+        {"sensors.every_steps": 2},
         {"actuator.bandwidth_hz": 10.0 ** random.uniform(4.3, 5.8)},
-    ]  # fmt: skip
+    ]
     chosen = {key: typed(value) for key, value in more[random.integers(len(more))].items()}
     return {key: typed(value) for key, value in keys.items()}, chosen
 
 
 def outcome(keys: dict[str, Any], more: dict[str, Any], accuracy: float) -> Outcome | None:
     """A scene by its keys; None if its first impact does not end in time."""
-    run = {"run.lead_in_s": _LEAD_S, "run.plate_model": "modal", "run.accuracy": accuracy}
-    setup = load("aluminium-3mm").vary(keys | more | run)
-    lasts_s = rigid_impact(setup.sphere, setup.mechanics.contact).contact_s
-    setup = setup.with_steps(round((_LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    setup = first_impact_of(keys | more, accuracy)
     spec = setup.plant
-    limit_hz, wide_hz = (
-        spec.frequency_limit_hz,
-        widest_limit_hz(spec.plate, spec.sphere, spec.contact),
-    )
+    limit_hz = spec.frequency_limit_hz
+    wide_hz = widest_limit_hz(spec.plate, spec.sphere, spec.contact)
     twice_hz = min(2.0 * limit_hz, spec.plate.highest_hz)
-    both = _errors(setup, twice_hz, 2)
+    both = errors_of(setup, twice_hz)
     if both is None:
         return None
     stated = stated_error(
         model_error.expected_error(setup), simulated_law_accuracy(setup, setup.duration_s)
     )
     assert stated is not None
-    typed = [f"--set {key}={value}".replace(", ", ",") for key, value in (keys | more).items()]
     return Outcome(
-        setup.law_reference, keys["controller.kappa"], accuracy, stated, *both,
-        modes_only=_largest(_errors(setup, twice_hz, 1)),
-        step_only=_largest(_errors(setup, limit_hz, 2)),
-        no_law=_largest(_errors(setup.without_control(same_plate=True), twice_hz, 2)),
-        all_modes=_largest(_errors(setup, wide_hz, 2)),
+        setup.law_reference,
+        keys["controller.kappa"],
+        accuracy,
+        stated,
+        both.penetration,
+        both.rebound_speed,
+        both.plate_energy,
+        modes_only=_largest(setup, twice_hz, 1),
+        step_only=_largest(setup, limit_hz),
+        no_law=_largest(setup.without_control(same_plate=True), twice_hz),
+        all_modes=_largest(setup, wide_hz),
         more=", ".join(f"{key.split('.')[1]} {value:g}" for key, value in more.items()),
-        keys=" ".join(typed),
-    )  # fmt: skip
+        keys=as_options(keys | more),
+    )
 
 
-def _errors(setup: Setup, limit_hz: float, parts: int) -> tuple[float, float, float] | None:
-    """Errors of penetration, rebound speed and plate energy against modes up to `limit_hz` and
-    `parts` steps in each step."""
-    fine = replace(setup.plant, step_s=setup.step_s / parts, frequency_limit_hz=limit_hz)
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = against(setup, simulate(setup).truth, fine)
-    return (found.penetration, found.rebound_speed, found.plate_energy) if found else None
-
-
-def _largest(errors: tuple[float, float, float] | None) -> float:
-    """The largest of three errors, at most 1; nan without errors."""
-    return min(1.0, max(errors)) if errors else math.nan
-
-
-def _draw(path: Path, found: list[Outcome]) -> None:
-    metric, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
-    for i, law in enumerate(LAWS):
-        mine = [o for o in found if o.law == law]
-        style = {**pictures.look(i, True), "linestyle": "none"}
-        axes.loglog([o.stated for o in mine], [o.found for o in mine], label=law, **style)
-    ends = [min(o.found for o in found), max(o.stated for o in found)]
-    axes.loglog(ends, ends, color="grey", linewidth=0.8)
-    title = "Error of the first impact on solid plates"
-    axes.set(title=title, xlabel="stated", ylabel="twice the modes, half the step")
-    axes.legend()
-    pictures.save(metric, path)
+def _largest(setup: Setup, limit_hz: float, parts: int = 2) -> float:
+    """The largest error, at most 1; nan where the impact does not end."""
+    found = errors_of(setup, limit_hz, parts)
+    return min(1.0, found.largest) if found else math.nan
 
 
 def main(
@@ -174,35 +143,43 @@ def main(
 
     Example: python -m benchmarks.solid_law --quick
     """
-    scenes = 4 if quick else scenes
 
     def next_ones(number: int, random: np.random.Generator) -> list[Outcome]:
         one = outcome(*random_keys(random, LAWS[number % len(LAWS)]), accuracy)
         return [one] if one else []
 
-    with results_in(folder, "solid_law", "modal") as made:
+    with results_in(folder, "solid_law", "modal") as results:
         compile_first(load("aluminium-3mm", ["plate.theory=3d"]))
-        found = drawn(scenes, seed, next_ones)
-        write_records(made / "solid_law.csv", found)
-        _draw(made / "solid_law.png", found)
-    rows = [
-        (o.law, f"{o.kappa:.2f}", o.more, f"{o.stated:.1e}", f"{o.penetration:.1e}",
-         f"{o.rebound_speed:.1e}", f"{o.plate_energy:.1e}", f"{o.modes_only:.1e}",
-         f"{o.step_only:.1e}", f"{o.no_law:.1e}", "yes" if o.kept else "no", f"{o.all_modes:.1e}")
-        for o in found
-    ]  # fmt: skip
-    title = f"Errors on solid plates under a law, requested {accuracy:g}"
-    out.print(number_table(title, HEADINGS, rows, 3))
-    for o in found:
-        if not o.kept:
-            out.print(f"missed: {o.keys}", soft_wrap=True)
-    written(made, "solid_law.csv", "solid_law.png")
-    within = share(sum(o.found <= accuracy for o in found), len(found))
-    all_modes = share(sum(o.all_modes <= max(o.asked, o.stated) for o in found), len(found))
-    out.print(f"The requested error is met in {within}.")
-    out.print(f"With all modes the error is at most the stated one in {all_modes}.")
-    kept = share(sum(o.kept for o in found), len(found))
-    conclude(f"The error of the first impact is at most the stated one in {kept}.")
+        found = drawn(4 if quick else scenes, seed, next_ones)
+        results.write("solid_law", found)
+        results.table(
+            f"Errors on solid plates under a law, requested {accuracy:g}",
+            {
+                "law": "{.law}",
+                "kappa": "{.kappa:.2f}",
+                "more": "{.more}",
+                "stated": "{.stated:.1e}",
+                "gap": "{.penetration:.1e}",
+                "rebound": "{.rebound_speed:.1e}",
+                "energy": "{.plate_energy:.1e}",
+                "modes only": "{.modes_only:.1e}",
+                "step only": "{.step_only:.1e}",
+                "no law": "{.no_law:.1e}",
+                "kept": lambda o: "yes" if o.kept else "no",
+                "all modes": "{.all_modes:.1e}",
+            },
+            found,
+            text=3,
+        )
+        for o in found:
+            if not o.kept:
+                out.say(f"missed: {o.keys}")
+        within = share(sum(o.found <= accuracy for o in found), len(found))
+        all_modes = share(sum(o.all_modes <= max(o.asked, o.stated) for o in found), len(found))
+        out.print(f"The requested error is met in {within}.")
+        out.print(f"With all modes the error is at most the stated one in {all_modes}.")
+        kept = share(sum(o.kept for o in found), len(found))
+        results.conclude(f"The error of the first impact is at most the stated one in {kept}.")
 
 
 if __name__ == "__main__":

@@ -8,317 +8,59 @@ CPU times are measured in turn, round after round.
 import importlib.util
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from benchmarks import integrator_kernels as ik
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    conclude,
-    median,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_records,
-    written,
+from benchmarks.integrators import (
+    Problem,
+    Run,
+    TooSlowError,
+    collocation_run,
+    convolution_run,
+    cvode_run,
+    dop853_run,
+    kernel_run,
+    plant_run,
+    problem,
+    quadratised_run,
+    scipy_run,
+    thesis_run,
 )
+from benchmarks.program import OutDirOption, QuickOption, median, start, tracked
+from benchmarks.results import Columns, Results, results_in
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.plant.numerics import phi
-from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.schemes.thesis2008 import ThesisPlant
-from hertzloop.scene.setup import load
 from hertzloop.studies import pictures
-
-SAMPLE_S = 4e-6
-
-
-class TooSlowError(Exception):
-    """A run that was cut off; says after what."""
-
-
-@dataclass
-class Problem:
-    """Modal equations of one scene: arrays (modes,), duration a multiple of the samples."""
-
-    name: str
-    spec: PlantSpec
-    duration_s: float
-    omega2: np.ndarray
-    drive: np.ndarray
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of the gap."""
-        return round(self.duration_s / SAMPLE_S)
-
-    @property
-    def arguments(self) -> tuple[Any, ...]:
-        """What the integrators' kernels take after the state."""
-        spec = self.spec
-        return self.omega2, self.drive, spec.contact.stiffness, spec.sphere.mass_kg
-
-    def start(self) -> np.ndarray:
-        """State at the first touch."""
-        state = np.zeros(2 * len(self.omega2) + 2)
-        state[-1] = -self.spec.sphere.impact_speed_m_s
-        return state
-
-    def drift(self, state: np.ndarray) -> float:
-        """Relative change of the energy since the start."""
-        begin = float(ik.energy(self.start(), *self.arguments))
-        return float(ik.energy(state, *self.arguments)) / begin - 1.0
-
-
-Run = Callable[[], tuple[np.ndarray, float, float]]  # gaps, energy drift, CPU time (s)
-
-
-def problem(name: str, duration_s: float) -> Problem:
-    """A scene with the modes that an accuracy of 1e-3 asks for, without damping."""
-    spec = load(name, ["contact.damping=none", "plate.loss_factor=0.0"]).plant
-    spec = replace(spec, residual_flexibility=False, lead_in_s=0.0)
-    modes = CollocationPlant(spec).modes
-    drive = modes.scale_per_kg * modes.contact**2
-    duration_s = math.ceil(duration_s / SAMPLE_S) * SAMPLE_S
-    return Problem(name, spec, duration_s, modes.omega**2, drive)
-
-
-def plant_run(make: type[Plant], what: Problem, step_s: float) -> Run:
-    plant = make(replace(what.spec, step_s=step_s))
-    kept = [array.copy() for array in plant.state]
-    every = round(SAMPLE_S / step_s)
-    gaps = np.empty(what.samples)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        for array, value in zip(plant.state, kept, strict=True):
-            array[:] = value
-        started = time.process_time()
-        ik.plant_gaps(plant.model, plant.state, every, gaps)
-        cpu_s = time.process_time() - started
-        return gaps.copy(), float(plant.close_balance().energy_residual), cpu_s
-
-    return run
-
-
-def kernel_run(kernel: Callable[..., None], what: Problem, step_s: float, *more: float) -> Run:
-    every = round(SAMPLE_S / step_s)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        state, gaps = what.start(), np.empty(what.samples)
-        started = time.process_time()
-        kernel(state, *what.arguments, step_s, every * what.samples, every, gaps, *more)
-        return gaps, what.drift(state), time.process_time() - started
-
-    return run
-
-
-def scipy_run(
-    method: Any, what: Problem, tolerance: float, count: list[int], limit_s: float = math.inf
-) -> Run:
-    """A solver of SciPy with compiled right-hand side and Jacobian. `count[0]` becomes the number
-    of evaluations. The run raises TooSlowError after `limit_s` of CPU time."""
-    t = SAMPLE_S * np.arange(1, what.samples + 1)
-    modes = len(what.omega2)
-    more: dict[str, Any] = {}
-    if method != "DOP853":
-        more["jac"] = lambda t, y: ik.jacobian(y, *what.arguments)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        started = time.process_time()
-
-        def slope(time_s: float, y: np.ndarray) -> np.ndarray:
-            if time.process_time() - started > limit_s:
-                share = f"{time_s / t[-1]:.0%} of the time done at rtol {tolerance:g}"
-                raise TooSlowError(f"stopped after {limit_s:g} s of CPU time, {share}")
-            return np.asarray(ik.slope(time_s, y, *what.arguments))
-
-        solved = solve_ivp(
-            slope, (0.0, float(t[-1])), what.start(), method=method, t_eval=t,
-            rtol=tolerance, atol=tolerance * 1e-6, **more,
-        )  # fmt: skip
-        cpu_s = time.process_time() - started
-        count[0] = solved.nfev
-        if not solved.success:
-            raise TooSlowError(f"gave up: {solved.message}")
-        plate = solved.y[:modes].sum(axis=0)
-        drift = what.drift(np.ascontiguousarray(solved.y[:, -1]))
-        return solved.y[2 * modes] - plate, drift, cpu_s
-
-    return run
-
-
-def cvode_run(what: Problem, tolerance: float) -> Run | None:
-    """SUNDIALS CVODE, Adams with a matrix-free solver; None where scikit-sundae is missing."""
-    try:
-        from sksundae.cvode import CVODE
-    except ImportError:
-        return None
-    t = SAMPLE_S * np.arange(what.samples + 1)
-    modes = len(what.omega2)
-
-    def slope(time_s: float, y: np.ndarray, out: np.ndarray) -> None:
-        out[:] = ik.slope(time_s, y, *what.arguments)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        solver = CVODE(
-            slope, method="Adams", linsolver="gmres", rtol=tolerance, atol=1e-6 * tolerance,
-            max_num_steps=100_000,
-        )  # fmt: skip
-        started = time.process_time()
-        y = solver.solve(t, what.start()).y[1:]
-        cpu_s = time.process_time() - started
-        drift = what.drift(np.ascontiguousarray(y[-1]))
-        return y[:, 2 * modes] - y[:, :modes].sum(axis=1), drift, cpu_s
-
-    return run
-
-
-def dop853_run(what: Problem, tolerance: float) -> Run:
-    """The compiled DOP853, tolerances as SciPy's."""
-
-    def run() -> tuple[np.ndarray, float, float]:
-        state, gaps = what.start(), np.empty(what.samples)
-        started = time.process_time()
-        ik.dop853(
-            state, *what.arguments, SAMPLE_S, gaps, tolerance, 1e-6 * tolerance, 1e-6, False
-        )  # fmt: skip
-        cpu_s = time.process_time() - started
-        return gaps, what.drift(state), cpu_s
-
-    return run
-
-
-def quadratised_run(what: Problem, step_s: float) -> Run:
-    """The non-iterative scheme; its coefficients are made before the clock starts."""
-    omega = np.sqrt(what.omega2)
-    change = what.drive / omega * step_s * phi(1, 1j * omega * step_s)
-    turn = np.exp(1j * omega * step_s)
-    table = np.ascontiguousarray([turn.real, turn.imag, change.real, change.imag])
-    mass = what.spec.sphere.mass_kg
-    gain = float(change.imag.sum()) + 0.5 * step_s**2 / mass
-    every = round(SAMPLE_S / step_s)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        z, gaps = np.zeros((2, len(omega))), np.empty(what.samples)
-        body = np.array([0.0, -what.spec.sphere.impact_speed_m_s, 0.0, 0.0])
-        started = time.process_time()
-        ik.quadratised(
-            z, body, table, gain, what.spec.contact.stiffness, mass, step_s, every, gaps
-        )  # fmt: skip
-        cpu_s = time.process_time() - started
-        state = np.concatenate([z[1], omega * z[0], body[:2]])
-        return gaps, what.drift(state), cpu_s
-
-    return run
-
-
-def convolution_run(what: Problem, step_s: float) -> Run:
-    """Direct sums; the Green's function is sampled before the clock starts."""
-    every = round(SAMPLE_S / step_s)
-    steps = every * what.samples
-    omega, mass = np.sqrt(what.omega2), what.spec.sphere.mass_kg
-    speed = what.spec.sphere.impact_speed_m_s
-    response, force = np.zeros(steps + 1), np.zeros(steps + 1)
-    ik.sampled_response(omega, what.drive, mass, step_s, response)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        gaps, state = np.empty(what.samples), what.start()
-        started = time.process_time()
-        ik.convolution(response, force, speed, what.spec.contact.stiffness, step_s, every, gaps)
-        cpu_s = time.process_time() - started
-        ik.state_after(omega, what.drive, force, step_s, mass, speed, state)
-        return gaps, what.drift(state), cpu_s
-
-    return run
-
-
-def collocation_run(
-    what: Problem, step_s: float, stages: int, levels: int | None = None, height_m: float = 0.0
-) -> Run:
-    """Exponential collocation at `stages` Gauss nodes; the tables are made before the clock starts.
-
-    `levels`: of halving; by default so many that the error of the shortest sub-step, which grows
-    as its length to 2.5, falls with the order of the rest, 2 stages. The sphere starts `height_m`
-    above the plate.
-    """
-    spec, omega = what.spec, np.sqrt(what.omega2)
-    mass, stiffness = spec.sphere.mass_kg, spec.contact.stiffness
-    scale_s = 0.5 * rigid_contact_time_s(mass, stiffness, spec.sphere.impact_speed_m_s)
-    if levels is None:
-        shrinks = (2.0 * stages / 2.5 - 1.0) * math.log2(scale_s / step_s)
-        levels = 3 + max(0, math.ceil(shrinks))
-    nodes = np.append(0.5 * np.polynomial.legendre.leggauss(stages)[0] + 0.5, 1.0)
-    # Lagrange polynomials in powers of t/h, column j that of node j.
-    powers = np.linalg.inv(np.vander(nodes[:-1], increasing=True))
-    lengths = step_s * 0.5 ** np.arange(levels)
-    times = np.outer(lengths, nodes)
-    turns = np.empty((levels, stages + 1, 2, len(omega)))
-    changes = np.empty((levels, stages, 2, len(omega)))
-    gains, speed_gains = np.empty((levels, stages + 1, stages)), np.empty((levels, stages))
-    for level, h in enumerate(lengths):
-        for i, c in enumerate(nodes):
-            x = 1j * omega * c * h
-            turns[level, i] = np.exp(x).real, np.exp(x).imag
-            # Change of z, and of the sphere, by (t/h)^p from 0 to c h.
-            plate = [math.factorial(p) * c**p * c * h * phi(p + 1, x) for p in range(stages)]
-            sphere = [c**p * (c * h) ** 2 / ((p + 1) * (p + 2)) / mass for p in range(stages)]
-            answer = (what.drive / omega) * (powers.T @ np.array(plate))
-            gains[level, i] = powers.T @ np.array(sphere) + answer.imag.sum(axis=1)
-        changes[level, :, 0], changes[level, :, 1] = answer.real, answer.imag
-        speed_gains[level] = powers.T @ (h / (1.0 + np.arange(stages))) / mass
-    every = round(SAMPLE_S / step_s)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        z, gaps = np.zeros((2, len(omega))), np.empty(what.samples)
-        speed = -spec.sphere.impact_speed_m_s
-        body = np.array([height_m, speed, height_m, speed])
-        started = time.process_time()
-        ik.collocation(
-            z, body, omega, times, turns, changes, gains, speed_gains, stiffness, scale_s, every,
-            gaps,
-        )  # fmt: skip
-        cpu_s = time.process_time() - started
-        return gaps, what.drift(np.concatenate([z[1], omega * z[0], body[:2]])), cpu_s
-
-    return run
-
-
-def thesis_run(what: Problem, step_s: float) -> Run:
-    """The published scheme taken literally, with its own modes up to pi/dt."""
-    every = round(SAMPLE_S / step_s)
-
-    def run() -> tuple[np.ndarray, float, float]:
-        plant = ThesisPlant(replace(what.spec, step_s=step_s), every * what.samples)
-        gaps = np.empty(what.samples)
-        started = time.process_time()
-        ik.plant_gaps(plant.model, plant.state, every, gaps)
-        cpu_s = time.process_time() - started
-        return gaps, float(plant.close_balance().energy_residual), cpu_s
-
-    return run
-
 
 # The default scheme is in both rows, as series 0.
 _FAMILIES = {
     "textbook and second-order schemes": (
-        "modal", "discrete_gradient", "quadratised", "convolution", "verlet", "rk4", "newmark",
+        "modal",
+        "discrete_gradient",
+        "quadratised",
+        "convolution",
+        "verlet",
+        "rk4",
+        "newmark",
         "hht",
     ),
     "high-order and adaptive schemes": (
-        "modal", "collocation-s1", "collocation-s2", "collocation-s3", "dop853 compiled", "dop853",
-        "cvode", "lsoda",
+        "modal",
+        "collocation-s1",
+        "collocation-s2",
+        "collocation-s3",
+        "dop853 compiled",
+        "dop853",
+        "cvode",
+        "lsoda",
     ),
-}  # fmt: skip
+}
 
 
 def draw(path: Path, names: Sequence[str], points: Sequence[Any]) -> None:
@@ -330,9 +72,11 @@ def draw(path: Path, names: Sequence[str], points: Sequence[Any]) -> None:
             for i, scheme in enumerate(schemes):
                 mine = [p for p in points if (p.scene, p.scheme, p.status) == (name, scheme, "ok")]
                 axis.loglog(
-                    [p.cpu_s_per_ms for p in mine], [p.error for p in mine],
-                    label=scheme, **pictures.look(i, True),
-                )  # fmt: skip
+                    [p.cpu_s_per_ms for p in mine],
+                    [p.error for p in mine],
+                    label=scheme,
+                    **pictures.look(i, True),
+                )
             axis.set(title=f"{name}: {family}", xlabel="CPU time (s per simulated ms)")
             axis.set_ylabel("error of the gap")
             axis.set_ylim(1e-9, 1.0)
@@ -464,16 +208,16 @@ def _left_out(scene: str, scheme: str, setting: str, reason: str) -> Point:
     return Point(scene, scheme, setting, math.nan, math.nan, math.nan, f"omitted: {reason}")
 
 
-def run(folder: Path, quick: bool) -> list[Point]:
-    """Measure, and write speed_accuracy.csv and speed_accuracy.png into `folder`."""
+def run(results: Results, quick: bool) -> list[Point]:
+    """Measure, and write the points and the picture."""
     names = list(_QUICK_SCENES if quick else _SCENES)
     rounds, limit_s = (2, _QUICK_LIMIT_S) if quick else (5, _LIMIT_S)
     points = [p for name in names for p in measure(name, _SCENES[name], rounds, limit_s)]
     if importlib.util.find_spec("sksundae") is None:
         reason = "scikit-sundae is not installed (pip install -e '.[dev]')"
         points += [_left_out(name, "cvode", "", reason) for name in names]
-    write_records(folder / "speed_accuracy.csv", points)
-    draw(folder / "speed_accuracy.png", names, points)
+    results.write("speed_accuracy", points)
+    draw(results.path("speed_accuracy.png"), names, points)
     return points
 
 
@@ -498,21 +242,15 @@ _COMPETITORS = {
 }
 
 
-def ratios(points: list[Point]) -> dict[str, list[tuple[str, ...]]]:
-    """The default scheme's cost against its competitors' at three errors, as rows to print."""
-    found: dict[str, list[tuple[str, ...]]] = {}
-    scenes = list(dict.fromkeys(p.scene for p in points))
-    for competitor, schemes in _COMPETITORS.items():
-        rows: list[tuple[str, ...]] = []
-        for scene in scenes:
-            for error in (1e-3, 1e-4, 1e-6):
-                mine = cost_at(points, scene, "modal", error)
-                costs = [cost_at(points, scene, scheme, error) for scheme in schemes]
-                other = min((c for c in costs if not math.isnan(c)), default=math.nan)
-                cells = (f"{error:g}", f"{mine:.2e}", f"{other:.2e}", f"{other / mine:.3g}")
-                rows.append((scene, *cells))
-        found[f"modal against {competitor}"] = rows
-    return found
+def ratios(
+    points: list[Point], schemes: Sequence[str]
+) -> Iterator[tuple[str, float, float, float]]:
+    """Scene, error, and the cost of the default scheme and of the cheapest of some schemes."""
+    for scene in dict.fromkeys(p.scene for p in points):
+        for error in (1e-3, 1e-4, 1e-6):
+            costs = [cost_at(points, scene, scheme, error) for scheme in schemes]
+            other = min((c for c in costs if not math.isnan(c)), default=math.nan)
+            yield scene, error, cost_at(points, scene, "modal", error), other
 
 
 _ERROR = 1e-3  # of the conclusion
@@ -556,13 +294,18 @@ def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
 
     Example: python -m benchmarks.speed_accuracy --quick
     """
-    with results_in(folder, "speed_accuracy", "modal") as made:
-        points = run(made, quick)
-    for title, rows in ratios(points).items():
-        headings = ("scene", "error", "modal (s/ms)", "competitor (s/ms)", "times faster")
-        out.print(number_table(title, headings, rows))
-    written(made, "speed_accuracy.csv", "speed_accuracy.png")
-    conclude(conclusion(points))
+    with results_in(folder, "speed_accuracy", "modal") as results:
+        points = run(results, quick)
+        columns: Columns = {
+            "scene": "{[0]}",
+            "error": "{[1]:g}",
+            "modal (s/ms)": "{[2]:.2e}",
+            "competitor (s/ms)": "{[3]:.2e}",
+            "times faster": lambda row: f"{row[3] / row[2]:.3g}",
+        }
+        for competitor, schemes in _COMPETITORS.items():
+            results.table(f"modal against {competitor}", columns, ratios(points, schemes), text=0)
+        results.conclude(conclusion(points))
 
 
 if __name__ == "__main__":

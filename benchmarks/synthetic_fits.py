@@ -3,32 +3,20 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.program import (
-    bars,
-    check_json,
-    compile_first,
-    fail,
-    median,
-    number_table,
-    out,
-    results_in,
-    tracked,
-    write_json,
-    written,
-)
+from benchmarks.program import median
+from benchmarks.results import Results
 from benchmarks.synthetic_records import Spoilt, measured
+from hertzloop.cli.terminal import fail, out
 from hertzloop.identification.fit.observation import ObservedSignal
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.words import write_rows
 
 ExactOption = Annotated[bool, typer.Option("--exact", help="Take the model as exact.")]
 OnlyOption = Annotated[
@@ -36,37 +24,57 @@ OnlyOption = Annotated[
 ]
 GAIN_SD, CLOCK_SD = 0.01, 25.0
 _OTHER_NOISE, _ZERO_S = 100_000, 0.004  # of another channel: seeds later, and the common time
-_COLUMNS = ("problem", "key", "held", "of", "rms_error_percent", "half_width_percent", "told",
-            "residual_over_noise", "simulations", "wall_s")  # fmt: skip
 
 Fit = Callable[[int], tuple[FitResult, dict[str, float]]]  # of a seed, with the true values
 
 
 def by_one_clock(
-    seen: Sequence[ObservedSignal], spoilt: Spoilt, seed: int, table: Measurement, rate_hz: float,
-    quiet_s: float, tables: Mapping[str, Mapping[str, Any]] | None = None,
-) -> list[Record]:  # fmt: skip
+    seen: Sequence[ObservedSignal],
+    spoilt: Spoilt,
+    seed: int,
+    tables: Mapping[str, Measurement],
+    rate_hz: float,
+    quiet_s: float,
+) -> list[Record]:
     """Return the channels of one drop.
 
     Args:
         seen: their noiseless quantities.
         spoilt: what the measurement adds.
         seed: of the noise.
-        table: what all channels say of themselves.
+        tables: what a channel says of itself, by quantity.
         rate_hz: samples per second.
         quiet_s: length before the touch, s.
-        tables: other keys of a channel's table, by quantity.
     """
-    several = len(seen) > 1
+    clock = "daq" if len(seen) > 1 else None
     return [
         measured(
-            one, spoilt, seed + number * _OTHER_NOISE, rate_hz=rate_hz, quiet_s=quiet_s,
-            table=replace(table, quantity=one.quantity, clock="daq" if several else None,
-                          **(tables or {}).get(one.quantity, {})),
-            zero_s=_ZERO_S if several else None, name=one.quantity,
+            one,
+            spoilt,
+            seed + number * _OTHER_NOISE,
+            rate_hz=rate_hz,
+            quiet_s=quiet_s,
+            name=one.quantity,
+            table=replace(tables[one.quantity], quantity=one.quantity, clock=clock),
+            zero_s=_ZERO_S if clock else None,
         )
         for number, one in enumerate(seen)
-    ]  # fmt: skip
+    ]
+
+
+def known_gain_and_clock(table: Measurement) -> Measurement:
+    """A table that states the priors of gain and clock from which `spoilt` draws."""
+    return replace(table, sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+
+
+def drawn_gain_and_clock(spoilt: Spoilt, generator: np.random.Generator) -> Spoilt:
+    """The same measurement with gain and clock drawn from their priors, and an offset."""
+    return replace(
+        spoilt,
+        gain=1.0 + GAIN_SD * float(generator.standard_normal()),
+        clock_ppm=CLOCK_SD * float(generator.standard_normal()),
+        offset=0.005,
+    )
 
 
 def moved(
@@ -135,8 +143,9 @@ def summary(
             continue
         results.append(result)
         models[str(result.model)] = models.get(str(result.model), 0) + 1
-        held = {e.key: (e.low or 0.0) <= true[e.key] <= (e.high or math.inf)
-                for e in result.estimates}  # fmt: skip
+        held = {
+            e.key: (e.low or 0.0) <= true[e.key] <= (e.high or math.inf) for e in result.estimates
+        }
         whole += all(held.values())
         for e in result.estimates:
             errors[e.key].append(e.value / true[e.key] - 1.0)
@@ -147,50 +156,82 @@ def summary(
                 off /= e.sd_log or math.nan
                 misses.append(f"seed {seed}: {e.key} = {e.value:.6g}, {off:+.2f} sd")
     return Summary(
-        problem, wrong, seeds, covered, whole, models,
+        problem,
+        wrong,
+        seeds,
+        covered,
+        whole,
+        models,
         {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v},
         {k: median(v) for k, v in widths.items()},
-        median(r.residual_over_noise for r in results), median(r.evaluations for r in results),
-        median(r.wall_s for r in results), misses,
-    )  # fmt: skip
+        median(r.residual_over_noise for r in results),
+        median(r.evaluations for r in results),
+        median(r.wall_s for r in results),
+        misses,
+    )
 
 
-def summaries(
-    program: str, folder: Path | None, json_file: Path | None, names: Sequence[str],
-    known: Sequence[str], of: Callable[[str], Summary],
-) -> list[Summary]:  # fmt: skip
-    """Summarise problems, write them into a folder and print them.
+@dataclass(frozen=True)
+class Coverage:
+    """What the intervals of one key of a problem cover: a row of the table."""
 
-    Args:
-        program: its name.
-        folder: that the user named.
-        json_file: that the user named.
-        names: of the problems to run.
-        known: all names.
-        of: summary of a problem by its name.
-    """
-    check_json(json_file)
+    problem: str
+    key: str
+    held: int
+    of: int
+    rms_error_percent: float
+    half_width_percent: float
+    told: int
+    residual_over_noise: float
+    simulations: float
+    wall_s: float
+
+
+def _coverages(s: Summary) -> list[Coverage]:
+    about = s.told, s.median_residual_over_noise, s.median_evaluations, s.median_wall_s
+    return [
+        Coverage(
+            s.problem,
+            key,
+            held,
+            s.seeds,
+            100.0 * s.rms_error.get(key, math.nan),
+            s.half_width_percent[key],
+            *about,
+        )
+        for key, held in s.covered.items()
+    ]
+
+
+def check_names(names: Sequence[str], known: Sequence[str]) -> None:
+    """End the program for a problem that is not known."""
     for name in names:
         if name not in known:
             fail(f"--only = {name}: unknown problem. Use one of {', '.join(known)}.", 2)
-    with results_in(folder, program) as made:
-        compile_first()
-        found = [of(name) for name in tracked("problems", names)]
-        rows = [(s.problem, key, n, s.seeds, 100.0 * s.rms_error.get(key, math.nan),
-                 s.half_width_percent[key], s.told, s.median_residual_over_noise,
-                 s.median_evaluations, s.median_wall_s)
-                for s in found for key, n in s.covered.items()]  # fmt: skip
-        write_rows(made / f"{program}.csv", _COLUMNS, (list(row) for row in rows))
-        bars(made / f"{program}.png", "Coverage", "intervals that hold the truth (%)",
-             [(f"{name}: {key.partition('.')[2]}", 100.0 * n / of)
-              for name, key, n, of, *_ in rows])  # fmt: skip
-    headings = ("problem", "key", "held", "of", "rms error %", "half-width %", "class told",
-                "residual", "simulations", "s")  # fmt: skip
-    cells = [(*row[:2], *(f"{x:.3g}" for x in row[2:])) for row in rows]
-    out.print(number_table("fits of synthetic records", headings, cells, text=2))
+
+
+def report(results: Results, program: str, found: Sequence[Summary]) -> None:
+    """Write and print the summaries of all problems."""
+    rows = [row for s in found for row in _coverages(s)]
+    results.write(program, rows)
+    results.add(problems=[asdict(s) for s in found])
+    results.table(
+        "fits of synthetic records",
+        {
+            "problem": "{.problem}",
+            "key": "{.key}",
+            "held": "{.held}",
+            "of": "{.of}",
+            "rms error %": "{.rms_error_percent:.3g}",
+            "half-width %": "{.half_width_percent:.3g}",
+            "class told": "{.told}",
+            "residual": "{.residual_over_noise:.3g}",
+            "simulations": "{.simulations:.3g}",
+            "s": "{.wall_s:.3g}",
+        },
+        rows,
+        text=2,
+    )
     for s in found:
         for miss in s.misses:
-            out.print(f"{s.problem}, {miss}", soft_wrap=True)
-    written(made, f"{program}.csv", f"{program}.png")
-    write_json(json_file, {"problems": [asdict(s) for s in found]})
-    return found
+            out.say(f"{s.problem}, {miss}")

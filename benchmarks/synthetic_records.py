@@ -20,9 +20,13 @@ _MORE_MODES = 1e-5  # accuracy; a fit takes 3e-5 at the finest
 
 
 def truth(
-    setup: Setup, quantity: str, duration_s: float, chain: MeasuringChain | None = None,
-    accuracy: float = _MORE_MODES, phase: float | None = None,
-) -> ObservedSignal:  # fmt: skip
+    setup: Setup,
+    quantity: str,
+    duration_s: float,
+    chain: MeasuringChain | None = None,
+    accuracy: float = _MORE_MODES,
+    phase: float | None = None,
+) -> ObservedSignal:
     """Return the noiseless quantity of a scene over the time after the first touch.
 
     Args:

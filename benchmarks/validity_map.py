@@ -5,7 +5,6 @@ All from Zener's impact on an infinite plate, before any run; each effect as a r
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,48 +12,22 @@ import numpy as np
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    SceneArgument,
-    SetOption,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    scene_from,
-    start,
-    written,
-)
-from hertzloop.plant.contact.hertz import (
-    Contact,
-    Limit,
-    Sphere,
-    hertz_stiffness,
-    tangent_stiffness_n_m,
-)
+from benchmarks.program import OutDirOption, QuickOption, start
+from benchmarks.results import Results, results_in
+from hertzloop.cli.options import SceneArgument, SetOption
+from hertzloop.cli.prepare import scene_from
+from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from hertzloop.plant.contact.yielding import YieldPressure, dent_m, force_n, yielding
 from hertzloop.plant.estimates import plate_theory as criteria
-from hertzloop.plant.estimates.plate_theory import (
-    kirchhoff_error,
-    static_difference_m_n,
-    thickness_number,
-    zener_impact,
-    zener_inelasticity,
-)
-from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.estimates.plate_theory import kirchhoff_error, zener_impact
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
-from hertzloop.studies.words import write_rows
 
 RADII_M = (2e-4, 3e-2)
 THICKNESSES_M = (2e-4, 3e-2)
-_KH = 120  # of the table from which Kirchhoff's static error is taken
-_LAMBDAS = 24  # of the table from which Zener's impact is taken
-_TABLED = (1e-3, 30.0)  # lambdas of it
 _TAKES_ALL = 1.0  # lambda from which on the plate's energy is right in any theory
 
 
@@ -72,24 +45,10 @@ class MapPlace:
 
 
 def plate_theory(b: MapPlace) -> float:
-    """What Kirchhoff's theory costs: of plate energy, rebound, peak and contact time."""
-    number = thickness_number(b.plate, b.contact_s)
-    numbers, integral, energy = _kirchhoff_table()
-    share = tangent_stiffness_n_m(b.contact.stiffness, b.peak_n)
-    beyond = float(np.interp(np.log(number), np.log(numbers), integral))
-    peak = abs(beyond) / (b.plate.material.plane_strain_modulus_pa * b.plate.thickness_m) * share
-    return max(peak, energy * number * number) if b.inelasticity < _TAKES_ALL else peak
-
-
-@lru_cache(maxsize=1)
-def _kirchhoff_table() -> tuple[np.ndarray, np.ndarray, float]:
-    """Numbers k h, the static difference there in units of 1/(E' h), and the plate energy's error
-    per (k h)^2: both are the same for every plate."""
-    plate = Plate(Material(1.0, 1.0, 0.0), (1.0, 1.0), 1.0)
-    numbers = np.geomspace(1e-3, 40.0, _KH)
-    found = np.array([static_difference_m_n(plate, float(number)) for number in numbers])
-    energy = kirchhoff_error(plate, 1.0, 1.0, 1.0).plate_energy
-    return numbers, found, energy / thickness_number(plate, 1.0) ** 2
+    """What Kirchhoff's theory costs: of the peak force, and of the plate energy where the plate
+    does not take all of it."""
+    error = kirchhoff_error(b.plate, b.contact.stiffness, b.contact_s, b.peak_n)
+    return max(error.peak_force, error.plate_energy if b.inelasticity < _TAKES_ALL else 0.0)
 
 
 def yield_loss(b: MapPlace) -> float:
@@ -156,78 +115,64 @@ def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, 
     radii, thicknesses = (np.geomspace(*ends, count) for ends in (RADII_M, THICKNESSES_M))
     found = setup.mechanics.weaker
     strength = None if found is None else found[1]
-    lasts = _zener_table(spec.sphere, spec.plate.local_plate)
     sizes = {name: np.zeros((count, count)) for name, _, _ in EFFECTS}
     for i, h in enumerate(thicknesses):
         for j, r in enumerate(radii):
-            bodies = _bodies(spec.sphere, spec.plate.local_plate, r, h, strength, lasts)
+            bodies = place(spec.sphere, spec.plate.local_plate, float(r), float(h), strength)
             for name, _, size in EFFECTS:
                 sizes[name][i, j] = size(bodies)
     return radii, thicknesses, sizes
 
 
-def _at(sphere: Sphere, plate: Plate, radius_m: float, thickness_m: float) -> tuple[
-    Sphere, Plate, Contact
-]:  # fmt: skip
+def place(
+    sphere: Sphere,
+    plate: Plate,
+    radius_m: float,
+    thickness_m: float,
+    strength: YieldPressure | None,
+) -> MapPlace:
+    """The same sphere and plate with another radius and thickness."""
     ball, sheet = replace(sphere, radius_m=radius_m), replace(plate, thickness_m=thickness_m)
-    return ball, sheet, Contact(hertz_stiffness(radius_m, ball.material, sheet.material))
+    contact = Contact(hertz_stiffness(radius_m, ball.material, sheet.material))
+    impact = zener_impact(ball, sheet, contact)
+    return MapPlace(
+        ball,
+        sheet,
+        contact,
+        strength,
+        impact.inelasticity,
+        impact.contact_s,
+        impact.peak_force_n,
+    )
 
 
-def _unit_s(sphere: Sphere, contact: Contact) -> float:
-    return float((sphere.mass_kg / (contact.stiffness * sphere.impact_speed_m_s**0.5)) ** 0.4)
-
-
-def _zener_table(sphere: Sphere, plate: Plate) -> np.ndarray:
-    """Zener's impact by its one number: lambda, length in units of t*, peak in units of m v/t*;
-    shape (3, _LAMBDAS)."""
-    rows = []
-    first = zener_inelasticity(*_at(sphere, plate, RADII_M[0], 1e-3))
-    for number in np.geomspace(*_TABLED, _LAMBDAS):
-        # lambda is as h^-2 for one sphere.
-        bodies = _at(sphere, plate, RADII_M[0], 1e-3 * float(first / number) ** 0.5)
-        impact, unit_s = zener_impact(*bodies), _unit_s(bodies[0], bodies[2])
-        force_n = bodies[0].mass_kg * bodies[0].impact_speed_m_s / unit_s
-        rows.append((number, impact.contact_s / unit_s, impact.peak_force_n / force_n))
-    return np.array(rows).T
-
-
-def _from_table(table: np.ndarray, number: float, column: int) -> float:
-    """A column at a lambda: that of a rigid plate below the table, a power law beyond it."""
-    known, values = np.log(table[0]), np.log(table[column])
-    at = float(np.log(number))
-    found = float(np.interp(at, known, values))
-    slope = (values[-1] - values[-2]) / (known[-1] - known[-2])
-    return float(np.exp(found + slope * max(at - known[-1], 0.0)))
-
-
-def _bodies(
-    sphere: Sphere, plate: Plate, radius_m: float, thickness_m: float,
-    strength: YieldPressure | None, table: np.ndarray,
-) -> MapPlace:  # fmt: skip
-    ball, sheet, contact = _at(sphere, plate, float(radius_m), float(thickness_m))
-    number, unit_s = zener_inelasticity(ball, sheet, contact), _unit_s(ball, contact)
-    lasts, peak = (_from_table(table, number, column) for column in (1, 2))
-    force = peak * ball.mass_kg * ball.impact_speed_m_s / unit_s
-    return MapPlace(ball, sheet, contact, strength, number, lasts * unit_s, force)
-
-
-def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
+def run(setup: Setup, results: Results, count: int = 61) -> dict[str, np.ndarray]:
     """Write the map as picture and CSV; the sizes."""
     radii, thicknesses, sizes = map_of(setup, count)
     names = [name for name, _, _ in EFFECTS]
-    write_rows(
-        folder / "validity.csv", ["radius_m", "thickness_m", *names],
-        ([r, h, *(sizes[name][i, j] for name in names)]
-         for i, h in enumerate(thicknesses) for j, r in enumerate(radii)),
-    )  # fmt: skip
+    results.write_rows(
+        "validity",
+        ["radius_m", "thickness_m", *names],
+        (
+            [r, h, *(sizes[name][i, j] for name in names)]
+            for i, h in enumerate(thicknesses)
+            for j, r in enumerate(radii)
+        ),
+    )
     ball, sheet = setup.sphere.material, setup.structure.material
     about = (
         f"{setup.striker_material or 'own'} on {setup.plate_material or 'own'} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
         f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )
-    draw_map(folder / "validity.png", about, radii, thicknesses, sizes,
-             {name: words for name, words, _ in EFFECTS})  # fmt: skip
+    draw_map(
+        results.path("validity.png"),
+        about,
+        radii,
+        thicknesses,
+        sizes,
+        {name: words for name, words, _ in EFFECTS},
+    )
     return sizes
 
 
@@ -241,9 +186,13 @@ _PLAIN = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
 
 
 def draw_map(
-    path: Path, about: str, radii_m: np.ndarray, thicknesses_m: np.ndarray,
-    sizes: dict[str, np.ndarray], remedies: dict[str, str],
-) -> None:  # fmt: skip
+    path: Path,
+    about: str,
+    radii_m: np.ndarray,
+    thicknesses_m: np.ndarray,
+    sizes: dict[str, np.ndarray],
+    remedies: dict[str, str],
+) -> None:
     """Two panels, a limit each: every effect has a line, and a shade where it matters."""
     sheet, axes = pictures.sheet(1, 2, width=13.0, height=7.0)
     x, y = 1e3 * radii_m, 1e3 * thicknesses_m
@@ -270,10 +219,17 @@ def draw_map(
         for name, size in known.items()
         if size.max() > _LEVELS[0][0]
     ]
-    sheet.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=9,
-                 title="shaded: effect, and what models it or what it means")  # fmt: skip
-    sheet.suptitle(f"Neglected effects: {about}\nunshaded: Kirchhoff's plate and Hertz's elastic "
-                   "contact suffice; sizes from Zener's impact")  # fmt: skip
+    sheet.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=2,
+        fontsize=9,
+        title="shaded: effect, and what models it or what it means",
+    )
+    sheet.suptitle(
+        f"Neglected effects: {about}\nunshaded: Kirchhoff's plate and Hertz's elastic "
+        "contact suffice; sizes from Zener's impact"
+    )
     pictures.save(sheet, path)
 
 
@@ -286,8 +242,16 @@ def _mark_scenes(ax: Any) -> None:
         radius, thickness = 1e3 * setup.sphere.radius_m, 1e3 * plate.thickness_m
         ax.plot(radius, thickness, "k*", markersize=11, zorder=7)
         side = "right" if radius > _LATE_MM else "center"
-        ax.annotate(name, (radius, thickness), xytext=(0, 9), textcoords="offset points", ha=side,
-                    weight="bold", zorder=7, bbox=_PLAIN)  # fmt: skip
+        ax.annotate(
+            name,
+            (radius, thickness),
+            xytext=(0, 9),
+            textcoords="offset points",
+            ha=side,
+            weight="bold",
+            zorder=7,
+            bbox=_PLAIN,
+        )
 
 
 def _shade(
@@ -295,23 +259,37 @@ def _shade(
 ) -> None:
     """One effect: shade above the level, its line, and its name on that."""
     look = pictures.look(index)
-    ax.contourf(x, y, size, [level, np.inf], colors=[look["color"]], alpha=0.16,
-                hatches=[_HATCHES[index]])  # fmt: skip
+    ax.contourf(
+        x, y, size, [level, np.inf], colors=[look["color"]], alpha=0.16, hatches=[_HATCHES[index]]
+    )
     lines = ax.contour(x, y, size, [level], colors=[look["color"]], linewidths=2.0)
     lines.set_linestyle(look["linestyle"])
     for line in lines.allsegs[0]:
         # Each effect at a place of its own along its line, so that names do not meet.
         where = line[np.argsort(line[:, 1])][int(len(line) * _PLACES[index])]
         side = "right" if where[0] > _LATE_MM else "center"
-        ax.text(*where, name, color=look["color"], weight="bold", ha=side, va="center",
-                zorder=6, bbox=_PLAIN)  # fmt: skip
+        ax.text(
+            *where,
+            name,
+            color=look["color"],
+            weight="bold",
+            ha=side,
+            va="center",
+            zorder=6,
+            bbox=_PLAIN,
+        )
 
 
 def _key(name: str, remedy: str, index: int) -> Patch:
     colour = pictures.look(index)["color"]
     red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
-    return Patch(facecolor=(red, green, blue, 0.16), edgecolor=colour, hatch=_HATCHES[index],
-                 linewidth=1.5, label=f"{name}: {remedy}")  # fmt: skip
+    return Patch(
+        facecolor=(red, green, blue, 0.16),
+        edgecolor=colour,
+        hatch=_HATCHES[index],
+        linewidth=1.5,
+        label=f"{name}: {remedy}",
+    )
 
 
 def main(
@@ -327,16 +305,23 @@ def main(
     Example: python -m benchmarks.validity_map aluminium-3mm --out-dir map
     """
     resolved = scene_from(scene, settings, None)
-    with results_in(folder, "validity_map") as made:
-        sizes = run(resolved, made, 9 if quick else 61)
-    rows = [
-        (name, *(f"{100.0 * (size > level).mean():.0f} %" for level, _ in _LEVELS))
-        for name, size in sizes.items()
-    ]
-    out.print(number_table("Share of the map", ("effect", "above 0.1 %", "above 10 %"), rows, 1))
-    written(made, "validity.csv", "validity.png")
-    worst = max(sizes, key=lambda name: float((sizes[name] > _LEVELS[0][0]).mean()))
-    conclude(f"The effect above 0.1 % in most of the map is: {worst}.")
+    with results_in(folder, "validity_map") as results:
+        sizes = run(resolved, results, 9 if quick else 61)
+        shares = {
+            name: [100.0 * float((size > level).mean()) for level, _ in _LEVELS]
+            for name, size in sizes.items()
+        }
+        results.table(
+            "Share of the map",
+            {
+                "effect": "{[0]}",
+                "above 0.1 %": "{[1][0]:.0f} %",
+                "above 10 %": "{[1][1]:.0f} %",
+            },
+            shares.items(),
+        )
+        worst = max(shares, key=lambda name: shares[name][0])
+        results.conclude(f"The effect above 0.1 % in most of the map is: {worst}.")
 
 
 if __name__ == "__main__":

@@ -11,18 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    bars,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start
+from benchmarks.results import results_in
+from hertzloop.cli.terminal import out
 from hertzloop.plant.structures.edged_plate import EdgedPlate
 from hertzloop.plant.structures.materials import MATERIALS, Material, material_of
 from hertzloop.plant.structures.plate import Plate
@@ -45,11 +36,23 @@ class Measured:
 
 
 PLATES = (
-    Measured("cantilever", "cfff", (0.212, 0.108), 0.0045, 457.0,
-             (87.0, 160.0, 540.0, 616.0, 651.0, 1061.0)),
-    Measured("free", "ffff", (0.5798, 0.2134), 0.0048, 0.236 / (0.5798 * 0.2134 * 0.0048),
-             (47.0, 70.5, 121.0, 200.0, 243.5)),
-)  # fmt: skip
+    Measured(
+        "cantilever",
+        "cfff",
+        (0.212, 0.108),
+        0.0045,
+        457.0,
+        (87.0, 160.0, 540.0, 616.0, 651.0, 1061.0),
+    ),
+    Measured(
+        "free",
+        "ffff",
+        (0.5798, 0.2134),
+        0.0048,
+        0.236 / (0.5798 * 0.2134 * 0.0048),
+        (47.0, 70.5, 121.0, 200.0, 243.5),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -114,47 +117,29 @@ def main(out_dir: OutDirOption = None, quick: QuickOption = False) -> None:
 
     Example: python -m benchmarks.wood --quick
     """
-    plates = PLATES[:1] if quick else PLATES
-    with results_in(out_dir, "wood") as made:
-        found: list[Deviation] = []
-        for plate in plates:
+    table = MATERIALS["spruce"]
+    found: list[Deviation] = []
+    with results_in(out_dir, "wood") as results:
+        for plate in PLATES[:1] if quick else PLATES:
             wood, plain = fitted(plate)
-            table = spruce(
-                plate.density_kg_m3, np.array([getattr(MATERIALS["spruce"], k) for k in _KEYS])
-            )
             constants = ", ".join(f"{key} {getattr(wood, key) * 1e-9:.3g}" for key in _KEYS)
             out.print(f"{plate.name}: {constants}; isotropic {plain.youngs_modulus_pa * 1e-9:.3g}")
-            for model, material in zip(_MODELS, (wood, table, plain), strict=True):
+            shipped = spruce(plate.density_kg_m3, np.array([getattr(table, k) for k in _KEYS]))
+            for model, material in zip(_MODELS, (wood, shipped, plain), strict=True):
                 found += deviations(plate, model, material)
-        write_records(made / "wood.csv", found)
-        worst = {
-            (d.plate, d.model): max(abs(e.percent) for e in found
-                                    if (e.plate, e.model) == (d.plate, d.model))
-            for d in found
-        }  # fmt: skip
-        bars(
-            made / "wood.png", "Largest deviation from measured frequencies", "percent",
-            [(f"{plate}, {model}", value) for (plate, model), value in worst.items()],
-        )  # fmt: skip
-    by_model = [[d for d in found if d.model == name] for name in _MODELS]
-    out.print(number_table(
-        "Deviation from the measured frequency, percent; moduli in GPa above",
-        ("plate", "mode", "measured Hz", *_MODELS),
-        (
-            (row[0].plate, str(row[0].mode), f"{row[0].measured_hz:g}",
-             *(f"{one.percent:+.1f}" for one in row))
-            for row in zip(*by_model, strict=True)
-        ), 1,
-    ))  # fmt: skip
-    written(made, "wood.csv", "wood.png")
-    ours, other = (
-        max(value for (_, model), value in worst.items() if model == name)
-        for name in ("fitted", "isotropic")
-    )
-    conclude(
-        f"An orthotropic plate with three fitted moduli is off by {ours:.1f} % at most, an "
-        f"isotropic one by {other:.1f} %."
-    )
+        results.write("wood", found)
+        by_model = [[d for d in found if d.model == name] for name in _MODELS]
+        results.table(
+            "Deviation from the measured frequency, percent; moduli in GPa above",
+            {"plate": "{[0].plate}", "mode": "{[0].mode}", "measured Hz": "{[0].measured_hz:g}"}
+            | {name: f"{{[{i}].percent:+.1f}}" for i, name in enumerate(_MODELS)},
+            zip(*by_model, strict=True),
+        )
+        ours, _, other = (max(abs(d.percent) for d in some) for some in by_model)
+        results.conclude(
+            f"An orthotropic plate with three fitted moduli is off by {ours:.1f} % at most, an "
+            f"isotropic one by {other:.1f} %."
+        )
 
 
 if __name__ == "__main__":

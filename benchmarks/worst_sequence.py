@@ -1,20 +1,14 @@
 """The worst sequence of latencies that a search finds, against random draws."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from benchmarks.program import (
-    JsonOption,
-    check_json,
-    conclude,
-    number_table,
-    out,
-    start,
-    write_json,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal, worst_excess
@@ -63,38 +57,42 @@ def compare(pool: Pool, scene: str, steps: int, draws: int) -> Worst:
 
 def main(
     scenes: Annotated[list[str] | None, typer.Argument(help="Scenes; all shipped ones.")] = None,
+    folder: OutDirOption = None,
     steps: Annotated[int, typer.Option(min=1, help="Range of the latency, steps.")] = 8,
     draws: Annotated[int, typer.Option(min=1, help="Random draws in each scene.")] = 100_000,
+    quick: QuickOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Compare the worst sequence that a search finds with the worst of random draws.
 
+    With --quick there is one scene, with 50 draws.
+
     Example: python -m benchmarks.worst_sequence aluminium-3mm --draws 2000
     """
-    check_json(json_file)
-    found = []
-    with local_pool(None) as pool:
-        for scene in scenes or shipped():
-            if load(scene).has_law:
-                found.append(compare(pool, scene, steps, draws))
-    rows = [
-        (w.scene, f"{w.range_us:g}", f"{w.searched_db:.3f}", str(w.cases), f"{w.drawn_db:.3f}",
-         f"{w.median_db:.3f}", str(w.draws))
-        for w in found
-    ]  # fmt: skip
-    headings = (
-        "scene",
-        "range, us",
-        "worst found, dB",
-        "cases",
-        "worst drawn, dB",
-        "median",
-        "draws",
-    )
-    out.print(number_table("plate energy under varying latency", headings, rows, text=1))
-    write_json(json_file, {"worst": [asdict(one) for one in found]})
-    least = min(one.searched_db - one.drawn_db for one in found)
-    conclude(f"The search is at least {least:.3f} dB worse than all draws (negative: better).")
+    if quick:
+        scenes, draws = scenes or ["aluminium-3mm"], 50
+    with results_in(folder, "worst_sequence", "modal", json_file=json_file) as results:
+        names = [scene for scene in scenes or shipped() if load(scene).has_law]
+        with local_pool(1 if quick else None) as pool:
+            found = [compare(pool, scene, steps, draws) for scene in tracked("scenes", names)]
+        results.write("worst", found)
+        results.table(
+            "plate energy under varying latency",
+            {
+                "scene": "{.scene}",
+                "range, us": "{.range_us:g}",
+                "worst found, dB": "{.searched_db:.3f}",
+                "cases": "{.cases}",
+                "worst drawn, dB": "{.drawn_db:.3f}",
+                "median": "{.median_db:.3f}",
+                "draws": "{.draws}",
+            },
+            found,
+        )
+        least = min(one.searched_db - one.drawn_db for one in found)
+        results.conclude(
+            f"The search is at least {least:.3f} dB worse than all draws (negative: better)."
+        )
 
 
 if __name__ == "__main__":

@@ -4,25 +4,11 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    SceneArgument,
-    SetOption,
-    bars,
-    check_json,
-    conclude,
-    fail,
-    out,
-    progress,
-    results_in,
-    scene_from,
-    start,
-    write_json,
-    written,
-)
-from hertzloop.studies.words import write_rows
+from benchmarks.program import OutDirOption, QuickOption, progress, start
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
+from hertzloop.cli.prepare import scene_from
+from hertzloop.cli.terminal import fail, out
 from paper.restitution import calibrate_relaxation, calibrate_viscous
 
 
@@ -51,10 +37,9 @@ def main(
     Example: python -m paper.calibrate thesis-aluminium --restitution 0.7
     """
     resolved = scene_from(scene, settings, None)
-    check_json(json_file)
     target = restitution or resolved.structure.material.restitution
     data = {"restitution": target, "relaxation_s": relaxation_s}
-    with results_in(folder, "calibrate", "thesis2008") as made:
+    with results_in(folder, "calibrate", "thesis2008", json_file=json_file) as results:
         try:
             with progress("calibrate", 2) as advance:
                 data["viscous_n_s_m"] = calibrate_viscous(resolved.plant, target)
@@ -65,18 +50,14 @@ def main(
                     )
         except ValueError as error:
             fail(str(error), 2)
-        write_rows(made / "calibrate.csv", list(data), [list(data.values())])
-        title = f"{resolved.name}: damping for a restitution of {target:g}"
-        found = [(key, value) for key, value in data.items() if key.startswith(("visc", "relax"))]
-        bars(made / "calibrate.png", title, "SI units", found, log=True)
-    for key, value in data.items():
-        out.print(f"{key} = {value:.8g}")
-    written(made, "calibrate.csv", "calibrate.png")
-    conclude(
-        f"A viscous damper of {data['viscous_n_s_m']:.4g} N s/m gives {resolved.name} a "
-        f"coefficient of restitution of {target:g}."
-    )
-    write_json(json_file, data)
+        results.write_rows("calibrate", list(data), [data.values()])
+        results.add(**data)
+        for key, value in data.items():
+            out.print(f"{key} = {value:.8g}")
+        results.conclude(
+            f"A viscous damper of {data['viscous_n_s_m']:.4g} N s/m gives {resolved.name} a "
+            f"coefficient of restitution of {target:g}."
+        )
 
 
 if __name__ == "__main__":

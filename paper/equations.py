@@ -1,30 +1,15 @@
 """Equations 3.1, 3.3, 3.8b and the limits of 3.13 of the study, for a scene's first impact."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    SceneArgument,
-    SetOption,
-    bars,
-    check_json,
-    conclude,
-    fail,
-    number_table,
-    out,
-    progress,
-    results_in,
-    scene_from,
-    start,
-    write_json,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
+from hertzloop.cli.prepare import scene_from
+from hertzloop.cli.terminal import fail
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.plant.structures.radiation import (
@@ -113,13 +98,12 @@ def lines(setup: Setup) -> list[Line]:
     time_s, v0, m = noise.contact_time_s, sphere.impact_speed_m_s, sphere.mass_kg
     any_j = longhorn_any_j(sphere.radius_m, v0, time_s)
     short_j = longhorn_short_j(sphere.radius_m, v0)
+    ratio = SOUND_SPEED_M_S * time_s / sphere.radius_m
     found = [
         Line("3.1", "acceleration noise, any contact time", 1e6 * any_j, "uJ"),
         Line("3.3", "its limit for a short contact", 1e6 * short_j, "uJ"),
         Line("3.3", "limit over 3.1", short_j / any_j, ""),
-        Line(
-            "3.3", "c t0/R; the limit needs much less than 1", 340.0 * time_s / sphere.radius_m, ""
-        ),
+        Line("3.3", "c t0/R; the limit needs much less than 1", ratio, ""),
     ]
     # The spring is as stiff as the contact at its peak.
     spring = tangent_stiffness_n_m(spec.contact.stiffness, impact.impact.peak_force_n)
@@ -162,30 +146,31 @@ def main(
     Example: python -m paper.equations aluminium-3mm
     """
     resolved = scene_from(scene, settings, None)
-    check_json(json_file)
     if quick:
         steps = round((resolved.first_touch_s + _QUICK_S) / resolved.step_s)
         resolved = resolved.with_steps(min(resolved.steps, steps))
-    with results_in(folder, "equations", resolved.scheme) as made:
+    with results_in(folder, "equations", resolved.scheme, json_file=json_file) as results:
         try:
-            with progress("equations", 1):
-                found = lines(resolved)
+            found = lines(resolved)
         except (SceneError, ValueError) as error:
             fail(str(error), 2)
-        write_records(made / "equations.csv", found)
-        energies = [(f"{one.equation} {one.what}", one.value) for one in found if one.unit == "uJ"]
-        bars(made / "equations.png", f"{resolved.name}: energies", "uJ", energies, log=True)
-    headings = ("equation", "what", "value", "unit")
-    cells = ((one.equation, one.what, f"{one.value:.4g}", one.unit) for one in found)
-    title = f"{resolved.name}, first impact without control"
-    out.print(number_table(title, headings, cells, text=2))
-    written(made, "equations.csv", "equations.png")
-    ratio = next(one.value for one in found if one.what == "limit over 3.1")
-    conclude(
-        f"For the contact time of {resolved.name}, the limit for a short contact (eq. 3.3) is "
-        f"{ratio:.3g} times the acceleration noise of eq. 3.1."
-    )
-    write_json(json_file, {"lines": [asdict(one) for one in found]})
+        results.write("equations", found)
+        results.table(
+            f"{resolved.name}, first impact without control",
+            {
+                "equation": "{.equation}",
+                "what": "{.what}",
+                "value": "{.value:.4g}",
+                "unit": "{.unit}",
+            },
+            found,
+            text=2,
+        )
+        ratio = next(one.value for one in found if one.what == "limit over 3.1")
+        results.conclude(
+            f"For the contact time of {resolved.name}, the limit for a short contact (eq. 3.3) is "
+            f"{ratio:.3g} times the acceleration noise of eq. 3.1."
+        )
 
 
 if __name__ == "__main__":

@@ -7,30 +7,20 @@ a slope-threshold row if it has `v_thr_m_s`, else a row of the parameter study w
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Mapping
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from pydantic import BaseModel, FiniteFloat, PositiveInt, ValidationError
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    conclude,
-    fail,
-    number_table,
-    out,
-    progress,
-    results_in,
-    start,
-    write_json,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import Results, results_in
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.terminal import fail, out
 from hertzloop.controller.laws.precomputed import SHAPES
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.noise import ImpactNoise, holmes_j, peak_pressure_pa
@@ -98,58 +88,45 @@ def _db(factor: float, value: float, reference: float) -> float:
     return factor * math.log10(ratio) if ratio > 0.0 else -math.inf
 
 
+class _Cells(BaseModel):
+    """The cells of a row that say what to compute; empty ones are left out."""
+
+    material: Literal["aluminium", "oak", "sylomer_m", "sylomer"] = "aluminium"
+    drop_height_m: FiniteFloat = 0.05
+    kappa: FiniteFloat
+    v_thr_m_s: FiniteFloat | None = None
+    force: str | None = None
+    shape: str | None = None
+    t_a_step: PositiveInt = 1
+
+    def settings(self) -> tuple[str, ...]:
+        """Of the controller, as for --set. Raises ValueError for a row without a law."""
+        kappa = f"controller.kappa={self.kappa!r}"
+        if self.v_thr_m_s is not None:
+            threshold = f"controller.v_thr_m_s={self.v_thr_m_s!r}"
+            return kappa, "controller.law=slope_threshold", threshold
+        of_shape = {shape: name for name, shape in reversed(SHAPES.items())}
+        force = of_shape.get(self.shape, self.shape) if self.shape else self.force
+        if force is None:
+            raise ValueError("needs v_thr_m_s, force or shape")
+        if force not in SHAPES:
+            raise ValueError(f"{force}: must be one of {', '.join([*SHAPES, *of_shape])}")
+        delay = f"controller.delay_us={_US_PER_STEP * (self.t_a_step - 1)!r}"
+        return kappa, "controller.law=precomputed", f"controller.precomputed={force}", delay
+
+
 def parse_row(cells: dict[str, str], number: int) -> Row:
     """Read a row (counted from 1). Raises RowError."""
-
-    def number_in(column: str, default: float | None = None) -> float:
-        text = (cells.get(column) or "").strip()
-        if not text and default is not None:
-            return default
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise RowError(f"row {number}: {column} = '{text}' is not a number")
-        return value
-
-    material = (cells.get("material") or "aluminium").strip()
-    if material not in _MATERIALS:
-        raise RowError(
-            f"row {number}: material = '{material}' is not known; take one of "
-            f"{', '.join(_MATERIALS)}"
-        )
-    settings = [f"controller.kappa={number_in('kappa')!r}"]
-    if (cells.get("v_thr_m_s") or "").strip():
-        settings += [
-            "controller.law=slope_threshold", f"controller.v_thr_m_s={number_in('v_thr_m_s')!r}"
-        ]  # fmt: skip
-    else:
-        settings += _precomputed(cells, number, number_in("t_a_step", 1.0))
-    of_study = not (cells.get("v_thr_m_s") or "").strip()
-    return Row(material, number_in("drop_height_m", 0.05), tuple(settings), of_study)
-
-
-def _precomputed(cells: dict[str, str], number: int, t_a_step: float) -> list[str]:
-    """Settings of a row of the parameter study."""
-    force, shape = (cells.get("force") or "").strip(), (cells.get("shape") or "").strip()
-    if shape:
-        known = list(dict.fromkeys(SHAPES.values()))
-        if shape not in known:
-            raise RowError(f"row {number}: shape = '{shape}'; take one of {', '.join(known)}")
-        force = next(name for name, its in SHAPES.items() if its == shape)
-    if force not in SHAPES:
-        raise RowError(
-            f"row {number}: needs v_thr_m_s for the slope-threshold law, or force = F_a1 to F_a13 "
-            f"or a shape for a pre-computed one; found force = '{force}'"
-        )
-    if t_a_step < 1 or t_a_step != int(t_a_step):
-        raise RowError(f"row {number}: t_a_step = {t_a_step:g}; steps are counted from 1")
-    return [
-        "controller.law=precomputed",
-        f"controller.precomputed={force}",
-        f"controller.delay_us={_US_PER_STEP * (t_a_step - 1)!r}",
-    ]
+    try:
+        found = _Cells.model_validate({key: text for key, text in cells.items() if text.strip()})
+        settings = found.settings()
+    except ValidationError as error:
+        [column, *_], message = error.errors()[0]["loc"], error.errors()[0]["msg"]
+        value = cells.get(str(column), "")
+        raise RowError(f"row {number}: {column} = '{value}': {message}") from error
+    except ValueError as error:
+        raise RowError(f"row {number}: {error}") from error
+    return Row(found.material, found.drop_height_m, settings, found.v_thr_m_s is None)
 
 
 def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Setup:
@@ -203,101 +180,57 @@ def compute(
     return {column: compare(controlled, free) for column, compare in figures.items()}
 
 
-def read_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """Header and rows of a table. Raises RowError with a sentence."""
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table. Raises RowError."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows = list(reader)
-    except OSError as error:
-        raise RowError(f"cannot read {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RowError(f"{path} is no CSV table: {error}") from error
-    header = list(reader.fieldnames or [])
-    if "kappa" not in header:
-        raise RowError(
-            f"{path} has no column kappa; the first line must name the columns, of which kappa "
-            "and either v_thr_m_s or force (or shape) and t_a_step are needed"
-        )
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RowError(f"cannot read {path}: {error}") from error
     for number, row in enumerate(rows, 1):
         if None in row or None in row.values():
-            raise RowError(f"{path}: row {number} does not have {len(header)} cells")
-    return header, rows
+            raise RowError(f"{path}: row {number} does not have {len(rows[0])} cells")
+    return rows
 
 
 def compute_table(
-    header: list[str],
-    rows: list[dict[str, str]],
-    scheme: str,
-    on_progress: Callable[[int], None] = lambda row: None,
-    by: Mapping[str, Compare] = FIGURES,
-) -> tuple[list[str], list[dict[str, str]], int]:
-    """The table with X_computed and X_difference after every figure X; rows without an end.
-
-    Figures that the table does not have are added as X_computed. Raises RowError.
-    """
-    parsed = [parse_row(row, i) for i, row in enumerate(rows, 1)]
-    new_header: list[str] = []
-    for column in header:
-        new_header.append(column)
-        if column in FIGURES:
-            new_header += [f"{column}_computed", f"{column}_difference"]
-    new_header += [f"{column}_computed" for column in FIGURES if column not in header]
-    endless, new_rows = 0, []
-    for number, (row, wanted) in enumerate(zip(rows, parsed, strict=True), 1):
+    rows: Iterable[dict[str, str]], scheme: str, figures: Mapping[str, Compare] = FIGURES
+) -> Iterator[dict[str, str]]:
+    """The rows with X_computed and X_difference after every figure X, empty where a contact does
+    not end. Figures that the table does not have are added as X_computed. Raises RowError."""
+    for number, row in enumerate(rows, 1):
+        wanted = parse_row(row, number)
         try:
-            figures = compute(wanted, scheme, by)
+            computed = compute(wanted, scheme, figures)
         except SceneError as error:
             raise RowError(f"row {number}: {error}") from error
-        endless += figures["dT"] is None
-        new_rows.append({**row, **with_differences(row, figures, number)})
-        on_progress(number)
-    return new_header, new_rows, endless
+        cells = {}
+        for column, published in row.items():
+            cells[column] = published
+            if column in figures:
+                value = computed.pop(column)
+                try:
+                    off = "" if value is None or not published else value - float(published)
+                except ValueError as error:
+                    raise RowError(f"row {number}: {column}: {error}") from error
+                cells |= {f"{column}_computed": _cell(value), f"{column}_difference": _cell(off)}
+        yield cells | {f"{column}_computed": _cell(value) for column, value in computed.items()}
 
 
-def with_differences(
-    row: dict[str, str], figures: dict[str, float | None], number: int
-) -> dict[str, str]:
-    """The cells X_computed, and X_difference where row `number` has a figure X. Raises RowError."""
-    cells = {}
-    for column, value in figures.items():
-        cells[f"{column}_computed"] = "" if value is None else f"{value:.6g}"
-        published = (row.get(column) or "").strip()
-        if column not in row:
-            continue
-        cells[f"{column}_difference"] = ""
-        if published and value is not None:
-            try:
-                difference = value - float(published)
-            except ValueError as error:
-                raise RowError(f"row {number}: {column} = '{published}' is not a number") from error
-            cells[f"{column}_difference"] = f"{difference:.6g}"
-    return cells
-
-
-def write_table(path: Path, header: list[str], rows: list[dict[str, str]]) -> None:
-    """Write as CSV."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, header, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def _cell(value: float | str | None) -> str:
+    """A number as it is written into a table; empty without one."""
+    return f"{value:.6g}" if isinstance(value, float) else ""
 
 
 def agreement(rows: list[dict[str, str]]) -> list[Agreement]:
     """Median and worst absolute difference of every figure that the rows have."""
     found = []
     for column in FIGURES:
-        off = [
-            (abs(float(row[key])), number)
-            for number, row in enumerate(rows, 1)
-            if row.get(key := f"{column}_difference")
-        ]
+        key = f"{column}_difference"
+        off = [(abs(float(row[key])), i) for i, row in enumerate(rows, 1) if row.get(key)]
         if off:
-            values = sorted(value for value, _ in off)
-            middle = len(values) // 2
-            median = 0.5 * (values[middle] + values[-middle - 1])
-            worst, worst_row = max(off)
-            found.append(Agreement(column, len(values), median, worst, worst_row))
+            middle = statistics.median(value for value, _ in off)
+            found.append(Agreement(column, len(off), middle, *max(off)))
     return found
 
 
@@ -325,14 +258,6 @@ def shares(rows: list[dict[str, str]], step_e5_s: float = 0.1) -> dict[str, floa
     return found
 
 
-# What no program can find in the study, and why.
-LEFT_OUT = (
-    "table 5.6, which figure its last column names: cannot be assigned to rows",
-    "table 5.3, vnext 8 % for F_a6 (-1.0): the appendix and table 5.7 say 28 %; 8 % is reb",
-    "table A.1, how the optimum is taken and brought back into time: not printed; of figure A.1 "
-    "only the axis is left",
-    "Heitkaemper's approximation of radiated energy (appendix C.1): no formula is printed",
-)
 SHIPPED = tuple(
     Path(__file__).parent / f"{name}.csv" for name in ("parameter_study", "slope_threshold")
 )
@@ -364,64 +289,57 @@ def main(
 
     Example: python -m paper.tables --quick
     """
-    check_json(json_file)
     files = rows_files or list(SHIPPED)
     stems = [path.stem for path in files]
     if twice := [stem for stem in stems if stems.count(stem) > 1]:
         fail(f"ROWS.csv = {twice[0]}.csv: named twice. Give files of different names", 2)
-    read = {}
-    for path in files:
-        try:
-            read[path] = read_rows(path)
-        except RowError as error:
-            fail(str(error), 2)
-    data, computed, names = [], [], []
-    with results_in(folder, "tables", scheme) as made:
-        for path, (header, rows) in read.items():
-            rows = rows[:_QUICK_ROWS] if quick else rows
-            by = WITH_MAIDANIK if maidanik else FIGURES
+    figures = WITH_MAIDANIK if maidanik else FIGURES
+    every: list[dict[str, str]] = []
+    tables = []
+    with results_in(folder, "tables", scheme, json_file=json_file) as results:
+        for path in files:
             try:
-                with progress(path.name, len(rows)) as advance:
-                    new_header, new_rows, endless = compute_table(header, rows, scheme, advance, by)
+                rows = read_rows(path)[: _QUICK_ROWS if quick else None]
+                computed = list(tracked(path.name, compute_table(rows, scheme, figures)))
             except RowError as error:
                 fail(f"{path}: {error}", 2)
-            names.append(f"{path.stem}-computed.csv")
-            write_table(made / names[-1], new_header, new_rows)
-            found, close = agreement(new_rows), shares(new_rows)
-            _print(path, scheme, new_rows, endless)
-            computed += new_rows
-            data.append({
-                "file": str(path), "rows": len(new_rows), "endless": endless, "shares": close,
-                "agreement": [asdict(one) for one in found],
-            })  # fmt: skip
-        every = agreement(computed)
-        sizes = [(f"{one.column} ({UNITS.get(one.column, 'dB')})", one.median) for one in every]
-        if sizes:
-            names.append("tables.png")
-            bars(made / "tables.png", f"{scheme} against the published rows",
-                 "median difference, in the unit of the label", sizes)  # fmt: skip
-    written(made, *names)
-    conclude(_conclusion(scheme, every, len(computed)))
-    write_json(json_file, {"scheme": scheme, "tables": data})
+            cells = (row.values() for row in computed)
+            results.write_rows(f"{path.stem}-computed", list(computed[0]), cells)
+            tables.append(_report(results, path, scheme, computed))
+            every += computed
+        results.add(scheme=scheme, tables=tables)
+        results.conclude(_conclusion(scheme, agreement(every), len(every)))
 
 
-def _print(path: Path, scheme: str, rows: list[dict[str, str]], endless: int) -> None:
-    """The agreement of one file's computed rows with the published ones."""
-    cells = []
-    for a in agreement(rows):
-        unit = UNITS.get(a.column, "dB")
-        cells.append((
-            a.column, str(a.rows), f"{a.median:.3f} {unit}", f"{a.worst:.3f} {unit}",
-            str(a.worst_row),
-        ))  # fmt: skip
-    if cells:
-        headings = ("figure", "rows", "median off by", "worst", "in row")
-        title = f"{scheme} against the published rows of {path.name}"
-        out.print(number_table(title, headings, cells, text=1))
-    for what, value in shares(rows).items():
+def _report(
+    results: Results, path: Path, scheme: str, rows: list[dict[str, str]]
+) -> dict[str, Any]:
+    """Print the agreement of one file's computed rows with the published ones; returns it."""
+    found, close = agreement(rows), shares(rows)
+    endless = sum(not row["dT_computed"] for row in rows)
+    results.table(
+        f"{scheme} against the published rows of {path.name}",
+        {
+            "figure": "{.column}",
+            "rows": "{.rows}",
+            "median off by": lambda a: f"{a.median:.3f} {UNITS.get(a.column, 'dB')}",
+            "worst": lambda a: f"{a.worst:.3f} {UNITS.get(a.column, 'dB')}",
+            "in row": "{.worst_row}",
+        },
+        found,
+    )
+    for what, value in close.items():
         out.print(f"{what}: {100.0 * value:.0f} % of the rows")
     if endless:
         out.print(f"{endless} of {len(rows)} contacts do not end; their cells are empty")
+    agreed = [asdict(one) for one in found]
+    return {
+        "file": str(path),
+        "rows": len(rows),
+        "endless": endless,
+        "shares": close,
+        "agreement": agreed,
+    }
 
 
 def _conclusion(scheme: str, found: list[Agreement], rows: int) -> str:

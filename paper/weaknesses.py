@@ -6,7 +6,7 @@ as the step shrinks; Newton's iterations under relaxation damping; the sign of i
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,8 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Patch
 
-from benchmarks.program import (
-    OutDirOption,
-    QuickOption,
-    conclude,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_records,
-    written,
-)
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
 from benchmarks.schemes import discrete_gradient_kernels
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.loop.simulate import simulate
@@ -52,7 +43,6 @@ from hertzloop.plant.time_series import F_C
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies import pictures
-from hertzloop.views.format import Table
 from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact
 
 _LAW = "controller.law=slope_threshold"
@@ -122,9 +112,13 @@ def _consistent(setup: Setup) -> tuple[float, float]:
 def _bars(axes: Any, labels: list[str], values: list[float], published: list[bool]) -> None:
     for i, (value, is_published) in enumerate(zip(values, published, strict=True)):
         axes.barh(
-            i, value, color=pictures.COLOURS[1 if is_published else 0],
-            hatch="//" if is_published else "", edgecolor="black", linewidth=0.5,
-        )  # fmt: skip
+            i,
+            value,
+            color=pictures.COLOURS[1 if is_published else 0],
+            hatch="//" if is_published else "",
+            edgecolor="black",
+            linewidth=0.5,
+        )
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.invert_yaxis()
     axes.grid(axis="y", visible=False)
@@ -134,7 +128,7 @@ _CALLED = {"modal": "consistent", "thesis2008": "published"}
 
 
 def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) -> None:
-    """Draw the rows of all checks, by their names in `weaknesses.run`."""
+    """Draw the rows of all checks, by their names in `main`."""
     figure, axes = pictures.sheet(2, 2, width=13.0, height=4.6)
     rows = checks["momentum"]
     ratios = [row.ratio for row in rows]
@@ -142,9 +136,11 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
         axes[0, 0], [r.scene for r in rows], ratios, [not SCHEMES[r.scheme].conserves for r in rows]
     )
     axes[0, 0].set(
-        title="Does the contact force change the sphere's momentum?", xscale="log", xlim=(1e-5, 2),
+        title="Does the contact force change the sphere's momentum?",
+        xscale="log",
+        xlim=(1e-5, 2),
         xlabel="contact impulse / momentum change (1 is right)",
-    )  # fmt: skip
+    )
     for i, scheme in enumerate(("modal", "thesis2008")):
         mine = [row for row in checks["refinement"] if row.scheme == scheme]
         mine = [row for row in mine if row.rebound_error > 0.0]
@@ -158,9 +154,10 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
     steps = np.array(steps_us)
     axes[0, 1].loglog(steps, 2e-5 * steps**2, color="gray", linestyle=":", label="order 2")
     axes[0, 1].set(
-        title="Rebound speed as the step shrinks", xlabel="step (us)",
+        title="Rebound speed as the step shrinks",
+        xlabel="step (us)",
         ylabel="change against the finest step / impact speed",
-    )  # fmt: skip
+    )
     axes[0, 1].set_xticks(steps, [f"{step:g}" for step in steps_us])
     axes[0, 1].minorticks_off()
     axes[0, 1].legend()
@@ -173,9 +170,10 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
     largest = [float(row.largest) for row in found]
     _bars(axes[1, 0], labels, largest, ["published" in row.solve for row in found])
     axes[1, 0].set(
-        title="Work of one solve of the contact", xscale="log",
+        title="Work of one solve of the contact",
+        xscale="log",
         xlabel="largest number of evaluations (100 000: cut there)",
-    )  # fmt: skip
+    )
     axes[1, 0].tick_params(axis="y", labelsize=7)
     pulls = checks["adhesion"]
     shares = [100.0 * row.share for row in pulls]
@@ -183,7 +181,7 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
     axes[1, 1].set(
         title="Does the contact pull? (relaxation damping)",
         xlabel="most negative contact force (% of the largest)",
-    )  # fmt: skip
+    )
     known = [
         Patch(facecolor=pictures.COLOURS[1], hatch="//", edgecolor="black", label="published"),
         Patch(facecolor=pictures.COLOURS[0], edgecolor="black", label="consistent"),
@@ -290,9 +288,9 @@ def refinement() -> list[Refinement]:
 
 def _published_contact(step_us: float) -> tuple[float, float]:
     scene = load(
-        "thesis-aluminium", ["controller.law=off", "controller.lead_us=0",
-        f"run.step_ns={round(step_us * 1000)}"],
-    )  # fmt: skip
+        "thesis-aluminium",
+        ["controller.law=off", "controller.lead_us=0", f"run.step_ns={round(step_us * 1000)}"],
+    )
     impact = first_impact(scene, simulate(scene).truth)
     if impact is None or not impact.ended:
         raise ValueError(f"the published contact does not end at a step of {step_us} us")
@@ -368,9 +366,10 @@ def iterations(cases: int = _CASES, seed: int = 1) -> list[Iterations]:
         viscous = load(f"thesis-{name}").plant
         published = replace(spec, contact=replace(spec.contact, extra_state=False))
         for solve, one in (
-            ("viscous, published", viscous), ("relaxation, published", published),
+            ("viscous, published", viscous),
+            ("relaxation, published", published),
             ("relaxation, extra state", spec),
-        ):  # fmt: skip
+        ):
             found.append(_summary(f"{name}, calibrated", solve, [_count(one)]))
     for radius in (0.02, 0.003):
         random = np.random.default_rng(seed)
@@ -417,29 +416,27 @@ def adhesion() -> list[Adhesion]:
     return found
 
 
-def _table(title: str, rows: list[Any]) -> Table:
-    table = Table(title=title)
-    for field in fields(rows[0]):
-        table.add_column(field.name.replace("_", " "), justify="right")
-    for row in rows:
-        cells = [f"{x:.4g}" if isinstance(x, float) else f"{x:,}" if isinstance(x, int) else str(x)
-                 for x in asdict(row).values()]  # fmt: skip
-        table.add_row(*cells)
-    return table
-
-
 _QUICK_CASES = 10
 
 
-def run(folder: Path, quick: bool = False) -> tuple[list[Table], str]:
-    """All checks; weaknesses.png and one CSV each in `folder`.
+def _cell(name: str) -> Callable[[Any], str]:
+    """The text of a field."""
 
-    Args:
-        folder: folder to write into.
-        quick: whether to count the iterations of fewer random cases.
+    def text(row: Any) -> str:
+        value = getattr(row, name)
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        return f"{value:,}" if isinstance(value, int) else str(value)
 
-    Returns:
-        The tables to print, and the conclusion.
+    return text
+
+
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+    """Show where the published numerics fail, beside the consistent scheme.
+
+    With --quick: fewer random cases.
+
+    Example: python -m paper.weaknesses --quick
     """
     measures: dict[str, tuple[str, Callable[[], list[Any]]]] = {
         "momentum": ("Contact impulse against momentum change", momentum),
@@ -451,38 +448,24 @@ def run(folder: Path, quick: bool = False) -> tuple[list[Table], str]:
         "adhesion": ("Pulling force under relaxation damping", adhesion),
         "law": ("What the law does: kappa = 0.8, v_thr = -0.25 m/s", law_effects),
     }
-    checks: dict[str, tuple[str, list[Any]]] = {
-        name: (title, measure())
-        for name, (title, measure) in tracked("weaknesses", measures.items())
-    }
-    for name, (_, rows) in checks.items():
-        write_records(folder / f"weaknesses-{name}.csv", rows)
-    draw(folder / "weaknesses.png", STEPS_US, {name: rows for name, (_, rows) in checks.items()})
-    ratios: dict[str, list[float]] = {}
-    for one in checks["momentum"][1]:
-        ratios.setdefault(one.scheme, []).append(one.ratio)
-    off = max(abs(ratio - 1.0) for ratio in ratios["modal"])
-    sentence = (
-        f"The contact impulse of the published scheme is at most "
-        f"{100.0 * max(ratios['thesis2008']):.2g} % of the momentum change; that of the default "
-        f"scheme equals it within {off:.0e} of its size."
-    )
-    return [_table(title, rows) for title, rows in checks.values()], sentence
-
-
-def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
-    """Show where the published numerics fail, beside the consistent scheme.
-
-    With --quick: fewer random cases.
-
-    Example: python -m paper.weaknesses --quick
-    """
-    with results_in(folder, "weaknesses", "modal", "thesis2008") as made:
-        tables, sentence = run(made, quick)
-    for table in tables:
-        out.print(table)
-    written(made, "weaknesses.png", "weaknesses-*.csv")
-    conclude(sentence)
+    with results_in(folder, "weaknesses", "modal", "thesis2008") as results:
+        checks: dict[str, list[Any]] = {}
+        for name, (title, measure) in tracked("weaknesses", measures.items()):
+            rows = checks[name] = measure()
+            results.write(f"weaknesses-{name}", rows)
+            names = [field.name for field in fields(rows[0])]
+            columns = {name.replace("_", " "): _cell(name) for name in names}
+            results.table(title, columns, rows, text=0)
+        draw(results.path("weaknesses.png"), STEPS_US, checks)
+        ratios: dict[str, list[float]] = {}
+        for one in checks["momentum"]:
+            ratios.setdefault(one.scheme, []).append(one.ratio)
+        off = max(abs(ratio - 1.0) for ratio in ratios["modal"])
+        results.conclude(
+            f"The contact impulse of the published scheme is at most "
+            f"{100.0 * max(ratios['thesis2008']):.2g} % of the momentum change; that of the "
+            f"default scheme equals it within {off:.0e} of its size."
+        )
 
 
 if __name__ == "__main__":

@@ -177,8 +177,11 @@ def _dissipated_in_step(model, state, f_contact, f_actuator):
     for i in range(z.shape[1]):
         zr, zi = z[0, i], z[1, i]
         cr, ci, ar, ai = (
-            table[SWING_C_RE, i], table[SWING_C_IM, i], table[SWING_A_RE, i], table[SWING_A_IM, i]
-        )  # fmt: skip
+            table[SWING_C_RE, i],
+            table[SWING_C_IM, i],
+            table[SWING_A_RE, i],
+            table[SWING_A_IM, i],
+        )
         rr, ri, ii = table[LOSS_RR, i], table[LOSS_RI, i], table[LOSS_II, i]
         for j in range(LANES):
             yr = zr[j] + cr[j] * f_contact + ar[j] * f_actuator

@@ -16,9 +16,12 @@ ROOT = Path(__file__).resolve().parents[2]
 def program(name: str, *words: str, timeout_s: float = 280.0) -> subprocess.CompletedProcess:
     """Run a program from the clone, as a process of its own, to its end."""
     return subprocess.run(
-        [sys.executable, "-m", name, *words], cwd=ROOT, capture_output=True, text=True,
+        [sys.executable, "-m", name, *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
         timeout=timeout_s,
-    )  # fmt: skip
+    )
 
 
 def called(main: Callable[..., None], *words: str) -> Result:

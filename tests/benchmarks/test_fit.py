@@ -5,9 +5,14 @@ import pytest
 from benchmarks import fit_coverage, fit_validation
 
 
-@pytest.mark.parametrize(("inelasticity", "restitution"), [
-    (0.05, 0.9178), (0.5, 0.4369), (1.5, 0.0664),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("inelasticity", "restitution"),
+    [
+        (0.05, 0.9178),
+        (0.5, 0.4369),
+        (1.5, 0.0664),
+    ],
+)
 def test_zeners_equation_gives_the_published_restitution(
     inelasticity: float, restitution: float
 ) -> None:

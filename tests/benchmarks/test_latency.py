@@ -9,10 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import latency as study
+from benchmarks.latency_pictures import draw_chance, draw_maps
 from benchmarks.program import app_of
 from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.words import METRICS
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
     for key, values in study.map_axes(named().scene(), 4).items():
         pairs = {(row["controller.latency_us"], row[key]) for row in maps[key]}
         assert len(pairs) == len(maps[key]) == 5 * len(values)
-    study.draw_maps(tmp_path / "m.png", "cheap", maps, study.METRICS)
+    draw_maps(tmp_path / "m.png", "cheap", maps, METRICS)
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -77,7 +79,7 @@ def test_the_best_law_and_what_it_buys() -> None:
 def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
     rows = study.chance(pool, named("controller.v_thr_m_s=-0.6"), ("slope_threshold",))
     assert len({row["run.seed"] for row in rows}) == 20
-    study.draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
+    draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -87,8 +89,12 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(study, "LAWS", ("slope_threshold", "acceleration_feedback"))
     monkeypatch.setattr(study, "_SEEDS", (1, 2))
     monkeypatch.setattr(study, "local_pool", lambda: local_pool(1))
-    settings = ["run.accuracy=0.1", "run.duration_s=0.0013", "plate.thickness_m=0.004",
-                "controller.kappa=0.3"]  # fmt: skip
+    settings = [
+        "run.accuracy=0.1",
+        "run.duration_s=0.0013",
+        "plate.thickness_m=0.004",
+        "controller.kappa=0.3",
+    ]
     words = [word for setting in settings for word in ("--set", setting)]
     command = ["offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
     command += ["--json", str(tmp_path / "a.json")]
@@ -101,8 +107,9 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     assert max(map(len, ruled)) <= 80
     found = json.loads((tmp_path / "a.json").read_text())["critical"]
     assert [(row["scene"], row["law"], row["kappa"]) for row in found] == [
-        ("offcentre-6mm", "slope_threshold", 0.3), ("offcentre-6mm", "acceleration_feedback", 0.3)
-    ]  # fmt: skip
+        ("offcentre-6mm", "slope_threshold", 0.3),
+        ("offcentre-6mm", "acceleration_feedback", 0.3),
+    ]
     for row in found:  # whole numbers, as in the file
         assert f"{row['ideal_db']:.2f}" in done.output.replace("\n", " ")
     assert len(list(tmp_path.glob("latency-offcentre-6mm-*.csv"))) == 4

@@ -16,8 +16,10 @@ def test_the_bound_is_that_of_the_responses_slopes() -> None:
     def responses(logs: np.ndarray) -> np.ndarray:
         omega, loss, contact, other = np.exp(logs).reshape(4, n) * [OMEGA, LOSS, CONTACT, OTHER]
         table = ModeTable(omega, loss, np.ones(n), contact, other)
-        both = [response(table, hz, one, 2) / size
-                for one, size in zip((contact, other), noise, strict=True)]  # fmt: skip
+        both = [
+            response(table, hz, one, 2) / size
+            for one, size in zip((contact, other), noise, strict=True)
+        ]
         return np.concatenate([part for one in both for part in (one.real, one.imag)])
 
     steps = 1e-6 * np.eye(4 * n)

@@ -1,6 +1,5 @@
 """The pictures in docs/ show what the code does today."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,35 +11,31 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_every_picture_of_the_documentation_is_noted() -> None:
-    here = {path.name for path in DOCS.glob("*.png")}
-    assert here == set(drawn.PICTURES) == set(drawn.read_notes(DOCS))
+    assert {path.name for path in DOCS.glob("*.png")} == set(drawn.read_notes())
 
 
-@pytest.mark.parametrize("name", drawn.PICTURES)
+@pytest.mark.parametrize("name", drawn.read_notes())
 def test_a_picture_matches_the_code(name: str) -> None:
     """Mend: python -m benchmarks.pictures --docs -o docs --only NAME, and look at it."""
-    now = drawn.note_of(drawn.PICTURES[name])
-    assert drawn.differences(drawn.read_notes(DOCS)[name], now) == []
+    noted = drawn.read_notes()[name]
+    now = drawn.note_of(noted)
+    assert drawn.differences(noted, now) == []
     assert now["words"] or any(now["metrics"].values())
 
 
-def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not(tmp_path: Path) -> None:
-    picture = drawn.Drawn("make", "x.png", (("aluminium-3mm", ("run.duration_s=0.0016",)),))
-    note = json.loads(json.dumps(drawn.note_of(picture)))
-    assert drawn.differences(note, drawn.note_of(picture)) == []
-    (case,) = note["metrics"].values()
-    exact = case["peak_force_n"]
-    case["peak_force_n"] = exact * (1.0 + 1e-9)
-    assert drawn.differences(note, drawn.note_of(picture)) == []
-    case["peak_force_n"] = exact * (1.0 + 1e-5)
-    (said,) = drawn.differences(note, drawn.note_of(picture))
-    assert "peak_force_n was" in said
-    stronger = drawn.Drawn(
-        "make", "x.png", (("aluminium-3mm", ("run.duration_s=0.0016", "controller.kappa=0.81")),)
-    )
-    assert drawn.differences(note, drawn.note_of(stronger))
-    worded = drawn.note_of(picture) | {"words": ["another title"]}
-    assert any("words was" in one for one in drawn.differences(note, worded))
+def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not() -> None:
+    case = "aluminium-3mm run.duration_s=0.0016"
+    now = drawn.note_of({"metrics": {case: {}}, "replayed": None})
+    force = now["metrics"][case]["peak_force_n"]
+    for factor, noticed in ((1.0, False), (1.0 + 1e-9, False), (1.0 + 1e-5, True)):
+        metrics = {case: now["metrics"][case] | {"peak_force_n": factor * force}}
+        found = drawn.differences(now | {"metrics": metrics}, now)
+        assert bool(found) == noticed
+        assert all("peak_force_n was" in one for one in found)
+    stronger = drawn.note_of({"metrics": {f"{case} controller.kappa=0.81": {}}, "replayed": None})
+    assert drawn.differences(now, stronger)
+    [words] = drawn.differences(now, now | {"words": ["another title"]})
+    assert "words was" in words
 
 
 def test_a_run_for_a_picture_that_fails_says_why(

@@ -1,4 +1,4 @@
-"""Every program runs with --quick, writes CSV and a picture, and ends with its conclusion."""
+"""Every program runs with --quick, writes CSV files, and ends with its conclusion."""
 
 import csv
 import importlib
@@ -19,30 +19,24 @@ from tests.tiers import default
 CONCLUSIONS = {
     "benchmarks.budget_agreement": r"Of 1 limits 0 differ from brute force, and the search takes",
     "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
-    "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, \d+%",
-    "benchmarks.exchange": r"An exchange in the fast lane takes [\d.,]+ us, [\d.,]+ times",
+    "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, and an",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",
     "benchmarks.first_run": r"The kernels of the default scene are \d+ functions, which take",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
     "benchmarks.fit_hits": r"The stiffness of the tip is the same within [\d.]+ % \(\+/-\) over",
-    "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
     "benchmarks.solid_law": r"The error of the first impact is at most the stated one in",
     "benchmarks.held_force": r"The error of the first impact is as expected, or announced",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.jitter_margin": r"In 0 of 21 loops a latency below the jitter margin is unstable",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
-    "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
-    "benchmarks.linear_system": r"The frequency response is within [\d.e-]+ of python-control's",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
     "benchmarks.measured_modes": r"Modes are within all targets in 1 of 1 cases",
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
-    "benchmarks.paced_prediction": r"[0-3] of 3 paced runs are repeated to the bit, and [\d.]+ %",
     "benchmarks.pictures": r"A picture takes \d+ s at most",
-    "benchmarks.plate_models": r"In the place of the omitted modes, a damped mode leaves an error",
-    "benchmarks.probability": r"The 95 % interval holds the true probability in [\d.]+ % \(",
+    "benchmarks.plate_models": r"In three dimensions the plate energy changes by up to [\d.e-]+",
     "benchmarks.real_plant": r"In the real plant \d+ of \d+ laws take energy off the plate",
     "benchmarks.replay": r"A recording of 1,600 steps becomes an \.rrd file of [\d.]+ MB",
     "benchmarks.speed_accuracy": r"At an error of 0\.001 the default scheme is [\d.]+ times",
@@ -50,12 +44,10 @@ CONCLUSIONS = {
     "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
     "benchmarks.validity_map": r"The effect above 0\.1 % in most of the map is: [a-z ]+",
     "benchmarks.wood": r"An orthotropic plate with three fitted moduli is off by 1\.1 % at most",
-    "benchmarks.text_tables": r"Of 200 text tables 0 are read wrongly; [\d.]+ % of those that can",
+    "benchmarks.worst_sequence": r"The search is at least -?[\d.]+ dB worse than all draws",
     "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
     "paper.equations": r"For the contact time of aluminium-3mm, .* is 10\.3 times",
-    "paper.figures": r"2 figures are drawn; the first contact on aluminium lasts 35 us",
-    "paper.optima": r"The force that the published numerics find best for the plate energy ranks",
-    "paper.table_a1": r"The reading 'flat' comes closest to table A\.1",
+    "paper.figures": r"The first contact on aluminium lasts 35 us in the published scheme",
     "paper.tables": r"Over 10 rows, thesis2008 differs from the published levels by a median",
     "paper.weaknesses": r"The contact impulse of the published scheme is at most [\d.]+ %",
 }
@@ -97,7 +89,7 @@ def test_a_program_runs_quickly(name: str, tmp_path: Path) -> None:
     assert re.match(CONCLUSIONS[name], last), last
     assert last.endswith(".")
     made = {path.suffix for path in (tmp_path / "made").iterdir()}
-    assert made == {".csv", ".png"}
+    assert {".csv"} <= made <= {".csv", ".png"}
     for path in (tmp_path / "made").glob("*.csv"):
         with path.open(newline="") as file:
             rows = list(csv.reader(file))
@@ -123,8 +115,11 @@ def test_cases_are_measured_in_another_checkout_too(tmp_path: Path) -> None:
     data = json.loads(done.stdout)
     sweeps = [(row["sweep"][:7], row["checkout"]) for row in data["cases"]]
     assert sweeps == [
-        ("latency", "before"), ("latency", "this"), ("radius,", "before"), ("radius,", "this"),
-    ]  # fmt: skip
+        ("latency", "before"),
+        ("latency", "this"),
+        ("radius,", "before"),
+        ("radius,", "this"),
+    ]
     assert all(0.0 < row["loop_ms"] < row["case_ms"] for row in data["cases"])
     assert [row["checkout"] for row in data["whole"]] == ["this", "before"]
 
@@ -150,9 +145,13 @@ def test_a_missing_package_is_named(tmp_path: Path) -> None:
         "from benchmarks.program import start; start('benchmarks.cases')"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120,
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
     assert "pip install 'hertzloop[charts]'" in done.stderr
 

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import real_plant as study
 from benchmarks.latency import Named, critical
+from benchmarks.results import Results
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.studies.sweeps.design import phases
 from hertzloop.studies.sweeps.pool import local_pool
@@ -17,9 +18,11 @@ from hertzloop.studies.sweeps.pool import local_pool
 pytestmark = pytest.mark.full
 
 COARSE = Named(
-    "coarse", "aluminium-3mm",
-    ("run.accuracy=0.1", "run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"), "impact",
-)  # fmt: skip
+    "coarse",
+    "aluminium-3mm",
+    ("run.accuracy=0.1", "run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"),
+    "impact",
+)
 LAWS = ("slope_threshold", "dent_threshold")
 
 
@@ -90,12 +93,11 @@ def test_noise_goes_with_the_range_that_law_and_latency_ask_for() -> None:
 
 
 def test_table_and_picture(found: list[study.Effect], tmp_path: Path) -> None:
-    study.write(tmp_path, found)
+    study.write(Results(tmp_path, None), found)
     with (tmp_path / "real.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["law"], row["plant"]) for row in rows] == [(e.law, e.plant) for e in found]
     assert float(rows[0]["mean_db_2us"]) == found[0].energies[2].mean
     assert (tmp_path / "real.png").read_bytes().startswith(b"\x89PNG")
     assert float(rows[0]["critical_bits"]) == found[0].critical_bits
-    assert study._table("coarse", found).row_count == len(found)
     assert study._critical(found[1]) == "never"

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from benchmarks import integrator_kernels as ik
-from benchmarks import speed_accuracy as cases
+from benchmarks import integrators
 from benchmarks import speed_accuracy as study
-from benchmarks.speed_accuracy import draw
 
 
 @pytest.fixture(scope="module")
-def small() -> cases.Problem:
-    what = cases.problem("aluminium-3mm", 6e-5)
+def small() -> integrators.Problem:
+    what = integrators.problem("aluminium-3mm", 6e-5)
     keep = np.sqrt(what.omega2) < 2 * np.pi * 30e3
-    return cases.Problem(what.name, what.spec, what.duration_s, what.omega2[keep], what.drive[keep])
+    return integrators.Problem(
+        what.name, what.spec, what.duration_s, what.omega2[keep], what.drive[keep]
+    )
 
 
 @pytest.mark.parametrize(
@@ -28,10 +29,12 @@ def small() -> cases.Problem:
         (ik.rk4, (), 2.5),  # the contact's force has one and a half derivatives
     ],
 )
-def test_order_of_convergence(small: cases.Problem, kernel, more: tuple, order: float) -> None:  # type: ignore[no-untyped-def]
-    finest = cases.kernel_run(ik.rk4, small, 3.125e-8)()[0]
+def test_order_of_convergence(
+    small: integrators.Problem, kernel, more: tuple, order: float
+) -> None:  # type: ignore[no-untyped-def]
+    finest = integrators.kernel_run(ik.rk4, small, 3.125e-8)()[0]
     errors = [
-        np.abs(cases.kernel_run(kernel, small, h, *more)()[0] - finest).max()
+        np.abs(integrators.kernel_run(kernel, small, h, *more)()[0] - finest).max()
         for h in (1e-6, 5e-7, 2.5e-7)
     ]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
@@ -60,10 +63,10 @@ def test_average_acceleration_has_no_limit() -> None:
     assert abs(y[0]) < 1.1e-6
 
 
-def test_reference_is_dop853s(small: cases.Problem) -> None:
+def test_reference_is_dop853s(small: integrators.Problem) -> None:
     count = [0]
-    solved = cases.scipy_run("DOP853", small, 1e-10, count)()[0]
-    found = cases.kernel_run(ik.rk4, small, 6.25e-8)()[0]
+    solved = integrators.scipy_run("DOP853", small, 1e-10, count)()[0]
+    found = integrators.kernel_run(ik.rk4, small, 6.25e-8)()[0]
     assert count[0] > 100
     np.testing.assert_allclose(found, solved, rtol=0, atol=1e-5 * np.abs(solved).max())
 
@@ -81,7 +84,7 @@ def test_points_are_written_and_modal_leads(tmp_path: Path) -> None:
     radau = [p for p in points if p.scheme == "radau"]
     assert len(radau) == 1
     assert radau[0].status.startswith("omitted: stopped after 0.2 s of CPU time")
-    draw(tmp_path / "a.png", ["aluminium-3mm"], points)
+    study.draw(tmp_path / "a.png", ["aluminium-3mm"], points)
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
@@ -90,12 +93,18 @@ def test_the_conclusion_names_the_fastest_scheme_that_is_accurate_enough() -> No
         return study.Point(scene, scheme, "", error, 0.0, cpu, status)
 
     points = [
-        point("modal", 1e-4, 1.0), point("modal", 1e-2, 0.1), point("verlet", 1e-2, 0.5),
-        point("rk4", 1e-3, 3.0), point("rk4", 1e-5, 9.0), point("lsoda", 1e-6, 4.0),
+        point("modal", 1e-4, 1.0),
+        point("modal", 1e-2, 0.1),
+        point("verlet", 1e-2, 0.5),
+        point("rk4", 1e-3, 3.0),
+        point("rk4", 1e-5, 9.0),
+        point("lsoda", 1e-6, 4.0),
         point("dop853 estimate", 1e-6, 0.2, status="estimate: evaluations"),
-        point("modal", 1e-4, 1.0, "b"), point("lsoda", 1e-6, 5.0, "b"),
-        point("modal", 1e-4, 1.0, "c"), point("rk4", 1e-4, 2.0, "c"),
-    ]  # fmt: skip
+        point("modal", 1e-4, 1.0, "b"),
+        point("lsoda", 1e-6, 5.0, "b"),
+        point("modal", 1e-4, 1.0, "c"),
+        point("rk4", 1e-4, 2.0, "c"),
+    ]
     assert study.conclusion(points) == (
         "At an error of 0.001 the default scheme is 4.5 times as fast as the fastest general "
         "solver (lsoda), and 3 times as fast as the fastest of all other schemes (lsoda, rk4), "

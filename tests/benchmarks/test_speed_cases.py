@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks import dop853_kernels
 from benchmarks import integrator_kernels as ik
-from benchmarks import speed_accuracy as cases
+from benchmarks import integrators as cases
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def smooth() -> tuple[np.ndarray, tuple]:
 def test_dop853_has_order_8() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
-        ik.dop853(y, *arguments, 0.032, np.empty(1), 1.0, 1.0, h, True)
+        dop853_kernels.dop853(y, *arguments, 0.032, np.empty(1), 1.0, 1.0, h, True)
         return y
 
     found = orders(run, (2e-3, 1e-3, 5e-4, 2.5e-4))  # below, rounding
@@ -53,7 +54,7 @@ def test_dop853_dense_output_has_order_7() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
         gaps = np.empty(13)
-        ik.dop853(y, *arguments, 0.032 / 13, gaps, 1.0, 1.0, h, True)
+        dop853_kernels.dop853(y, *arguments, 0.032 / 13, gaps, 1.0, 1.0, h, True)
         return gaps
 
     assert np.all(orders(run, (4e-3, 2e-3, 1e-3)) > 6.5)
@@ -64,11 +65,17 @@ def test_dop853_dense_output_has_order_7() -> None:
 def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) -> None:
     t = cases.SAMPLE_S * np.arange(1, small.samples + 1)
     expected = solve_ivp(
-        lambda t, y: ik.slope(t, y, *small.arguments), (0.0, t[-1]), small.start(),
-        method="DOP853", t_eval=t, rtol=tolerance, atol=1e-6 * tolerance, first_step=1e-6,
-    )  # fmt: skip
+        lambda t, y: ik.slope(t, y, *small.arguments),
+        (0.0, t[-1]),
+        small.start(),
+        method="DOP853",
+        t_eval=t,
+        rtol=tolerance,
+        atol=1e-6 * tolerance,
+        first_step=1e-6,
+    )
     state, gaps = small.start(), np.empty(small.samples)
-    taken, refused, evaluations = ik.dop853(
+    taken, refused, evaluations = dop853_kernels.dop853(
         state, *small.arguments, cases.SAMPLE_S, gaps, tolerance, 1e-6 * tolerance, 1e-6, False
     )
     assert taken >= 10
@@ -84,7 +91,11 @@ def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) 
 def test_dop853_says_that_a_step_vanishes() -> None:
     y, arguments = smooth()
     y[0] = math.nan
-    assert ik.dop853(y, *arguments, 1.0, np.empty(1), 1e-6, 1e-9, 1e-3, False) == (-1, -1, -1)
+    assert dop853_kernels.dop853(y, *arguments, 1.0, np.empty(1), 1e-6, 1e-9, 1e-3, False) == (
+        -1,
+        -1,
+        -1,
+    )
 
 
 def test_slow_solver_is_cut_off(small: cases.Problem) -> None:
@@ -116,7 +127,7 @@ def collocation_errors(
     """Largest errors of the gap, relative, over a contact with its touch and its end."""
     state, exact = small.start(), np.empty(small.samples)
     state[-2] = height_m
-    ik.dop853(state, *small.arguments, cases.SAMPLE_S, exact, 1e-13, 1e-19, 1e-6, False)
+    dop853_kernels.dop853(state, *small.arguments, cases.SAMPLE_S, exact, 1e-13, 1e-19, 1e-6, False)
     assert exact[1] < 0.0 < exact[10]
     runs = [cases.collocation_run(small, h, stages, levels, height_m) for h in steps]
     return np.array([np.abs(run()[0] - exact).max() for run in runs]) / -exact.min()

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.driven import build, drive
-from benchmarks.exported import same_bytes
+from benchmarks.exported import build, drive, same_bytes
 from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.simulate import simulate

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from benchmarks.latency import draw_maps
+from benchmarks.latency_pictures import draw_maps
 from hertzloop.studies import pictures, words
 from hertzloop.studies.pictures import round_above
 from hertzloop.studies.tuning import Candidate, draw_front

@@ -203,7 +203,7 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
     done = invoke(
         ["scene", "modes", "offcentre-6mm", "--from", str(tmp_path / "modes.uff"), "--contact",
          "1", "--actuator", "2", "-o", str(tmp_path / "of-file.csv"),
-         *sets(settings)]
+         *as_options(settings)]
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "312 modes from 277.01 to 52600 Hz" in done.output

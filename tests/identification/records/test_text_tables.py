@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.text_tables import draw, judged
 from hertzloop.common.optional_dependencies import EXTRAS
 from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.records.errors import RecordError
@@ -16,6 +15,7 @@ from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.reading import read_record, read_records
 from hertzloop.identification.records.units import name_and_unit, unit_of
 from tests.commands import invoke
+from tests.identification.records.text_tables import draw, judged
 
 COUNT, STEP_S = 40, 5e-7
 TIME = STEP_S * np.arange(COUNT) - 2e-6
@@ -126,7 +126,7 @@ def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
 
 
 def test_drawn_tables_are_read_rightly_or_refused(tmp_path: Path) -> None:
-    """The program `benchmarks.text_tables` reads many more."""
+    """The program `python -m tests.identification.records.text_tables` reads many more."""
     found = [judged(draw(seed), seed, tmp_path) for seed in range(20_000, 20_060)]
     assert not [one for one in found if one.result == "wrong"]
     assert sum(one.result == "right" for one in found) > 40

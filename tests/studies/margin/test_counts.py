@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.margin import LAWS, dense, own_laws, synthetic
+from benchmarks.margin import dense, laws, own_laws, synthetic
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import loop_of
@@ -50,4 +50,4 @@ def test_a_finite_impulse_response_closes_the_loop(taps: list[float]) -> None:
 
 @pytest.mark.full
 def test_laws_of_a_user_are_classified() -> None:
-    assert [c.case for c in own_laws(LAWS) if not c.agrees] == []
+    assert [c.case for c in own_laws(laws()) if not c.agrees] == []

@@ -5,50 +5,41 @@ encodings. A reading is right, refused in a sentence, or wrong. A part of the ta
 two ways, or has a unit that nobody knows; these must be refused.
 """
 
+import argparse
+import sys
 import tempfile
-import time
-import tracemalloc
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import scipy.io.wavfile
-import typer
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    conclude,
-    number_table,
-    out,
-    results_in,
-    start,
-    tracked,
-    write_json,
-    write_records,
-    written,
-)
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.reading import read_record
 
-TablesOption = Annotated[int, typer.Option(min=1, help="Draw this many tables (200 with --quick).")]
-FirstOption = Annotated[int, typer.Option(help="Number of the first table.")]
+RESULTS = ("right", "refused", "wrong")
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "ns": 1e-9, "seconds": 1.0}
 _FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "Newton": 1.0}
 _UNKNOWN = ("lb", "tons", "counts", "Nm", "bananas", "kg")
 _GAPS = ("", "nan", "NaN", "---", "OVL", "1.#INF", "-1.#IND", "#N/A", "inf")
 _PREAMBLE = (
-    ("Record Length", "{i}"), ("Model", "TX {i}"), ("Sample Mode", "Real time"),
-    ("Vertical Scale", "{f}"), ("Probe", "{i}"), ("Date", "2024-05-06"), ("Trigger", "{f}"),
-    ("Firmware Version", "1.{i}"), ("Channels", "{i}"), ("Operator", "A. B."), ("Gating", "0 to 9"),
-    ("Vertical Offset", "{f}"), ("Bandwidth", "20 MHz"), ("Serial", "SN{i}"), ("Temp", "21.5 C"),
-)  # fmt: skip
+    ("Record Length", "{i}"),
+    ("Model", "TX {i}"),
+    ("Sample Mode", "Real time"),
+    ("Vertical Scale", "{f}"),
+    ("Probe", "{i}"),
+    ("Date", "2024-05-06"),
+    ("Trigger", "{f}"),
+    ("Firmware Version", "1.{i}"),
+    ("Channels", "{i}"),
+    ("Operator", "A. B."),
+    ("Gating", "0 to 9"),
+    ("Vertical Offset", "{f}"),
+    ("Bandwidth", "20 MHz"),
+    ("Serial", "SN{i}"),
+    ("Temp", "21.5 C"),
+)
 
 
 @dataclass
@@ -100,10 +91,13 @@ class _Draw:
     def number(self, value: float, style: str) -> str:
         """A number in one of the ways in which programs write it."""
         return {
-            "g": f"{value:.10g}", "e": f"{value:.9e}", "+e": f"{value:+.8E}",
+            "g": f"{value:.10g}",
+            "e": f"{value:.9e}",
+            "+e": f"{value:+.8E}",
             "r": repr(float(value)),
-            "D": f"{value:.10E}".replace("E", "D"), "minus": f"{value:.10g}".replace("-", "\u2212"),
-        }[style]  # fmt: skip
+            "D": f"{value:.10E}".replace("E", "D"),
+            "minus": f"{value:.10g}".replace("-", "\u2212"),
+        }[style]
 
     def case(self) -> TextCase:
         """Draw the table."""
@@ -118,8 +112,9 @@ class _Draw:
             style = "minus"
         step = float(self.one(1e-7, 5e-7, 1e-6, 1.25e-6, 1e-5))
         zero = float(self.one(0.0, -0.5, -0.25)) * rows * step
-        self.features.append({",": "comma", ";": "semicolon", "\t": "tab", " ": "spaces",
-                              "|": "bar"}[separator])  # fmt: skip
+        self.features.append(
+            {",": "comma", ";": "semicolon", "\t": "tab", " ": "spaces", "|": "bar"}[separator]
+        )
 
         def put(value: float) -> str:
             text = self.number(value, style)
@@ -212,8 +207,14 @@ class _Draw:
             columns.append(("Status", "", [self.one("OK", "OK", "valid") for _ in range(rows)]))
             self.given.setdefault("column", name)
         if self.some("sample numbers", 0.1) and how != "start column":
-            columns.insert(0, ("Index" if separator == " " else self.one("Index", "Sample", ""), "",
-                               [str(i) for i in range(rows)]))  # fmt: skip
+            columns.insert(
+                0,
+                (
+                    "Index" if separator == " " else self.one("Index", "Sample", ""),
+                    "",
+                    [str(i) for i in range(rows)],
+                ),
+            )
         headless = names_units == "none" and separator != " " and self.some("no heading", 0.4)
         if headless:
             place = next(i for i, c in enumerate(columns) if c[0] == name)
@@ -251,9 +252,15 @@ class _Draw:
         return TextCase(raw, self.given, true_s, value, self.features, self.must_refuse)
 
     def _above(
-        self, columns: list[tuple[str, str, list[str]]], separator: str, names_units: str,
-        headless: bool, how: str, step: float, zero: float,
-    ) -> list[str]:  # fmt: skip
+        self,
+        columns: list[tuple[str, str, list[str]]],
+        separator: str,
+        names_units: str,
+        headless: bool,
+        how: str,
+        step: float,
+        zero: float,
+    ) -> list[str]:
         """Lines above the table: facts, names, units."""
         g, found = self.g, []
         sep = separator if separator != " " else "\t"
@@ -269,11 +276,15 @@ class _Draw:
             line = f"{key}: {words}" if kind in ("comments", "text") else f"{key}{sep}{words}"
             body.append(("# " if kind == "comments" else "") + line)
         fact = {
-            "interval": self.one(f"Sample Interval{sep}{step!r}", f"Delta_X{sep}{step!r}",
-                                 f"Sampling Interval{sep}{1e6 * step:.9g} us"),
-            "rate": self.one(f"Sample Rate{sep}{1 / step:.9g}",
-                             f"Sample Rate{sep}{1e-6 / step:.9g} MHz"),
-        }.get(how)  # fmt: skip
+            "interval": self.one(
+                f"Sample Interval{sep}{step!r}",
+                f"Delta_X{sep}{step!r}",
+                f"Sampling Interval{sep}{1e6 * step:.9g} us",
+            ),
+            "rate": self.one(
+                f"Sample Rate{sep}{1 / step:.9g}", f"Sample Rate{sep}{1e-6 / step:.9g} MHz"
+            ),
+        }.get(how)
         if fact:
             body.insert(int(g.integers(len(body) + 1)), fact)
         found += body
@@ -286,11 +297,15 @@ class _Draw:
             stated = unit if names_units != "none" else ""
             if unit == "Sequence":
                 stated = ""
-            names.append({
-                "bracket": f"{name} {self.one('[{}]', '({})').format(stated)}" if stated else name,
-                "slash": f"{name} / {stated}" if stated else name,
-                "underscore": f"{name}_{stated}" if stated else name,
-            }.get(names_units, name))  # fmt: skip
+            names.append(
+                {
+                    "bracket": f"{name} {self.one('[{}]', '({})').format(stated)}"
+                    if stated
+                    else name,
+                    "slash": f"{name} / {stated}" if stated else name,
+                    "underscore": f"{name}_{stated}" if stated else name,
+                }.get(names_units, name)
+            )
             units.append(unit and self.one(unit, f"({unit})"))
             if names_units == "none" and unit != "Sequence":
                 units[-1] = ""
@@ -309,9 +324,13 @@ class _Draw:
         return found
 
     def _spoilt(
-        self, lines: list[str], separator: str, comma: bool,
-        columns: list[tuple[str, str, list[str]]], name: str,
-    ) -> list[str]:  # fmt: skip
+        self,
+        lines: list[str],
+        separator: str,
+        comma: bool,
+        columns: list[tuple[str, str, list[str]]],
+        name: str,
+    ) -> list[str]:
         """The table with something that cannot be read in one way, in a part of the cases."""
         if self.g.random() > 0.12 or "facts beside" in self.features:
             return lines
@@ -381,138 +400,31 @@ def judged(case: TextCase, seed: int, folder: Path) -> Reading:
     known, true = np.isfinite(record.value), np.isfinite(case.value)
     same = np.count_nonzero(known) == np.count_nonzero(true) and (
         np.allclose(record.value[known], case.value[true], rtol=1e-12, atol=0.0)
-        and np.allclose(np.diff(record.time_s[known]), np.diff(case.time_s[true]), rtol=1e-4,
-                        atol=3e-12)
-    )  # fmt: skip
+        and np.allclose(
+            np.diff(record.time_s[known]), np.diff(case.time_s[true]), rtol=1e-4, atol=3e-12
+        )
+    )
     return Reading(seed, "right" if same else "wrong", False, features, record.source)
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Processor time and memory of reading a large table."""
-
-    table: str
-    megabytes: float
-    seconds_per_million: float
-    memory_over_file: float
-
-
-def _written(number: int, row: Callable[[float, float], str], heading: str) -> str:
-    values = np.round(88.0 * np.random.default_rng(1).random(number), 5)
-    return heading + "".join(
-        row(t, float(v)) for t, v in zip(5e-7 * np.arange(number), values, strict=True)
-    )
-
-
-# Large tables: heading, and the row of a time and a value.
-_LARGE: dict[str, tuple[str, Callable[[float, float], str]]] = {
-    "commas": ("time_s,contact_force_n\n", lambda t, v: f"{t:.9g},{v:.6g}\n"),
-    "decimal commas": (
-        "Time [s];Force [N]\n", lambda t, v: f"{t:.9g};{v:.6g}\n".replace(".", ",")
-    ),
-    "quotes": ("time_s,contact_force_n\n", lambda t, v: f'"{t:.9g}","{v:.6g}"\n'),
-    "spaces": ("time_s contact_force_n\n", lambda t, v: f"  {t:.9e}   {v:.6e}\n"),
-    "gaps": ("time_s,contact_force_n\n", lambda t, v: f"{t:.9g},{v if v > 9 else ''}\n"),
-    "dates": (
-        "Time,Force (N)\n", lambda t, v: f"2024-05-06 12:00:{t % 60:010.7f},{v:.6g}\n"
-    ),
-    "whole numbers": ("contact_force_n\n", lambda t, v: f"{v:.0f}\n"),
-    "whole kilonewtons": ("contact_force_kn\n", lambda t, v: f"{v:.0f}\n"),
-}  # fmt: skip
-
-
-def _wav(path: Path, number: int) -> None:
-    codes = np.arange(number) % 30_000
-    scipy.io.wavfile.write(path, 200_000, codes.astype(np.int16))
-
-
-def _npy(path: Path, number: int) -> None:
-    np.save(path, (np.arange(number) % 30_000).astype(np.int16))
-
-
-def _lvm(path: Path, number: int) -> None:
-    """Two segments."""
-    begun = "Channels\t1\nY_Unit_Label\tN\nDelta_X\t5.0E-7\n***End_of_Header***\nX_Value\tForce\n"
-    part = _written(number // 2, lambda t, v: f"{t:.6e}\t{v:.6f}\n", begun)
-    path.write_text(f"LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n\n{part}\n{part}")
-
-
-# Other files: their name, what writes them, and the keys that they need.
-_FILES: dict[str, tuple[str, Callable[[Path, int], None], dict[str, Any]]] = {
-    "LVM, two segments": ("large.lvm", _lvm, {"group": 2}),
-    "WAV of 16 bits": ("large.wav", _wav, {"quantity": "v_p", "sensitivity": 20.0, "unit": "m/s"}),
-    "NPY of 16 bits": ("large.npy", _npy, {"quantity": "v_p", "unit": "mm/s", "rate_hz": 2e6}),
-}
-
-
-def cost_of(name: str, number: int, folder: Path) -> Cost:
-    """Read a large file twice: for its processor time, and for its memory."""
-    if name in _FILES:
-        file, write, given = _FILES[name]
-        write(path := folder / file, number)
-    else:
-        heading, row = _LARGE[name]
-        path = folder / "large.csv"
-        path.write_text(_written(number, row, heading), encoding="utf-8")
-        given = {"rate_hz": 2e6} if heading.startswith("contact") else {}
-    size = path.stat().st_size
-    begun = time.process_time()
-    read_record(path, given)
-    taken = time.process_time() - begun
-    tracemalloc.start()
-    read_record(path, given)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return Cost(name, 1e-6 * size, 1e6 * taken / number, most / size)
-
-
-def main(
-    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None,
-    tables: TablesOption = 10_000, first: FirstOption = 0,
-) -> None:  # fmt: skip
-    """Read tables that are drawn at random, and compare them with their numbers.
-
-    Each is right, refused in a sentence, or wrong. Then large tables are read for their processor
-    time and memory.
-
-    Example: python -m benchmarks.text_tables --quick
-    """
-    check_json(json_file)
-    with results_in(folder, "text_tables") as made, tempfile.TemporaryDirectory() as place:
-        number = 200 if quick else tables
-        found = [judged(draw(seed), seed, Path(place))
-                 for seed in tracked("tables", range(first, first + number))]  # fmt: skip
-        costs = [cost_of(name, 20_000 if quick else 1_000_000, Path(place))
-                 for name in tracked("large files", [*_LARGE, *_FILES])]  # fmt: skip
-        write_records(made / "text_tables.csv", found)
-        write_records(made / "costs.csv", costs)
-        counts = Counter((one.must_refuse, one.result) for one in found)
-        kinds = [
-            (f"{said}: {result}", float(counts[refuse, result]))
-            for refuse, said in ((False, "readable"), (True, "not readable in one way"))
-            for result in ("right", "refused", "wrong")
-            if (refuse, result) != (True, "right")
-        ]
-        bars(made / "text_tables.png", "Text tables drawn at random", "tables", kinds)
-    out.print(number_table("tables", ("table", "number"),
-                           [(name, f"{n:.0f}") for name, n in kinds], text=1))  # fmt: skip
-    out.print(number_table(
-        "large files", ("file", "MB", "s per million", "memory over file"),
-        [(c.table, f"{c.megabytes:.1f}", f"{c.seconds_per_million:.2f}",
-          f"{c.memory_over_file:.1f}") for c in costs], text=1,
-    ))  # fmt: skip
-    for one in [one for one in found if one.result == "wrong"][:10]:
-        out.print(f"wrong: table {one.seed} ({one.features}): {one.words}", soft_wrap=True)
-    written(made, "text_tables.csv", "costs.csv", "text_tables.png")
-    wrong = sum(one.result == "wrong" for one in found)
-    readable = [one for one in found if not one.must_refuse]
-    right = sum(one.result == "right" for one in readable)
-    conclude(
-        f"Of {len(found):,} text tables {wrong} are read wrongly; "
-        f"{100 * right / len(readable):.1f} % of those that can be read in one way are right."
-    )
-    write_json(json_file, {"wrong": wrong, "right": right, "readable": len(readable)})
+def main() -> int:
+    """Read tables that are drawn at random; print counts, and those that are read wrongly."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tables", type=int, default=10_000, help="draw this many tables")
+    parser.add_argument("--first", type=int, default=0, help="number of the first table")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        seeds = range(asked.first, asked.first + asked.tables)
+        found = [judged(draw(seed), seed, Path(folder)) for seed in seeds]
+    for one in found:
+        if one.result == "wrong":
+            print(f"wrong: table {one.seed} ({one.features}): {one.words}")
+    counts = Counter((one.must_refuse, one.result) for one in found)
+    for refuse, said in ((False, "readable"), (True, "not readable in one way")):
+        numbers = ", ".join(f"{result} {counts[refuse, result]:,}" for result in RESULTS)
+        print(f"{said}: {numbers}")
+    return int(any(one.result == "wrong" for one in found))
 
 
 if __name__ == "__main__":
-    start("benchmarks.text_tables")
+    sys.exit(main())
