@@ -93,7 +93,7 @@ def test_the_table_counts() -> None:
     fault = Fault("plant", "kill", "lane", False, 0.0)
     said = table([fault] * 6, {0: good, 5: bad} | dict.fromkeys(range(1, 5)))
     assert "tries, lane | tries, no lane | hangs | wrong cause | most lost, ms | longest, s" in said
-    assert "| plant | kill | 2 | 0 | 1 | 1 | 101 | 9 |" in said
+    assert "| plant | 2 | 0 | 1 | 1 | 101 | 9 |" in said
     assert "2 tries: something is wrong after 1, more than 100 ms are lost after 1." in said
     assert "In no try: processes left, unreadable, wrong exit code, otherwise wrong. 4 " in said
 
