@@ -75,8 +75,6 @@ CODES = {
     "hertzloop compare early.mcap late.mcap": 1,
     "hertzloop budget --check requirements.toml  # green-check.md": 1,
     "hertzloop fit bench.toml --check --expect contact_force:80us:0.4%": 2,
-    # A negative verdict on a key or the model: the page is about the time of a fit.
-    "hertzloop fit aluminium-3mm drop.mcap $S --free plate.thickness_m": 1,
 }
 
 
