@@ -61,6 +61,7 @@ HAS = {
     "printf 'latency_us\\n3\\n4\\n3\\n5\\n' > scope.csv",
     "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
     "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
+    "docs/how-to/latency-trace.md": f"cp {EXAMPLES}/latency/* .",
     "docs/how-to/measured-structures.md": f"cp {EXAMPLES}/hammer/* .",
     "docs/tutorials/fit.md": f"cp {EXAMPLES}/bench* .",
     "docs/tutorials/measured-structure.md": f"cp {EXAMPLES}/hammer/* .",
