@@ -92,7 +92,8 @@ def test_every_command_has_its_line() -> None:
 @pytest.mark.full
 def test_the_site_builds_strictly(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", tmp_path],
+        # Without --quiet, with which MkDocs does not count the warnings that --strict refuses.
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", tmp_path],
         cwd=ROOT, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -130,3 +131,23 @@ def test_the_topics_of_a_recording() -> None:
     rows = re.findall(r"^\| `(/\w+)` \| `(\S+)` \|", text, re.M)
     kept = {s.topic: (s.recorded_as or s.message).DESCRIPTOR.full_name for s in STREAMS.values()}
     assert rows == list(kept.items())
+
+
+def test_links_outside_the_site_lead_to_files() -> None:
+    """The site checks the links within docs."""
+    for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        for link in re.findall(r"\]\(([^)#:]+)[#)]", (ROOT / name).read_text()):
+            assert (ROOT / link).exists(), (name, link)
+
+
+FOLDERS = "benchmarks|bus|common|controller|docs|hertzloop|paper|plant|recordings|sensors|tests"
+
+
+@pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", *EVERY], ids=lambda page: page.name)
+def test_named_files_exist(page: Path) -> None:
+    for name in re.findall(rf"`((?:{FOLDERS})/[\w/]*(?:/|\.\w+))`", page.read_text()):
+        assert (ROOT / name).exists(), name
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 90

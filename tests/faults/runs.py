@@ -66,21 +66,20 @@ def series(faults: dict[int, Fault], at_once: int) -> Iterator[tuple[int, Outcom
 
 
 def table(faults: list[Fault], tried: Tried) -> str:
-    """A row for each kind of fault in a process; what went wrong in no try is a sentence."""
-    found: dict[tuple[str, str], list[tuple[str, Outcome]]] = defaultdict(list)
+    """A row for each process; what went wrong in no try is a sentence."""
+    found: dict[str, list[tuple[str, Outcome]]] = defaultdict(list)
     for number, outcome in tried.items():
         if outcome:
-            fault = faults[number]
-            found[fault.victim, fault.how].append((fault.lane, outcome))
+            found[faults[number].victim].append((faults[number].lane, outcome))
     everything = [one for outcomes in found.values() for _, one in outcomes]
     counted = [word for word in WRONG if _count(everything, word)]
-    head = ("process", "fault", *(f"tries, {lane}" for lane in LANES),
+    head = ("process", *(f"tries, {lane}" for lane in LANES),
             *(WRONG[word] for word in counted), "most lost, ms", "longest, s")  # fmt: skip
     rows = []
-    for key, outcomes in sorted(found.items()):
+    for process, outcomes in sorted(found.items()):
         mine = [one for _, one in outcomes]
         rows.append([
-            *key, *(sum(used == lane for used, _ in outcomes) for lane in LANES),
+            process, *(sum(used == lane for used, _ in outcomes) for lane in LANES),
             *(_count(mine, word) for word in counted),
             f"{max(one.lost_ms for one in mine):.0f}", f"{max(one.seconds for one in mine):.0f}",
         ])  # fmt: skip
@@ -88,7 +87,7 @@ def table(faults: list[Fault], tried: Tried) -> str:
     wrong = sum(bool(one.wrong) for one in everything)
     lost = sum(one.lost_ms > MOST_LOST_MS for one in everything)
     return (
-        f"{markdown(head, rows, words=2)}\n\n{len(everything)} tries: something is wrong after "
+        f"{markdown(head, rows)}\n\n{len(everything)} tries: something is wrong after "
         f"{wrong}, more than {MOST_LOST_MS:.0f} ms are lost after {lost}. "
         f"In no try: {never or 'none of the columns'}. "
         f"{len(tried) - len(everything)} further runs ended before the fault."

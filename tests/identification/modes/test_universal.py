@@ -12,7 +12,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load
-from tests.commands import invoke
+from tests.commands import as_options, invoke
 
 FILE = Path("test.unv")
 HZ, MASS, LOSS = np.array([120.0, 310.0, 705.0]), np.array([0.2, 1.0, 0.7]), 0.004

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 
-from benchmarks.probability import exact_coverage
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import parse_goal
-from hertzloop.studies.budget.probability import probability, sobol_indices, wilson
+from hertzloop.studies.budget.probability import FIRST, probability, sobol_indices, wilson
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.sweep import read_results, sweep
@@ -27,6 +27,24 @@ SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 def test_the_wilson_interval_is_that_of_the_formula():
     assert wilson(8, 10) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
     assert (wilson(0, 10)[0], wilson(10, 10)[1]) == (0.0, 1.0)
+
+
+def exact_coverage(truth: float, within: float, most: int = 4096) -> float:
+    """Return how often the interval holds a probability when cases double until half the interval
+    is at most `within`: the sum over all numbers of successes at which drawing stops."""
+    cases, covered = FIRST, 0.0
+    going = scipy.stats.binom.pmf(np.arange(cases + 1), cases, truth)
+    while True:
+        for met in np.flatnonzero(going):
+            low, high = wilson(int(met), cases)
+            if 0.5 * (high - low) <= within or cases >= most:
+                covered += going[met] if low <= truth <= high else 0.0
+                going[met] = 0.0
+        if not going.any():
+            return float(covered)
+        more = min(cases, most - cases)
+        going = np.convolve(going, scipy.stats.binom.pmf(np.arange(more + 1), more, truth))
+        cases += more
 
 
 def test_the_interval_holds_probabilities_that_are_not_rare_in_93_to_97_percent():

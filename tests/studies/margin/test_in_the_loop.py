@@ -130,8 +130,9 @@ def test_a_search_can_require_a_stable_loop() -> None:
 def test_the_command_tune_refuses_an_unstable_loop(tmp_path: Path) -> None:
     def front(*more: str) -> tuple[list[dict], str]:
         out = tmp_path / f"t{len(more)}.json"
-        done = invoke(["tune", "aluminium-3mm", *as_options(VELOCITY), "--minimise", "plate_energy_db",
-                       "--vary", "controller.kappa=0:0.6", "--generations", "2", "--population",
+        done = invoke(["tune", "aluminium-3mm", *as_options(VELOCITY),
+                       "--minimise", "plate_energy_db", "--vary", "controller.kappa=0:0.6",
+                       "--generations", "2", "--population",
                        "6", "--json", str(out), *more])  # fmt: skip
         assert done.exit_code == 0, done.output
         return json.loads(out.read_text())["front"], " ".join(done.output.split())
