@@ -53,7 +53,7 @@ def build(folder: Path, source: Path = fmu.C / "drive.c") -> Path:
     """A program in C beside the library of an exported folder that it uses."""
     program = folder / source.stem
     compiler = ["cc", "-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror"]
-    libraries = ["-L", folder, "-lhertzloop_plant", "-Wl,-rpath,$ORIGIN"]
+    libraries = ["-L", str(folder), "-lhertzloop_plant", "-Wl,-rpath,$ORIGIN"]
     subprocess.run([*compiler, "-I", folder, "-o", program, source, *libraries], check=True)
     return program
 

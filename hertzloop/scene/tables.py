@@ -95,7 +95,8 @@ def _theory(name: object, check: Callable[[object], str]) -> str:
 
 
 if TYPE_CHECKING:
-    SchemeName = TheoryName = str
+    SchemeName = str
+    TheoryName = str
 else:
     SchemeName = Annotated[Literal[*SCHEMES], WrapValidator(_scheme)]
     TheoryName = Annotated[Literal[(*THEORIES, "auto")], WrapValidator(_theory)]

@@ -55,8 +55,8 @@ class TraceFile:
         if unknown := sorted(set(table) - set(known)):
             raise ValueError(f"{where}.{unknown[0]}: unknown key. Use {', '.join(known)}")
         for name, value in table.items():
-            kind = {"thread": int, "offset_us": (int, float)}.get(name, str)
-            if not isinstance(value, kind) or isinstance(value, bool):
+            numbers: dict[str, tuple[type, ...]] = {"thread": (int,), "offset_us": (int, float)}
+            if not isinstance(value, numbers.get(name, (str,))) or isinstance(value, bool):
                 raise ValueError(f"{where}.{name} = {shown(value)}: has the wrong type")
         if table.get("unit", "s") not in IN_US:
             raise ValueError(f"{where}.unit = {shown(table['unit'])}: use s, ms, us or ns")

@@ -77,11 +77,41 @@ class WorstLimit:
     cases: int
 
 
+@dataclass(frozen=True)
+class LatencyWindow:
+    """Samples whose latencies matter to the first impact: from `first` until `end`. Until `fine`
+    there is contact, where single samples matter; later ones matter less and less."""
+
+    first: int
+    fine: int
+    end: int
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.end - self.first
+
+    def blocks(self, count: int) -> list[tuple[int, int]]:
+        """Return about `count` blocks, as first sample and end from the start of the window: of
+        equal length in contact, and longer the later they are after it."""
+        fine = self.fine - self.first
+        after = np.arange(self.count - fine)
+        weight = np.concatenate([np.ones(fine), fine / (fine + after)])
+        reached = np.concatenate([[0.0], np.cumsum(weight)])
+        edges = np.unique(np.searchsorted(reached, np.linspace(0.0, reached[-1], count + 1)))
+        return [(int(a), int(b)) for a, b in pairwise(edges)]
+
+
 class _Search:
     """Cases tried, and the worst of them."""
 
     def __init__(
-        self, setup: Setup, goals: Sequence[Goal], run: Run, window: "Window", bad_enough: float
+        self,
+        setup: Setup,
+        goals: Sequence[Goal],
+        run: Run,
+        window: LatencyWindow,
+        bad_enough: float,
     ) -> None:
         self.goals, self.run, self.window, self.bad_enough = goals, run, window, bad_enough
         self.step_us = setup.step_ns / 1000.0
@@ -126,32 +156,7 @@ def case_of(latencies_us: Sequence[float], touch_phase: float) -> dict[str, Any]
     }
 
 
-@dataclass(frozen=True)
-class Window:
-    """Samples whose latencies matter to the first impact: from `first` until `end`. Until `fine`
-    there is contact, where single samples matter; later ones matter less and less."""
-
-    first: int
-    fine: int
-    end: int
-
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        return self.end - self.first
-
-    def blocks(self, count: int) -> list[tuple[int, int]]:
-        """Return about `count` blocks, as first sample and end from the start of the window: of
-        equal length in contact, and longer the later they are after it."""
-        fine = self.fine - self.first
-        after = np.arange(self.count - fine)
-        weight = np.concatenate([np.ones(fine), fine / (fine + after)])
-        reached = np.concatenate([[0.0], np.cumsum(weight)])
-        edges = np.unique(np.searchsorted(reached, np.linspace(0.0, reached[-1], count + 1)))
-        return [(int(a), int(b)) for a, b in pairwise(edges)]
-
-
-def window_of(setup: Setup, most_steps: int, nominal: dict[str, Any]) -> Window:
+def window_of(setup: Setup, most_steps: int, nominal: dict[str, Any]) -> LatencyWindow:
     """Return the samples whose latencies matter to the first impact.
 
     Args:
@@ -165,7 +170,7 @@ def window_of(setup: Setup, most_steps: int, nominal: dict[str, Any]) -> Window:
     contact = round((nominal["contact_us"] or 0.0) * 1000 / setup.step_ns)
     first = max(0, touch - latency - most_steps - 1) // every
     fine = max(first + 1, -(-(touch + contact) // every))
-    return Window(first, fine, max(fine, -(-(nominal["steps"] or setup.steps) // every)))
+    return LatencyWindow(first, fine, max(fine, -(-(nominal["steps"] or setup.steps) // every)))
 
 
 def worst_sequence(
@@ -246,7 +251,7 @@ def worst_limit(
     return WorstLimit(good * step_us, worst, draws, searched_us, cases + worst.cases + _DRAWS)
 
 
-def _simple_sequences(window: Window, most: int) -> Iterator[Delays]:
+def _simple_sequences(window: LatencyWindow, most: int) -> Iterator[Delays]:
     """Yield constant sequences, and those that change once between the ends of the range."""
     count = window.count
     for value in np.linspace(0, most, min(_CONSTANTS, most + 1)).round().astype(int):

@@ -12,7 +12,7 @@ from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.budget.goal import parse_goal
 from hertzloop.studies.budget.worst_sequence import (
     MOST_CASES,
-    Window,
+    LatencyWindow,
     case_of,
     window_of,
     worst_limit,
@@ -66,7 +66,7 @@ def test_the_limit_of_a_sum() -> None:
 
 @pytest.mark.parametrize("count", [1, 7, 40])
 def test_blocks_cover_a_window(count: int) -> None:
-    blocks = Window(5, 15, 60).blocks(count)
+    blocks = LatencyWindow(5, 15, 60).blocks(count)
     ends = [0, *(end for _, end in blocks)]
     assert [first for first, _ in blocks] == ends[:-1]
     assert ends[-1] == 55
