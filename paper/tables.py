@@ -204,17 +204,24 @@ def compute_table(
             computed = compute(wanted, scheme, figures)
         except SceneError as error:
             raise RowError(f"row {number}: {error}") from error
-        cells = {}
-        for column, published in row.items():
-            cells[column] = published
-            if column in figures:
-                value = computed.pop(column)
-                try:
-                    off = "" if value is None or not published else value - float(published)
-                except ValueError as error:
-                    raise RowError(f"row {number}: {column}: {error}") from error
-                cells |= {f"{column}_computed": _cell(value), f"{column}_difference": _cell(off)}
-        yield cells | {f"{column}_computed": _cell(value) for column, value in computed.items()}
+        yield beside(row, computed, number)
+
+
+def beside(
+    row: dict[str, str], computed: Mapping[str, float | None], number: int
+) -> dict[str, str]:
+    """Row `number` with its computed figures, as `compute_table` yields it. Raises RowError."""
+    cells = {}
+    for column, published in row.items():
+        cells[column] = published
+        if column in computed:
+            value = computed[column]
+            try:
+                off = "" if value is None or not published else value - float(published)
+            except ValueError as error:
+                raise RowError(f"row {number}: {column}: {error}") from error
+            cells |= {f"{column}_computed": _cell(value), f"{column}_difference": _cell(off)}
+    return cells | {f"{c}_computed": _cell(v) for c, v in computed.items() if c not in row}
 
 
 def _cell(value: float | str | None) -> str:

@@ -1,14 +1,68 @@
-"""What the study holds beside its tables: equations 3.1 and 3.8b."""
+"""What the study holds beside its tables: optima, appendix A.1, equations 3.1 and 3.8b."""
 
 import math
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from paper import equations
+from paper import equations, optima, table_a1, tables
 from paper.equations import PointMobility, longhorn_any_j, longhorn_short_j
 from tests.benchmarks.programs import called
+
+
+def test_grid_is_that_of_the_study() -> None:
+    configs = optima.grid()
+    assert len(configs) == len(set(configs)) == 184
+    assert set(optima.quick_grid()) <= set(configs)
+    for row in tables.read_rows(tables.SHIPPED[0]):
+        wanted = optima.Config(row["force"], float(row["kappa"]), int(row["t_a_step"]))
+        assert wanted in configs, row
+
+
+def test_published_optima_computed_again() -> None:
+    """All of table 5.7, in the published plant only."""
+    chosen, plant = optima.quick_grid(), next(iter(optima.PLANTS))
+    listed = optima.listed(chosen, optima.compute_optima(chosen, [plant]))
+    rows = [row for row in listed if row.table == "5.7"]
+    assert len(rows) == 54
+    median = {
+        figure: np.median([abs(r.difference) for r in rows if r.what == figure])
+        for figure in tables.FIGURES
+    }
+    assert max(median[f] for f in ("EAL", "EAH", "pup")) < 0.05
+    assert max(median[f] for f in ("Evib", "vpmax", "Erad")) < 0.2
+    assert median["dT"] < 0.01
+    (longest,) = (row for row in listed if row.what == "longest T")
+    assert longest.best == "the same"
+    assert abs(longest.difference) < 0.3
+
+
+def test_ranks_and_ties() -> None:
+    configs = [optima.Config("F_a2", k, 1) for k in (0.2, 0.4, 0.6)]
+    published = [dict.fromkeys(tables.FIGURES, x) for x in (1.0, 2.0, 3.0)]
+    other = [dict.fromkeys(tables.FIGURES, -x) for x in (1.0, 2.0, 3.0)]
+    names = list(optima.PLANTS)
+    found = {r.figure: r for r in optima.optima(configs, {names[0]: published, names[1]: other})}
+    assert found["EAL"].best_published == "F_a2 (0.2, 1)"
+    assert (found["EAL"].best_here, found["EAL"].rank_here) == ("F_a2 (0.6, 1)", 3)
+    assert found["EAL"].rank_correlation == pytest.approx(-1.0)
+    assert found["dT"].best_published == "F_a2 (0.6, 1)"  # the longest contact
+    tied = np.array([1.0, 1.004, 1.2, np.nan])
+    assert list(optima._best(tied, "EAL")) == [0, 1]
+
+
+def test_flat_reading_of_the_appendix_comes_close() -> None:
+    found = {a.column: a for a in tables.agreement(table_a1.computed("flat", "thesis2008"))}
+    assert found["dT"].worst <= 0.1 + 1e-9  # within a step in all rows
+    assert found["EAL"].median < 0.05
+    assert found["Erad"].median < 0.2
+    # As derived, the force of the model is five times F_c0 and far from the table.
+    derived, flat = (
+        table_a1.force_n(reading, "thesis2008").max() for reading in ("derived", "flat")
+    )
+    assert derived > 4.0 * flat
 
 
 def test_longhorn_of_any_contact_time() -> None:
