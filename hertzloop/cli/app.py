@@ -49,10 +49,9 @@ class RootGroup(TyperGroup):
         """Take --quiet out of the words, also where it follows a command."""
         end = args.index("--") if "--" in args else len(args)
         words = [word for word in args[:end] if word not in _QUIET]
-        if len(words) < end:
-            from hertzloop.cli.terminal import be_quiet
+        from hertzloop.cli.terminal import set_quiet
 
-            be_quiet()
+        set_quiet(len(words) < end)
         return super().parse_args(ctx, words + args[end:])
 
     def invoke(self, ctx: Any) -> Any:

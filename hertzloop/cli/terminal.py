@@ -50,9 +50,9 @@ out = Terminal()
 err = Terminal(stderr=True)
 
 
-def be_quiet() -> None:
-    """Print only errors, and the JSON of `--json -` on standard output."""
-    out.quiet = True
+def set_quiet(quiet: bool) -> None:
+    """Print only errors, and the JSON of `--json -` on standard output, or print everything."""
+    out.quiet = quiet
 
 
 def fail(sentence: str, code: int = 2) -> NoReturn:
