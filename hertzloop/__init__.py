@@ -2,7 +2,7 @@
 
 import os
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 # Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
 # this once, when it is imported first.
