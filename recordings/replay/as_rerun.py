@@ -27,6 +27,7 @@ _LINE_COLOURS = {
     "contact": (248, 113, 113),
     "fed": (74, 222, 128),
     "held": (251, 146, 60),
+    "latency": (250, 204, 21),
 }
 _FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
 _EXACT_SHARE = 5e-4  # error of a curve at the cursor, of its axis: below one pixel

@@ -7,6 +7,7 @@ import pytest
 
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay import as_rerun
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
@@ -70,6 +71,8 @@ def test_the_latency_is_named_and_drawn(tmp_path: Path, monkeypatch: pytest.Monk
     (curve,) = next(plot.curves for plot in shown.plots if plot.key == "latency")
     assert np.array_equal(curve.values, latencies_us(setup))
     assert curve.time_ns[1] == 4000
+    as_rerun.save(shown, Path("a.rrd"))
+    assert Path("a.rrd").stat().st_size > 10_000
     sets = [word for setting in SHORT + DRIFT for word in ("--set", setting)]
     words = ["run", "aluminium-3mm", *sets, "--transport", "compiled", "--details", "-o", "b.mcap"]
     done = " ".join(call(*words).output.replace("│", " ").split())
