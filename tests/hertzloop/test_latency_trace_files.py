@@ -61,7 +61,12 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         (" 0: 0: 3\n 0: 2: 3\n", {}, "cycle 2 follows cycle 0"),
         (HISTOGRAM, {"thread": 0}, "does not say in what order"),
         (HISTOGRAM, {"thread": 1}, "1 cycles are above the histogram"),
+        (HISTOGRAM[:60], {"thread": 0}, "cut off or damaged"),
+        (HISTOGRAM.replace("000002", ""), {"thread": 0}, "cut off or damaged"),
+        ("# Histogram\n# Histogram Overflows: 00000\n", {}, "cut off or damaged"),
+        (HISTOGRAM.replace("000005", "9" * 40), {"thread": 0}, "cut off or damaged"),
         ("average delay: 0.1\n min: 0.1s max: 0.2s std dev: 0.01s window: 9\n", {}, "--window 1"),
+        ("average delay: 0.1\n", {}, "1 lines have an average delay and 0 a window"),
         ("sample_us,command_us\n10,8\n", {}, "2 us earlier than its sample, as their clocks"),
         ("a,b\n1,2\n", {}, "several columns"),
         ("a,b\n1,2\n", {"column": "c"}, "0 columns are called 'c'. The columns are 'a', 'b'"),
@@ -92,6 +97,11 @@ def test_message_times_of_another_recorder(tmp_path: Path) -> None:
             writer.add_message(channels[1], 7, b"{}", 7)
         writer.finish()
     assert latencies_of_file({"file": "bag.mcap", "topic": "/cmd"}, None, tmp_path) == [1, 2, 3]
+    whole = path.read_bytes()
+    for damaged in (b"", b"text", whole[: len(whole) // 2], whole[:-20], whole[:80] + whole[90:]):
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        with pytest.raises(ValueError, match="cannot be read to its end"):
+            latencies_of_file({"file": "damaged.mcap", "topic": "/cmd"}, None, tmp_path)
     for topic, message in (
         ({}, "with one of /cmd, /still"),
         ({"topic": "/x"}, "has no topic '/x'"),

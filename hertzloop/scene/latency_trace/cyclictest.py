@@ -13,7 +13,7 @@ import numpy as np
 from hertzloop.scene.latency_trace.trace_file import IN_US, MOST_LATENCIES, Latencies, TraceFile
 
 _CYCLE = re.compile(r"\s*(\d+):\s*(\d+):\s*(-?\d+)\s*")
-_BIN = re.compile(r"\d+(\s+\d+)+\s*")
+_BIN = re.compile(r"\d{1,15}(\s+\d{1,15})+\s*")
 _OVERFLOWS = re.compile(r"#\s*Histogram Overflows:((?:\s*\d+)+)", re.IGNORECASE)
 _SURELY_US = 100.0  # below this median a latency is not in ns: no timer wakes within 0.1 us
 _ORDER_SEED = 14  # of the order in which the latencies of a histogram are drawn
@@ -26,7 +26,7 @@ def is_list(lines: list[str]) -> bool:
 
 def is_histogram(lines: list[str]) -> bool:
     """Whether lines are a histogram."""
-    return any(_OVERFLOWS.match(line) for line in lines) or lines[0].startswith("# Histogram")
+    return any(line.startswith("# Histogram") for line in lines)
 
 
 def read_list(lines: list[str], about: TraceFile) -> Latencies:
@@ -52,21 +52,27 @@ def read_histogram(lines: list[str], about: TraceFile) -> Latencies:
     Of more cycles every latency has its share, and at least one. Raises ValueError.
     """
     about.refuse("a histogram of cyclictest", "column", "sample", "command", "topic")
-    bins = np.array([line.split() for line in lines if _BIN.fullmatch(line)], dtype=np.int64)
-    thread = _thread(list(range(bins.shape[1] - 1)), about)
-    for line in lines:
-        if overflows := _OVERFLOWS.match(line):
-            lost = int(overflows[1].split()[thread])
-            if lost:
-                raise ValueError(
-                    f"{lost} cycles are above the histogram, by an unknown latency. Repeat "
-                    "cyclictest with a larger -h"
-                )
-    latency, count = bins[:, 0].astype(float), bins[:, 1 + thread]
+    numbers = [line for line in lines if line[0].isdigit()]
+    rows = [line.split() for line in numbers if _BIN.fullmatch(line)]
+    overflows = next((found[1].split() for found in map(_OVERFLOWS.match, lines) if found), [])
+    counts = {len(row) - 1 for row in rows}
+    if len(rows) < len(numbers) or counts != {len(overflows)}:
+        raise ValueError(
+            "the histogram is cut off or damaged: a latency does not have as many counts as the "
+            "line Histogram Overflows"
+        )
+    thread = _thread(list(range(len(overflows))), about)
+    if lost := int(overflows[thread]):
+        raise ValueError(
+            f"{lost} cycles are above the histogram, by an unknown latency. Repeat cyclictest with "
+            "a larger -h"
+        )
+    bins = np.array(rows, dtype=float)
+    latency, count = bins[:, 0], bins[:, 1 + thread]
     if not count.any():
         return Latencies([], ordered=False)
-    share = max(1.0, count.sum() / (MOST_LATENCIES - len(count)))
-    count = np.where(count > 0, np.maximum(1, np.round(count / share)), 0).astype(int)
+    share = max(1.0, count.sum() / max(1, MOST_LATENCIES - len(count)))
+    count = np.where(count > 0.0, np.maximum(1.0, np.round(count / share)), 0.0).astype(int)
     values = np.repeat(latency, count)
     values *= _unit(float(np.median(values)), about)
     return Latencies(np.random.default_rng(_ORDER_SEED).permutation(values).tolist(), False)

@@ -1,12 +1,11 @@
 """Latencies of messages: the output of `ros2 topic delay`, and the times of an MCAP file."""
 
 import re
-from collections import Counter
 
 from hertzloop.scene.errors import shown
 from hertzloop.scene.latency_trace.trace_file import Latencies, TraceFile
 
-_AVERAGE = re.compile(r"average delay:\s*(-?[\d.]+)\s*")
+_AVERAGE = re.compile(r"average delay:\s*(-?\d+(?:\.\d*)?)\s*")
 _WINDOW = re.compile(r"\s*min:.*window:\s*(\d+)\s*")
 
 
@@ -19,16 +18,22 @@ def read_topic_delay(lines: list[str], about: TraceFile) -> Latencies:
     """Return the delays of `ros2 topic delay --window 1`, us: one message a line.
 
     Raises:
-        ValueError: a line is the average of several messages.
+        ValueError: a line is the average of several messages, or does not say of how many.
     """
     about.refuse("ros2 topic delay", "column", "sample", "command", "unit", "thread", "topic")
-    for line in lines:
-        if (window := _WINDOW.fullmatch(line)) and int(window[1]) > 1:
-            raise ValueError(
-                f"a line is the average of {window[1]} messages, which hides their latencies. "
-                "Repeat ros2 topic delay with --window 1"
-            )
-    return Latencies([1e6 * float(one[1]) for one in map(_AVERAGE.fullmatch, lines) if one])
+    averages = [float(found[1]) for found in map(_AVERAGE.fullmatch, lines) if found]
+    windows = [int(found[1]) for found in map(_WINDOW.fullmatch, lines) if found]
+    if max(windows, default=1) > 1:
+        raise ValueError(
+            f"a line is the average of {max(windows)} messages, which hides their latencies. "
+            "Repeat ros2 topic delay with --window 1"
+        )
+    if len(windows) != len(averages):
+        raise ValueError(
+            f"{len(averages)} lines have an average delay and {len(windows)} a window. Give the "
+            "whole output"
+        )
+    return Latencies([1e6 * average for average in averages])
 
 
 def read_message_times(about: TraceFile) -> Latencies:
@@ -40,13 +45,19 @@ def read_message_times(about: TraceFile) -> Latencies:
     from mcap.reader import make_reader  # not needed for other traces
 
     about.refuse("an MCAP file", "column", "sample", "command", "unit", "thread")
+    topics, delays_ns = set(), []
     with about.file.open("rb") as stream:
-        topics: Counter[str] = Counter()
-        delays_ns = []
-        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            topics[channel.topic] += 1
-            if channel.topic == about.topic:
-                delays_ns.append(message.log_time - message.publish_time)
+        try:
+            reader = make_reader(stream, validate_crcs=True)
+            for _, channel, message in reader.iter_messages(log_time_order=False):
+                topics.add(channel.topic)
+                if channel.topic == about.topic:
+                    delays_ns.append(message.log_time - message.publish_time)
+        except Exception as error:  # of mcap, struct, lz4 or zstandard
+            raise ValueError(
+                f"the file cannot be read to its end ({error or type(error).__name__}). Repair it "
+                "with: mcap recover"
+            ) from error
     if not delays_ns:
         wanted = "give the topic" if about.topic is None else f"has no topic {shown(about.topic)}"
         raise ValueError(
