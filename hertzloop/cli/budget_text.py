@@ -1,5 +1,6 @@
 """Sentences and tables that the command `budget` prints."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -99,7 +100,9 @@ def worst_line(found: "Budget") -> str:
     values = []
     for name, value in limit.worst.metrics.items():
         words = "unknown, as the loop is unstable" if value is None else f"{value:.4g}"
-        values.append(f"{name} is {words} (random draws: {limit.draws[name]})")
+        spread = limit.draws[name]
+        drawn = "unstable in some" if math.isnan(spread.mean) else str(spread)
+        values.append(f"{name} is {words} (random draws: {drawn})")
     worst = " and ".join(values)
     return (
         f"{draws}, {most} ({limit.cases} cases). Within {limit.worst.range_us:.4g} us {worst}. "

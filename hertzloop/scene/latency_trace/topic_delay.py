@@ -54,9 +54,9 @@ def read_message_times(about: TraceFile) -> Latencies:
                 if channel.topic == about.topic:
                     delays_ns.append(message.log_time - message.publish_time)
         except Exception as error:  # of mcap, struct, lz4 or zstandard
+            why = str(error) or type(error).__name__
             raise ValueError(
-                f"the file cannot be read to its end ({error or type(error).__name__}). Repair it "
-                "with: mcap recover"
+                f"the file cannot be read to its end ({why}). Repair it with: mcap recover"
             ) from error
     if not delays_ns:
         wanted = "give the topic" if about.topic is None else f"has no topic {shown(about.topic)}"

@@ -2,14 +2,12 @@
 
 A limit over random draws of jitter is no limit over sequences of latencies. An impact sees few
 samples, and only the latencies of their commands matter. So the search begins with simple
-sequences: constant latencies, and one change between the ends of the range at each sample. It goes
-on from the worst of them by exchange of blocks of samples, from wide blocks to single ones, which
-is a coordinate search over the corners of the range (Meyer and Nachtsheim 1995 for exchange over
-blocks of designs). What it finds is a bound from below: no search proves that there is no worse
-sequence.
+sequences: constant latencies, and one change between the ends of the range at each sample. It goes on from
+the worst of them by coordinate exchange (Meyer and Nachtsheim 1995, Technometrics 37, 60): blocks
+of samples, from wide ones to single samples, take other latencies while that is worse. The result
+is a bound from below: no search proves that there is no worse sequence.
 """
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.goal import Goal, worst_excess
+from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.design import Spread, spread_of
 from hertzloop.studies.sweeps.evaluate import Rows
 
@@ -27,7 +25,6 @@ _CONSTANTS = 9  # constant latencies that are tried
 _CHANGES = 64  # samples at which a change between the ends is tried, at most
 _DRAWS = 200  # of random jitter, beside the worst sequence
 _STARTS = 3  # simple sequences from which the exchange starts
-_UNSTABLE = sys.float_info.max  # only the excess of an unstable loop is larger
 _FEWEST_BLOCKS = 8  # of the window, in the first round of the exchange
 
 Run = Callable[[list[dict[str, Any]]], Rows]
@@ -43,6 +40,7 @@ class WorstSequence:
         latencies_us: Latency of each sample's command from the start of the run, us, as in
             `controller.latency_trace`.
         touch_phase: `run.touch_phase` of the case.
+        missed: Whether it misses a goal.
         excess: By how much the goals are missed, relative to their limits; infinite for a loop that
             is unstable, negative if all goals are met.
         metrics: Value of each goal's metric; None without one.
@@ -52,6 +50,7 @@ class WorstSequence:
     range_us: float
     latencies_us: tuple[float, ...]
     touch_phase: float
+    missed: bool
     excess: float
     metrics: dict[str, float | None]
     cases: int
@@ -111,14 +110,14 @@ class _Search:
         goals: Sequence[Goal],
         run: Run,
         window: LatencyWindow,
-        bad_enough: float,
+        to_first_miss: bool,
     ) -> None:
-        self.goals, self.run, self.window, self.bad_enough = goals, run, window, bad_enough
+        self.goals, self.run, self.window, self.to_first_miss = goals, run, window, to_first_miss
         self.step_us = setup.step_ns / 1000.0
         self.latency_us = setup.scene.controller.latency_us
         self.cases = 0
         self.known: dict[tuple[float, Delays], float] = {}
-        self.worst: tuple[float, float, Delays, dict[str, Any]] | None = None
+        self.worst: tuple[tuple[bool, float], float, Delays, dict[str, Any]] | None = None
 
     def latencies_us(self, delays: Delays) -> list[float]:
         """Return the latencies of all samples, us."""
@@ -134,16 +133,18 @@ class _Search:
         for one, row in zip(new, rows, strict=True):
             excess = worst_excess(self.goals, row)
             self.known[phase, one] = excess
-            if self.worst is None or excess > self.worst[0]:
-                self.worst = excess, phase, one, row
+            rank = not all_met(self.goals, row), excess
+            if self.worst is None or rank > self.worst[0]:
+                self.worst = rank, phase, one, row
         return [self.known.get((phase, one), -np.inf) for one in tried]
 
     @property
     def done(self) -> bool:
-        """Whether a sequence is bad enough, or no case is left."""
-        return self.cases >= MOST_CASES or (
-            self.worst is not None and self.worst[0] > self.bad_enough
-        )
+        """Whether no case is left, or no worse sequence is wanted or possible."""
+        if self.worst is None:
+            return False
+        missed, excess = self.worst[0]
+        return (missed and self.to_first_miss) or excess == np.inf or self.cases >= MOST_CASES
 
 
 def case_of(latencies_us: Sequence[float], touch_phase: float) -> dict[str, Any]:
@@ -179,7 +180,7 @@ def worst_sequence(
     most_steps: int,
     phases: Sequence[float],
     run: Run,
-    bad_enough: float = _UNSTABLE,
+    to_first_miss: bool = False,
 ) -> WorstSequence:
     """Search for the worst sequence of additional latencies between 0 and a largest one.
 
@@ -189,11 +190,11 @@ def worst_sequence(
         most_steps: Largest additional latency, steps.
         phases: Touch phases at which simple sequences are tried.
         run: Returns the rows of cases, in their order.
-        bad_enough: Stop at a sequence with a larger excess over the goals.
+        to_first_miss: Stop at the first sequence that misses a goal.
     """
     (nominal,) = run([case_of([setup.scene.controller.latency_us], phases[0])])
     window = window_of(setup, most_steps, nominal)
-    search = _Search(setup, goals, run, window, bad_enough)
+    search = _Search(setup, goals, run, window, to_first_miss)
     simple = list(dict.fromkeys(_simple_sequences(window, most_steps)))
     starts: list[tuple[float, float, Delays]] = []
     for phase in phases:
@@ -205,11 +206,12 @@ def worst_sequence(
     for excess, phase, delays in starts[:_STARTS]:
         _exchange(search, phase, delays, excess, most_steps)
     assert search.worst is not None
-    excess, phase, delays, row = search.worst
+    (missed, excess), phase, delays, row = search.worst
     return WorstSequence(
         range_us=most_steps * search.step_us,
         latencies_us=tuple(search.latencies_us(delays)),
         touch_phase=phase,
+        missed=missed,
         excess=excess,
         metrics={goal.metric: row[goal.metric] for goal in goals},
         cases=search.cases + 1,
@@ -225,30 +227,27 @@ def worst_limit(
     Arguments are those of `worst_sequence`; `most_steps` is the largest range that is searched.
     """
     step_us, cases = setup.step_ns / 1000.0, 0
-    searched_us, good, bad = most_steps * step_us, -1, most_steps + 1
-    while bad - good > 1 and bad > 0:
-        # Zero comes first: a goal that is missed there has no limit.
-        middle = 0 if good < 0 else most_steps if bad > most_steps else (good + bad) // 2
-        found = worst_sequence(setup, goals, middle, phases, run, bad_enough=0.0)
+
+    def misses(steps: int) -> bool:
+        nonlocal cases
+        found = worst_sequence(setup, goals, steps, phases, run, to_first_miss=True)
         cases += found.cases
-        if found.excess > 0.0:
-            bad = middle
-        else:
-            good = middle
-    if bad == 0:
-        return WorstLimit(None, None, {}, searched_us, cases)
-    if bad > most_steps:
-        return WorstLimit(good * step_us, None, {}, searched_us, cases)
+        return found.missed
+
+    if misses(0):
+        return WorstLimit(None, None, {}, most_steps * step_us, cases)
+    if not misses(most_steps):
+        return WorstLimit(most_steps * step_us, None, {}, most_steps * step_us, cases)
+    good, bad = 0, most_steps
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (good, middle) if misses(middle) else (middle, bad)
     worst = worst_sequence(setup, goals, bad, phases, run)
     jitter = {"controller.jitter_us": bad * step_us, "run.touch_phase": worst.touch_phase}
     rows = run([jitter | {"run.seed": setup.seed + i} for i in range(_DRAWS)])
-    draws = {
-        goal.metric: spread_of(
-            [np.nan if row[goal.metric] is None else row[goal.metric] for row in rows]
-        )
-        for goal in goals
-    }
-    return WorstLimit(good * step_us, worst, draws, searched_us, cases + worst.cases + _DRAWS)
+    draws = {goal.metric: spread_of([row[goal.metric] for row in rows]) for goal in goals}
+    cases += worst.cases + _DRAWS
+    return WorstLimit(good * step_us, worst, draws, most_steps * step_us, cases)
 
 
 def _simple_sequences(window: LatencyWindow, most: int) -> Iterator[Delays]:

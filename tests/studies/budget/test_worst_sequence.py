@@ -64,6 +64,15 @@ def test_the_limit_of_a_sum() -> None:
     assert worst_limit(setup, [GOAL], 3, [0.0], made_up(setup, weights + 9.0)).tolerated_us == 0.0
 
 
+def test_a_strict_goal_that_is_just_reached_is_missed() -> None:
+    setup = load("aluminium-3mm", SCENE)
+    weights = np.zeros(30)
+    weights[4] = 0.5
+    for goal, tolerated_us in (("plate_energy_db <= 2", 4.0), ("plate_energy_db < 2", 3.0)):
+        found = worst_limit(setup, [parse_goal(goal)], 8, [0.0], made_up(setup, weights))
+        assert found.tolerated_us == tolerated_us
+
+
 @pytest.mark.parametrize("count", [1, 7, 40])
 def test_blocks_cover_a_window(count: int) -> None:
     blocks = LatencyWindow(5, 15, 60).blocks(count)
