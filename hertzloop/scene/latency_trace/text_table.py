@@ -2,7 +2,7 @@
 
 import re
 from decimal import Decimal
-from typing import Any
+from typing import NamedTuple
 
 from hertzloop.scene.errors import shown
 from hertzloop.scene.latency_trace.trace_file import IN_US, Latencies, TraceFile
@@ -25,23 +25,32 @@ def read_table(text: str, about: TraceFile) -> Latencies:
         ValueError: there is no latency in each line, or the table can mean two things.
     """
     about.refuse("a text table", "thread", "topic")
-    headings, rows, headed = _cells(text)
-    if not rows:
+    table = _table(text)
+    if not table.rows:
         return Latencies([])
-    times = _time_columns(headings, about)
+    times = _time_columns(table.headings, about)
     if times is None:
-        return Latencies(_column(rows, headings, _latency_column(headings, about), headed, about))
-    samples, commands = (_column(rows, headings, one, headed, about, Decimal) for one in times)
+        chosen = _latency_column(table.headings, about)
+        return Latencies([float(latency) for latency in _column(table, chosen, about)])
+    samples, commands = (_column(table, chosen, about) for chosen in times)
     return Latencies([float(b - a) for a, b in zip(samples, commands, strict=True)])
 
 
-def _cells(text: str) -> tuple[list[str], list[tuple[int, list[str]]], bool]:
-    """Return the headings, empty without any, the cells of each numbered line, and whether there
-    are headings."""
+class _Table(NamedTuple):
+    """Headings, empty texts without any; the cells of each line, with its number; whether there are
+    headings."""
+
+    headings: list[str]
+    rows: list[tuple[int, list[str]]]
+    headed: bool
+
+
+def _table(text: str) -> _Table:
+    """Return the cells of a text. Raises ValueError."""
     numbered = [(at, line.strip()) for at, line in enumerate(text.splitlines(), 1)]
     lines = [(at, line) for at, line in numbered if line and not line.startswith("#")]
     if not lines:
-        return [], [], False
+        return _Table([], [], False)
     first = lines[0][1]
     headed = re.match(r"[\d+.,;-]", first) is None
     separator = next((mark for mark in (";", "\t", ",") if mark in first), None)
@@ -55,7 +64,7 @@ def _cells(text: str) -> tuple[list[str], list[tuple[int, list[str]]], bool]:
     for at, row in rows:
         if len(row) != len(headings):
             raise ValueError(f"line {at}: has {len(row)} columns, not {len(headings)}")
-    return headings, rows, headed
+    return _Table(headings, rows, headed)
 
 
 def _latency_column(headings: list[str], about: TraceFile) -> int:
@@ -90,28 +99,18 @@ def _named(headings: list[str], name: str) -> int:
     return found[0]
 
 
-def _column(
-    rows: list[tuple[int, list[str]]],
-    headings: list[str],
-    chosen: int,
-    headed: bool,
-    about: TraceFile,
-    kind: Any = float,
-) -> list[Any]:
-    """Return the numbers of a column, us. Time stamps are decimals: a float of seconds since 1970
-    ends at 0.2 us."""
-    for at, row in rows:
+def _column(table: _Table, chosen: int, about: TraceFile) -> list[Decimal]:
+    """Return the numbers of a column, us. They are decimals, since a float of the seconds since
+    1970 ends at 0.2 us. Raises ValueError."""
+    for at, row in table.rows:
         if not _NUMBER.fullmatch(row[chosen]):
             raise ValueError(
                 f"line {at}: {shown(row[chosen])} is no number. Give a latency in every line"
             )
-    cells = [row[chosen] for _, row in rows]
-    _check_commas(cells, headed)
-    in_us = _unit_us(headings[chosen], about.unit)
-    numbers = [kind(cell.replace(",", ".")) for cell in cells]
-    if kind is float:
-        return [round(in_us * number, 9) for number in numbers]
-    return [Decimal(str(in_us)) * number for number in numbers]
+    cells = [row[chosen] for _, row in table.rows]
+    _check_commas(cells, table.headed)
+    in_us = Decimal(str(_unit_us(table.headings[chosen], about.unit)))
+    return [in_us * Decimal(cell.replace(",", ".")) for cell in cells]
 
 
 def _check_commas(cells: list[str], headed: bool) -> None:

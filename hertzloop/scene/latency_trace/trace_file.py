@@ -54,8 +54,8 @@ class TraceFile:
         known = [one.name for one in fields(cls)]
         if unknown := sorted(set(table) - set(known)):
             raise ValueError(f"{where}.{unknown[0]}: unknown key. Use {', '.join(known)}")
+        numbers: dict[str, tuple[type, ...]] = {"thread": (int,), "offset_us": (int, float)}
         for name, value in table.items():
-            numbers: dict[str, tuple[type, ...]] = {"thread": (int,), "offset_us": (int, float)}
             if not isinstance(value, numbers.get(name, (str,))) or isinstance(value, bool):
                 raise ValueError(f"{where}.{name} = {shown(value)}: has the wrong type")
         if table.get("unit", "s") not in IN_US:
