@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget
     from hertzloop.studies.budget.page import Map
 
-WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
+_WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -229,6 +229,9 @@ def _checked(arguments: BudgetArguments) -> BudgetStudy:
             )
     if request.worst:
         _check_worst(request, setup)
+        path = _worst_file(arguments, setup.name)
+        if not outputs.is_replaceable(path, _WORST_HEADING):
+            fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
     file = arguments.uncertain_file
     uncertain = read_uncertain(file, setup) if file else None
     sobol = request.sobol
@@ -321,7 +324,7 @@ def _print_result(
     print_budget(result.budget)
     data = budget_study.as_data(result.budget)
     if result.budget.worst is not None:
-        _report_worst(arguments, result.budget)
+        _report_worst(arguments, result.budget, study.setup.seed)
     likely = result.probability
     if likely:
         command = _run_command(arguments.scene, arguments.settings, study.setup.seed, likely.worst)
@@ -335,27 +338,28 @@ def _print_result(
     return data
 
 
-def _report_worst(arguments: BudgetArguments, found: "Budget") -> None:
+def _report_worst(arguments: BudgetArguments, found: "Budget", seed: int) -> None:
     """Print the limit of jitter against the worst sequence, and write the sequence as a trace."""
     limit = found.worst
     assert limit is not None
     out.say(worst_line(found))
     if limit.worst is None:
         return
-    path = (arguments.folder or Path()) / f"{found.scene}-worst-latencies.csv"
-    lines = [WORST_HEADING, "latency_us", *(f"{value:.12g}" for value in limit.worst.latencies_us)]
-    if path.exists() and not path.read_text(encoding="utf-8").startswith(WORST_HEADING):
-        fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
+    path = _worst_file(arguments, found.scene)
+    lines = [_WORST_HEADING, "latency_us", *(f"{value:.12g}" for value in limit.worst.latencies_us)]
     atomic_write(path, "\n".join(lines) + "\n")
-    changes = [
-        *arguments.settings,
-        "controller.latency_us=0",
-        f"controller.latency_trace={path}",
-        f"run.touch_phase={limit.worst.touch_phase}",
-    ]
-    words = [word for change in changes for word in ("--set", change)]
-    command = shlex.join(["hertzloop", "run", arguments.scene, *words])
+    case = {
+        "controller.latency_us": 0,
+        "controller.latency_trace": path,
+        "run.touch_phase": limit.worst.touch_phase,
+    }
+    command = _run_command(arguments.scene, arguments.settings, seed, case)
     out.say(f"written: {path}. See it: {command}")
+
+
+def _worst_file(arguments: BudgetArguments, scene: str) -> Path:
+    """Return the file that takes the worst latencies of a scene."""
+    return (arguments.folder or Path()) / f"{scene}-worst-latencies.csv"
 
 
 def _run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:

@@ -141,17 +141,17 @@ def check_json(path: Path | None, *outputs: Path | None) -> None:
         return
     if any(output is not None and output.resolve() == path.resolve() for output in outputs):
         fail(f"--json = {path}: is another output of this command. Choose another name.")
-    if not _is_replaceable(path):
+    if not is_replaceable(path, _JSON_BEGINS):
         fail(f"--json = {path}: exists and was not written by --json. Choose another name.")
 
 
-def _is_replaceable(path: Path) -> bool:
-    """Return whether a file is missing, empty, or written by --json."""
+def is_replaceable(path: Path, beginning: str) -> bool:
+    """Return whether a file is missing, empty, or begins as the files do that take its place."""
     if not path.is_file():
         return True
     try:
         with path.open("rb") as file:
-            return file.read(len(_JSON_BEGINS)) in (b"", _JSON_BEGINS.encode())
+            return file.read(len(beginning)) in (b"", beginning.encode())
     except OSError:  # it may be written, but not read
         return False
 
@@ -164,7 +164,7 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     if path in _STDOUT:
         print(text)
         return
-    if not _is_replaceable(path):
+    if not is_replaceable(path, _JSON_BEGINS):
         fail(f"--json = {path}: another program wrote this file. It was not changed.", 1)
     atomic_write(path, text + "\n")
 

@@ -2,10 +2,10 @@
 
 A limit over random draws of jitter is no limit over sequences of latencies. An impact sees few
 samples, and only the latencies of their commands matter. So the search begins with simple
-sequences: constant latencies, and one change between the ends of the range at each sample. It goes on from
-the worst of them by coordinate exchange (Meyer and Nachtsheim 1995, Technometrics 37, 60): blocks
-of samples, from wide ones to single samples, take other latencies while that is worse. The result
-is a bound from below: no search proves that there is no worse sequence.
+sequences: constant latencies, and one change between the ends of the range at each sample. It goes
+on from the worst of them by coordinate exchange (Meyer and Nachtsheim 1995, Technometrics 37, 60):
+blocks of samples, from wide ones to single samples, take other latencies while that is worse. The
+result is a bound from below: no search proves that there is no worse sequence.
 """
 
 from collections.abc import Callable, Iterator, Sequence
