@@ -13,12 +13,9 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 
 _STEPS_OF_CONTACT = 10  # at least, for metrics worth printing
-NEAREST = (
-    1.0  # wavelengths at the limit between the struck point and an edge, for a damped residual mode
-)
-_LOWEST_RESIDUAL = (
-    0.5  # of the last mode's frequency, for that from which on a damped residual mode stands
-)
+# A damped residual mode needs this distance of the contact point from an edge, in wavelengths at
+# the limit, and begins at this share of the last mode's frequency at least.
+NEAREST, _LOWEST_RESIDUAL = 1.0, 0.5
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
 WARN_ABOVE_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
