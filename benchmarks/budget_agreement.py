@@ -26,8 +26,8 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
     variants,
 )
-from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.pool import local_pool
 
 _ALL = 1_000_000
 # As long as a sphere needs to leave; the search then simulates the same runs as brute force.

@@ -13,8 +13,8 @@ import time
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.simulate import IN_LOOP
 from hertzloop.scene.setup import load
-from hertzloop.studies.sweeps.design import Kind, make_design
-from hertzloop.studies.sweeps.evaluate import chunked, run_cases
+from hertzloop.studies.cases.design import Kind, axes_from, design_of
+from hertzloop.studies.cases.evaluate import chunked, run_cases
 
 SCENE = "aluminium-3mm"
 LATENCY_MAP, PLATES = "latency map", "radius, thickness, material (Sobol)"
@@ -37,7 +37,9 @@ def answer() -> None:
     setup = load(SCENE)
     chunks = {}
     for sweep, over in OVER.items():
-        cases = make_design(setup, over, _KINDS[sweep], _ROUNDS * _CASES[sweep], seed=1).cases()
+        cases = design_of(
+            setup, axes_from(over), _KINDS[sweep], _ROUNDS * _CASES[sweep], seed=1
+        ).cases()
         found = chunked(list(enumerate(cases)))
         random.Random(1).shuffle(found)
         chunks[sweep] = found

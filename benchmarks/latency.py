@@ -27,13 +27,14 @@ from hertzloop.results.cases import Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import words
-from hertzloop.studies.sweeps.design import KEY as PHASE
-from hertzloop.studies.sweeps.design import Design, phases, spread_of
-from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.sweeps.sweep import work_of
-from hertzloop.studies.tuning import LAWS
+from hertzloop.studies.cases.design import Design
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.identity import work_of
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.touch_phases import KEY as PHASE
+from hertzloop.studies.cases.touch_phases import phases, spread_of
+from hertzloop.studies.pages import words
+from hertzloop.studies.tune.plan import LAWS
 
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5

@@ -9,8 +9,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from hertzloop.results.cases import CASE_METRICS
-from hertzloop.studies import pictures, words
-from hertzloop.studies.words import METRICS
+from hertzloop.studies.pages import pictures, words
+from hertzloop.studies.pages.words import METRICS
 
 CHANGES = {name: words for name, words in METRICS.items() if CASE_METRICS[name].unit in ("dB", "%")}
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB

@@ -35,7 +35,7 @@ from hertzloop.plant.time_series import series_under
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.plate_model import NEAREST
 from hertzloop.scene.setup import load
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _STEP_S = 1e-6

@@ -28,12 +28,12 @@ from benchmarks.results import Columns, Results, results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.setup import Setup
-from hertzloop.studies import pictures, words
 from hertzloop.studies.budget.budget import NOISE, REAL
-from hertzloop.studies.sweeps.design import Spread, at_all, spread_of
-from hertzloop.studies.sweeps.evaluate import Pool, evaluate
-from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
-from hertzloop.studies.tuning import LAWS
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.pool import SweepFailed, local_pool
+from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_of
+from hertzloop.studies.pages import pictures, words
+from hertzloop.studies.tune.plan import LAWS
 
 TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")

@@ -13,7 +13,7 @@ from hertzloop.cli.terminal import fail, out
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import load
-from hertzloop.studies.words import write_rows
+from hertzloop.studies.pages.words import write_rows
 from hertzloop.views.format import Table
 
 _OF_SCHEME = {"thesis2008": "thesis-aluminium"}  # a scheme that the default scene does not fit

@@ -36,7 +36,7 @@ from benchmarks.results import Columns, Results, results_in
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 
 # The default scheme is in both rows, as series 0.
 _FAMILIES = {

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.stability_limits import DAMPED, LIMITS, TEXTBOOK
 from benchmarks.stability_loop import LoopPoint
 from benchmarks.stability_maps import BLOWN, WRONG, Map, Outcome, Predicted, border
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 
 BALANCED = ("modal", "discrete_gradient")
 _TITLES = {

@@ -24,7 +24,7 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 
 RADII_M = (2e-4, 3e-2)
 THICKNESSES_M = (2e-4, 3e-2)

@@ -13,8 +13,8 @@ from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal, worst_excess
 from hertzloop.studies.budget.worst_sequence import case_of, window_of, worst_sequence
-from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.pool import local_pool
 
 _CHUNK = 2000  # draws that are held at once
 _METRIC = "plate_energy_db"

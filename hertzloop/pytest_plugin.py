@@ -68,7 +68,7 @@ class RequirementItem(pytest.Item):
             RequirementFailed: a goal, a limit, a probability or an expected metric fails.
         """
         from hertzloop.studies.budget.requirements import check
-        from hertzloop.studies.sweeps.pool import local_pool
+        from hertzloop.studies.cases.pool import local_pool
 
         with local_pool(1) as pool:
             found = check(pool, self.row)
@@ -95,8 +95,8 @@ def _rows(
     scene: str, cases: Sequence[Mapping[str, Any]], law: str | None, span: Literal["impact", "run"]
 ) -> list[dict[str, Any]]:
     from hertzloop.scene.setup import load
-    from hertzloop.studies.sweeps.evaluate import evaluate
-    from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.cases.evaluate import evaluate
+    from hertzloop.studies.cases.pool import local_pool
 
     setup = load(scene, [] if law is None else [f"controller.law={law}"])
     with local_pool(1) as pool:

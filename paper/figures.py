@@ -14,8 +14,8 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import XI, XI_S
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures
-from hertzloop.studies.pictures import look
+from hertzloop.studies.pages import pictures
+from hertzloop.studies.pages.pictures import look
 
 PLATES = ("aluminium", "oak", "sylomer")
 _OFF, _ON = "controller.law=off", "controller.law=slope_threshold"

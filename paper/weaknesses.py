@@ -42,7 +42,7 @@ from hertzloop.plant.state_kernels import (
 from hertzloop.plant.time_series import F_C
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact
 
 _LAW = "controller.law=slope_threshold"

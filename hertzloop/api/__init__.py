@@ -27,8 +27,11 @@ if TYPE_CHECKING:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.span_metrics import RunMetrics, SpanMetrics
-    from hertzloop.studies.sweeps.design import DesignError
-    from hertzloop.studies.sweeps.pool import SweepFailed
+    from hertzloop.studies.cases.design import DesignError
+    from hertzloop.studies.cases.pool import SweepFailed
+    from hertzloop.studies.sweep.request import SweepRequest
+    from hertzloop.studies.tune.request import TuneRequest
+    from hertzloop.studies.tune.result import TuneResult
 
 __all__ = [
     "BusError",
@@ -50,6 +53,9 @@ __all__ = [
     "SpanMetrics",
     "StreamFault",
     "SweepFailed",
+    "SweepRequest",
+    "TuneRequest",
+    "TuneResult",
     "compare",
     "fit",
     "linear",
@@ -79,8 +85,11 @@ _NAMES_BY_MODULE = {
     "identification.fit.results": ("FitResult",),
     "identification.records.errors": ("RecordError",),
     "identification.records.record": ("Record",),
-    "studies.sweeps.design": ("DesignError",),
-    "studies.sweeps.pool": ("SweepFailed",),
+    "studies.cases.design": ("DesignError",),
+    "studies.cases.pool": ("SweepFailed",),
+    "studies.sweep.request": ("SweepRequest",),
+    "studies.tune.request": ("TuneRequest",),
+    "studies.tune.result": ("TuneResult",),
 }
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names}
 

@@ -1,7 +1,7 @@
 """Studies for scripts: modes, sweeps, tuning and the linear response."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 from hertzloop.api.runs import labelled_arrays
 from hertzloop.api.scenes import AnyScene, resolved
@@ -11,10 +11,11 @@ from hertzloop.scene.setup import Setup
 if TYPE_CHECKING:
     import xarray as xr
 
+    from hertzloop.studies.cases.design import Range
     from hertzloop.studies.margin.system import LinearSystem
-    from hertzloop.studies.tuning import Candidate
-
-Range = str | Sequence[Any]
+    from hertzloop.studies.sweep.request import SweepRequest
+    from hertzloop.studies.tune.request import TuneRequest
+    from hertzloop.studies.tune.result import TuneResult
 
 
 def modes(scene: AnyScene) -> "xr.Dataset":
@@ -36,77 +37,48 @@ def modes(scene: AnyScene) -> "xr.Dataset":
     return labelled_arrays().modes_of(modes_of_scene(resolved(scene)))
 
 
-def sweep(
-    scene: AnyScene,
-    over: Mapping[str, Range],
-    *,
-    design: Literal["grid", "lhs", "sobol"] = "grid",
-    cases: int = 256,
-    span: Literal["impact", "run"] = "impact",
-    workers: int | None = None,
-) -> "xr.Dataset":
+def sweep(scene: AnyScene, request: "SweepRequest | Mapping[str, Range]") -> "xr.Dataset":
     """Compute the metrics of a scene over ranges of its keys. Needs the extra `python`.
 
     Args:
         scene: the scene, or its name or TOML file.
-        over: by scene key a list of values, "low:high:step" (a grid) or "low:high" (to be spread).
-        design: "grid" for all combinations; "lhs" or "sobol" for spread points.
-        cases: number of spread points.
-        span: "impact" for the first impact, "run" for all contacts.
-        workers: number of processes; None for one per core.
+        request: which cases to run. A mapping stands for `SweepRequest(over=mapping)`.
 
     Returns:
         Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
         the names of the metrics end in their units (see `CaseMetrics`). A metric that a case does
-        not have is nan; `state` and `status` say why.
+        not have is nan; `state` and `status` say why. `growth_per_s` is the growth of the linear
+        loop: 0 if it is stable, nan without one.
 
     Raises:
         DesignError: the ranges cannot be used.
         SceneError: the scene cannot be simulated.
         SweepFailed: a worker process was lost.
     """
-    from hertzloop.studies.sweeps.design import as_axis, design_of
-    from hertzloop.studies.sweeps.evaluate import evaluate
-    from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.sweep.plan import plan_sweep
+    from hertzloop.studies.sweep.request import SweepRequest
+    from hertzloop.studies.sweep.sweep import sweep as run_cases
 
     views = labelled_arrays()  # before the work, since a package may be missing
-    axes = [as_axis(key, values) for key, values in over.items()]
-    setup = resolved(scene)
-    planned = design_of(setup, axes, design, cases, setup.seed)
-    with local_pool(workers) as pool:
-        rows = evaluate(pool, setup, span, planned.cases())
-    return views.cases_of(rows, list(over), {"scene": setup.scene.name, "span": span})
+    if not isinstance(request, SweepRequest):
+        request = SweepRequest(over=request)
+    plan = plan_sweep(resolved(scene), request)
+    result = run_cases(plan)
+    header = {"scene": plan.setup.scene.name, "span": request.span}
+    return views.cases_of(result.rows, plan.design.keys, header)
 
 
 def tune(
-    scene: AnyScene | Sequence[AnyScene],
-    laws: Sequence[str] = (),
-    *,
-    minimise: Sequence[str] = ("plate_energy_db", "rebound_percent"),
-    at_most: Mapping[str, float] | None = None,
-    over: Mapping[str, Range] | None = None,
-    span: Literal["impact", "run"] = "impact",
-    generations: int = 25,
-    population: int = 40,
-    seed: int = 1,
-    workers: int | None = None,
-) -> "list[Candidate]":
+    scene: AnyScene | Sequence[AnyScene], request: "TuneRequest | None" = None
+) -> "TuneResult":
     """Search the Pareto-optimal settings of laws (NSGA-II, Deb et al. 2002).
 
     Args:
         scene: the scene, or its name or TOML file; or several, of which the worst counts.
-        laws: names or files of laws; the law of the scene if empty.
-        minimise: names of the metrics to minimise, as in `CaseMetrics`.
-        at_most: largest allowed values by metric.
-        over: ranges by scene key, in place of the usual ranges of the law.
-        span: "impact" for the first impact, "run" for all contacts.
-        generations: number of generations.
-        population: settings in a generation.
-        seed: seed of the search.
-        workers: number of processes; None for one per core.
+        request: what to search; None: the law of the scene over its usual ranges.
 
     Returns:
-        The settings that no other setting beats, best first.
+        The settings that no other setting beats, and the published setting.
 
     Raises:
         DesignError: a range or a metric cannot be used.
@@ -114,18 +86,12 @@ def tune(
         SweepFailed: a worker process was lost.
     """
     need("pymoo")
-    from hertzloop.studies import tuning
-    from hertzloop.studies.requests import TuneRequest
-    from hertzloop.studies.sweeps.design import as_axis
-    from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.tune.plan import plan_tune
+    from hertzloop.studies.tune.request import TuneRequest
+    from hertzloop.studies.tune.tune import tune as search
 
-    bases = [resolved(one) for one in ([scene] if isinstance(scene, AnyScene) else scene)]
-    given = tuple(as_axis(key, values) for key, values in (over or {}).items())
-    search = TuneRequest(
-        tuple(minimise), span, generations, population, seed=seed, at_most=dict(at_most or {})
-    )
-    with local_pool(workers) as pool:
-        return tuning.best_of(pool, bases, laws or [bases[0].law_reference], given, search)
+    scenes = [scene] if isinstance(scene, AnyScene) else scene
+    return search(plan_tune([resolved(one) for one in scenes], request or TuneRequest()))
 
 
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":

@@ -35,11 +35,11 @@ from hertzloop.studies.budget.probability import (
     probability,
     sensitivities,
 )
-from hertzloop.studies.requests import BudgetRequest
-from hertzloop.studies.sweeps.design import Design
-from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.sweeps.sweep import work_of
-from hertzloop.studies.sweeps.uncertain import UncertainInputs, read_uncertain
+from hertzloop.studies.budget.request import BudgetRequest
+from hertzloop.studies.cases.design import Design
+from hertzloop.studies.cases.identity import work_of
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.uncertain import UncertainInputs, read_uncertain
 
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget

@@ -1,14 +1,14 @@
 """Commands that run many cases: they continue after an interruption, and count failed cases."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
-from hertzloop.studies.sweeps.journal import JournalEntries, kept
-from hertzloop.studies.sweeps.pool import SweepFailed
+from hertzloop.studies.cases.journal import JournalEntries, kept
+from hertzloop.studies.cases.pool import SweepFailed
 
 
 @contextmanager
@@ -46,7 +46,7 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Journ
         fail(f"cannot write to the folder {folder}: {reason}; {kept_cases}.", 1)
 
 
-def end_if_failed(reasons: list[str], total: int) -> None:
+def end_if_failed(reasons: Sequence[str], total: int) -> None:
     """End the command with exit code 1 if cases failed, and print the most frequent reasons.
 
     Args:

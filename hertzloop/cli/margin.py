@@ -80,8 +80,8 @@ def margin(
         outputs.write_json(folder / "margin.json", data)
         return
     # Of an extra.
-    from hertzloop.studies import pictures
     from hertzloop.studies.margin.picture import draw
+    from hertzloop.studies.pages import pictures
 
     pictures.save(draw(constant, found), folder / "margin.png")
     LinearSystem.of(setup).save(folder / "plant.npz")

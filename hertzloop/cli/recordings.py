@@ -313,7 +313,7 @@ def report(
 
         try:
             results = results_in(source)
-            text = page_of_results(results)
+            text = page_of_results(results).html()
         except ValueError as error:
             fail(str(error))
         _write(_page(results, folder, overwrite), text)

@@ -7,7 +7,7 @@ import typer
 from hertzloop.cli import outputs, prepare
 from hertzloop.cli.terminal import if_interrupted, out, progress
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.pool import local_pool
 from hertzloop.views.format import unwrapped
 
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.cases import SHOWN
-from hertzloop.studies.sweeps.sweep import extremes, known, short
+from hertzloop.studies.pages.words import short
+from hertzloop.studies.sweep.result import extremes, known
 from hertzloop.views.format import Table
 
 _MOST_ROWS = 20

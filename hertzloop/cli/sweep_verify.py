@@ -8,8 +8,10 @@ from hertzloop.cli import outputs, prepare
 from hertzloop.cli.many_cases import end_if_failed
 from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.loop.run_options import Transport
-from hertzloop.studies.sweeps.evaluate import not_run
-from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
+from hertzloop.studies.cases.evaluate import not_run
+from hertzloop.studies.cases.identity import check_laws, code_version
+from hertzloop.studies.sweep.result import counted
+from hertzloop.studies.sweep.results_file import read_results
 
 
 def verify(
@@ -37,7 +39,7 @@ def verify(
     if header["versions"] != code_version():
         err.say(f"{results}: written by {header['versions']}; bits may differ")
     prepare.compile_first()
-    from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
+    from hertzloop.studies.sweep.replay_cases import RepeatedCase, replay_cases
 
     repeated: list[RepeatedCase] = []
     with progress(f"{cases} cases", cases) as advance:

@@ -18,15 +18,14 @@ from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.plant_checks import check_conserves
-from hertzloop.scene.setup import Setup
-from hertzloop.studies.requests import SweepRequest
-from hertzloop.studies.sweeps import sweep as sweep_study
-from hertzloop.studies.sweeps.design import KEY as PHASE
-from hertzloop.studies.sweeps.design import Design, grouped, planned_by
-from hertzloop.studies.sweeps.evaluate import run_case
-from hertzloop.studies.sweeps.sweep import SweepResults, counted, known
-from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
+from hertzloop.studies.cases.evaluate import run_case
+from hertzloop.studies.cases.pool import SweepFailed
+from hertzloop.studies.cases.touch_phases import KEY as PHASE
+from hertzloop.studies.cases.touch_phases import grouped
+from hertzloop.studies.sweep import sweep as sweep_study
+from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
+from hertzloop.studies.sweep.request import SweepRequest
+from hertzloop.studies.sweep.result import SweepResult, counted, known
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 
@@ -125,10 +124,10 @@ def sweep(
         count = 10 if cases is None else cases
         verify_results(verify, count, transport, 1 if seed is None else seed, json_file)
         return
-    study = _planned(arguments)
+    study = _checked(arguments)
     if study.finished is None:
-        prepare.compile_first(study.setup)
-        results = _run(study, request)
+        prepare.compile_first(study.plan.setup)
+        results = _run(study)
     else:
         results = study.finished
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
@@ -143,35 +142,34 @@ def sweep(
 
 
 @dataclass(frozen=True)
-class PlannedSweep:
-    """A sweep that can be run: scene, cases, file of results, and results that it already holds."""
+class _Study:
+    """A sweep that can be run: its cases, its file, and the results that the file already has."""
 
-    setup: Setup
-    design: Design
+    plan: SweepPlan
     results_file: Path
-    total: int  # number of cases
-    finished: SweepResults | None
+    finished: SweepResult | None
+
+    @property
+    def total(self) -> int:
+        """Number of cases."""
+        return len(self.plan.cases)
 
 
-def _planned(arguments: SweepArguments) -> PlannedSweep:
+def _checked(arguments: SweepArguments) -> _Study:
     """Return the sweep to run; end the command if it cannot be run or written."""
     request, settings = arguments.request, arguments.settings
     setup = prepare.scene_from(arguments.scene, settings, arguments.seed)
     target = arguments.out_file or Path(f"{setup.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
-    check_conserves(setup.scheme)
     if request.dask is not None:
         _check_scheduler(request.dask)
-    design = planned_by(setup, request)
-    if request.uncertain is not None:
-        inputs = read_uncertain(request.uncertain, setup)
-        design = with_draws(setup, design, inputs, request.points)
-    for axis in design.axes:
+    plan = plan_sweep(setup, request)
+    for axis in plan.design.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             prepare.check_law(setup.vary({"controller.law": law}))
     overwrite = arguments.overwrite
-    finished = None if overwrite else sweep_study.finished(setup, design, request.span, target)
+    finished = None if overwrite else sweep_study.finished(plan, target)
     outputs.check_output(
         target,
         overwrite or finished is not None,
@@ -180,41 +178,35 @@ def _planned(arguments: SweepArguments) -> PlannedSweep:
     outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
     outputs.check_json(arguments.json_file, target, *of_results)
-    return PlannedSweep(setup, design, target, len(design.cases()), finished)
+    return _Study(plan, target, finished)
 
 
-def _run(study: PlannedSweep, request: SweepRequest) -> SweepResults:
+def _run(study: _Study) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
     try:
         with if_interrupted(lambda: _CAN_CONTINUE), progress(f"{total} cases", total) as advance:
             return sweep_study.sweep(
-                study.setup,
-                study.design,
-                request.span,
+                study.plan,
                 target,
-                workers=request.workers,
-                dask=request.dask,
                 on_progress=advance,
                 on_wait=lambda sentence: err.say(f"{sentence}."),
             )
-    except sweep_study.SweepFailed as error:
+    except SweepFailed as error:
         fail(f"{error}; {_CAN_CONTINUE}.", 1)
     except OSError as error:
         reason = error.strerror or error  # an error of Arrow has no number
         fail(f"cannot write {error.filename or target}: {reason}; {_CAN_CONTINUE}.", 1)
 
 
-def _count_without_metrics(results: SweepResults) -> int:
+def _count_without_metrics(results: SweepResult) -> int:
     """Return how many cases failed, or are unstable and have no metrics."""
     return len(results.not_run) + results.unstable
 
 
-def _print_results(
-    study: PlannedSweep, results: SweepResults, request: SweepRequest
-) -> dict[str, Any]:
+def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -> dict[str, Any]:
     """Print what a sweep found, and return it as plain data."""
-    total, keys, rows = study.total, study.design.keys, results.rows
+    total, keys, rows = study.total, study.plan.design.keys, results.rows
     for line in results.damaged:
         journal = sweep_study.journal_of(study.results_file)
         err.say(f"line {line} of {journal} was damaged. Its case was run again.")
@@ -225,7 +217,7 @@ def _print_results(
     if not is_uncertain:
         _print_best(study, results, request)
     if is_uncertain and has_metrics:
-        out.print(quantiles_table(rows, [axis.key for axis in study.design.axes]))
+        out.print(quantiles_table(rows, [axis.key for axis in study.plan.design.axes]))
     phased = PHASE in keys and request.design == "grid" and not is_uncertain
     over_phases = grouped(rows, keys, SHOWN) if phased else []
     if over_phases:
@@ -256,14 +248,14 @@ def _print_results(
     }
 
 
-def _print_best(study: PlannedSweep, results: SweepResults, request: SweepRequest) -> None:
+def _print_best(study: _Study, results: SweepResult, request: SweepRequest) -> None:
     """Say whether the case with the least plate energy looks different over the other span."""
     rows = known(results.rows, "plate_energy_db")
     if not rows:
         return
     best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]
-    values = {key: best[key] for key in study.design.keys}
-    other = run_case(study.setup, other_span, 0, values)
+    values = {key: best[key] for key in study.plan.design.keys}
+    other = run_case(study.plan.setup, other_span, 0, values)
     for sentence in spans_differ(
         best["plate_energy_db"],
         other["plate_energy_db"],
@@ -273,7 +265,7 @@ def _print_best(study: PlannedSweep, results: SweepResults, request: SweepReques
         out.say(f"At the least plate energy: {sentence}")
 
 
-def _print_warnings(results: SweepResults, total: int, out_of_range: dict[str, int]) -> None:
+def _print_warnings(results: SweepResult, total: int, out_of_range: dict[str, int]) -> None:
     """Print which effects are out of range, and how many cases or loops are unstable."""
     if out_of_range:
         effects = ", ".join(f"{name} in {n} of {total} cases" for name, n in out_of_range.items())

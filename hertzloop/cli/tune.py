@@ -1,5 +1,8 @@
 """The command `tune`."""
 
+import math
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -7,12 +10,15 @@ import typer
 
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.many_cases import end_if_failed, resumable
-from hertzloop.cli.terminal import fail
-from hertzloop.cli.tune_results import as_data, print_result, write_result
-from hertzloop.cli.tune_search import TuneArguments, checked_study, search_settings
+from hertzloop.cli.terminal import fail, progress
+from hertzloop.cli.tune_results import TuneArguments, as_data, print_result, write_result
 from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.requests import TuneRequest
+from hertzloop.studies.cases.journal import JournalEntries
+from hertzloop.studies.tune.plan import TunePlan, plan_tune
+from hertzloop.studies.tune.request import TuneRequest
+from hertzloop.studies.tune.result import TuneResult
 
 MinimiseOption = Annotated[
     list[str],
@@ -65,11 +71,11 @@ OutDirOption = Annotated[
     ),
 ]
 
-_MINIMISED = list(TuneRequest.objectives)
+_MINIMISED = list(TuneRequest.minimise)
 
 
 def tune(
-    objectives: MinimiseOption = _MINIMISED,
+    minimise: MinimiseOption = _MINIMISED,
     span: options.SpanOption = "impact",
     generations: GenerationsOption = TuneRequest.generations,
     population: PopulationOption = TuneRequest.population,
@@ -90,8 +96,12 @@ def tune(
     The search respects the scene's latency, bits and force limit. A killed search goes on with the
     same command.
     """
-    search = TuneRequest(
-        objectives=tuple(objectives),
+    request = TuneRequest(
+        laws=laws or (),
+        vary=ranges or (),
+        over=over or (),
+        minimise=tuple(minimise),
+        at_most=_limits(at_most or []),
         span=span,
         generations=generations,
         population=population,
@@ -99,28 +109,20 @@ def tune(
         seed=1 if seed is None else seed,
         require_stable=require_stable,
     )
-    arguments = TuneArguments(
-        search,
-        scenes or [DEFAULT],
-        laws,
-        ranges or [],
-        over or [],
-        at_most or [],
-        settings or [],
-        seed,
-    )
+    arguments = TuneArguments(scenes or [DEFAULT], settings or [], seed, at_most or [])
     need("matplotlib", "pymoo")
     outputs.check_json(json_file)
-    study = checked_study(arguments)
+    bases = [prepare.scene_from(name, arguments.settings, seed) for name in arguments.scenes]
+    plan = plan_tune(bases, request, prepare.check_law)
     outputs.make_folder(folder or Path())  # for what is unfinished, too
-    prepare.compile_first(*study.bases)
-    with resumable(folder or Path(), study.name, study.header) as finished:
-        result = search_settings(study, finished)
-        if result.best:
-            print_result(arguments, study, result)
-        if result.best and folder is not None:
-            write_result(folder, arguments, study, result)
-    if not result.best:
+    prepare.compile_first(*bases)
+    with resumable(folder or Path(), arguments.file_name(plan), plan.header) as finished:
+        result = _search(plan, finished)
+        if result.front:
+            print_result(arguments, plan, result)
+        if result.front and folder is not None:
+            write_result(folder, arguments, plan, result)
+    if not result.front:
         end_if_failed(result.failed, result.cases)
         fail(
             "no setting has all metrics within --at-most, or meets --require-stable: the loop may "
@@ -129,3 +131,30 @@ def tune(
         )
     outputs.write_json(json_file, as_data(result))
     end_if_failed(result.failed, result.cases)
+
+
+def _limits(texts: list[str]) -> dict[str, float]:
+    """Return the limits of --at-most by metric; end the command for one that is no number."""
+    limits = {}
+    for text in texts:
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
+        with suppress(ValueError):
+            if match and math.isfinite(float(match[2])):
+                limits[match[1]] = float(match[2])
+                continue
+        fail(
+            f"--at-most = '{text}': invalid limit. Write metric=number, as in rebound_percent=120."
+        )
+    return limits
+
+
+def _search(plan: TunePlan, finished: JournalEntries) -> TuneResult:
+    """Search, with a progress bar; end the command with exit code 1 if a scene fails."""
+    from hertzloop.studies.tune.tune import tune as search  # of an extra
+
+    generations = plan.request.generations * len(plan.axes)
+    try:
+        with progress("tuning", generations) as advance:
+            return search(plan, finished, advance)
+    except SceneError as error:
+        fail(str(error), 1)

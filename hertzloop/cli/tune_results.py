@@ -2,56 +2,66 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hertzloop.cli.terminal import out
-from hertzloop.cli.tune_search import TuneArguments, TuneResult, TuneStudy
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml, toml_text
 from hertzloop.studies.margin.shown import unstable_line
-from hertzloop.studies.requests import TuneRequest
-from hertzloop.studies.sweeps.sweep import code_version
+from hertzloop.studies.tune.plan import TunePlan
+from hertzloop.studies.tune.request import TuneRequest
+from hertzloop.studies.tune.result import Candidate, TuneResult, write_tuned
 from hertzloop.views.format import Table, unwrapped
-
-if TYPE_CHECKING:
-    from hertzloop.studies.tuning import Candidate
 
 _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 
 
-def print_result(arguments: TuneArguments, study: TuneStudy, result: TuneResult) -> None:
+@dataclass(frozen=True)
+class TuneArguments:
+    """What `hertzloop tune` was called with, beside its request.
+
+    Attributes:
+        scenes: Names of the scenes.
+        settings: Changes of scene keys.
+        seed: Random seed; None: that of each scene.
+        at_most: Limits, as text.
+    """
+
+    scenes: list[str]
+    settings: list[str]
+    seed: int | None
+    at_most: list[str]
+
+    def file_name(self, plan: TunePlan) -> str:
+        """Return the name of the files with results."""
+        return "tune-" + "-".join(base.name for base in plan.bases)
+
+
+def print_result(arguments: TuneArguments, plan: TunePlan, result: TuneResult) -> None:
     """Print the settings found, the verdict, and the commands that run the best one."""
-    objectives = study.search.objectives
-    out.print(_table(result, objectives))
-    for line in _verdict(result, objectives):
-        out.say(line)
-    best = _best(result, objectives)
-    unstable = sum(growth is not None for growth in result.growths)
+    out.print(_table(result))
+    out.say(result.verdict)
+    best, unstable = result.best, sum(one.unstable_loop is not None for one in result.front)
     if unstable:
-        text = f" in {unstable} of {len(result.growths)} settings. --require-stable refuses these."
+        text = f" in {unstable} of {len(result.front)} settings. --require-stable refuses these."
         out.say(unwrapped(("Linear loop unstable", "bold red"), text))
-    growth = result.growths[result.best.index(best)]
-    if growth is not None:
-        out.say(f"The loop of the best setting {unstable_line(growth)}")
-    out.print(f"Repetition of the best setting ({_setting_words(best.values)}):")
-    for setup, name in zip(_scenes_with(best, study), arguments.scenes, strict=True):
+    if best.unstable_loop is not None:
+        out.say(f"The loop of the best setting {unstable_line(best.unstable_loop)}")
+    out.print(f"Repetition of the best setting ({best.words()}):")
+    for setup, name in zip(_scenes_with(best, plan), arguments.scenes, strict=True):
         out.say(f"  {_run_command(best, setup, name, arguments)}")
 
 
 def as_data(result: TuneResult) -> dict[str, Any]:
     """Return the settings found as plain data."""
-    objectives = list(result.published.metrics)
     return {
-        "front": [
-            asdict(candidate) | {"unstable_loop": None if growth is None else asdict(growth)}
-            for candidate, growth in zip(result.best, result.growths, strict=True)
-        ],
+        "front": [asdict(candidate) for candidate in result.front],
         "published": asdict(result.published),
-        "verdict": _verdict(result, objectives),
+        "verdict": [result.verdict],
         "cases": result.cases,
         "ran": result.ran,
         "failed": len(result.failed),
@@ -59,44 +69,31 @@ def as_data(result: TuneResult) -> dict[str, Any]:
 
 
 def write_result(
-    folder: Path, arguments: TuneArguments, study: TuneStudy, result: TuneResult
+    folder: Path, arguments: TuneArguments, plan: TunePlan, result: TuneResult
 ) -> None:
     """Write settings as CSV, all results as JSON, the chart, and each scene with the best setting.
 
     Raises:
         NotWritten: A file cannot be written.
     """
-    from hertzloop.studies.tuning import Tuned, draw_front, write_tuned
-    from hertzloop.studies.words import write_rows
+    from hertzloop.studies.pages.words import write_rows
+    from hertzloop.studies.tune.chart import draw_front  # of an extra
 
-    name, search, objectives = study.name, study.search, tuple(study.search.objectives)
-    keys = sorted({key for candidate in result.best for key in candidate.values})
-    headings = [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys]
+    name, metrics = arguments.file_name(plan), result.minimise
+    keys = sorted({key for candidate in result.front for key in candidate.values})
+    headings = [*metrics, *(f"{o}_{part}" for o in metrics for part in _PARTS), *keys]
     rows = (
         [
             *candidate.metrics.values(),
-            *(getattr(candidate.spreads[o], part) for o in objectives for part in _PARTS),
+            *(getattr(candidate.spreads[o], part) for o in metrics for part in _PARTS),
             *(candidate.values.get(key, "") for key in keys),
         ]
-        for candidate in result.best
-    )
-    tuned = Tuned(
-        scenes=[to_toml(base.scene) for base in study.bases],
-        objectives=search.objectives,
-        span=search.span,
-        at_most=search.at_most,
-        front=result.best,
-        published=result.published,
-        verdict=_verdict(result, objectives),
-        failed=len(result.failed),
-        command=_tune_command(arguments, study),
-        versions=code_version(),
+        for candidate in result.front
     )
     write_rows(folder / f"{name}.csv", headings, rows)
-    write_tuned(folder / f"{name}.json", tuned)
-    title = ", ".join(base.name for base in study.bases)
-    draw_front(folder / f"{name}.png", title, result.best, result.published, objectives)
-    best_scenes = _scenes_with(_best(result, objectives), study)
+    write_tuned(folder / f"{name}.json", replace(result, command=_tune_command(arguments, plan)))
+    draw_front(folder / f"{name}.png", ", ".join(base.name for base in plan.bases), result)
+    best_scenes = _scenes_with(result.best, plan)
     for setup in best_scenes:
         atomic_write(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
     out.say(
@@ -105,57 +102,16 @@ def write_result(
     )
 
 
-def _scenes_with(candidate: "Candidate", study: TuneStudy) -> list[Setup]:
+def _scenes_with(candidate: Candidate, plan: TunePlan) -> list[Setup]:
     """Return the scenes with a setting."""
-    return [base.vary(candidate.values) for base in study.bases]
+    return [base.vary(candidate.values) for base in plan.bases]
 
 
-def _best(result: TuneResult, objectives: Sequence[str]) -> "Candidate":
-    """Return the setting that beats the published one, or the first if none does."""
-    return _winner(result, objectives) or result.best[0]
-
-
-def _winner(result: TuneResult, objectives: Sequence[str]) -> "Candidate | None":
-    """Return the setting that beats the published one; None if none does.
-
-    It reduces the first objective without raising the second.
-    """
-    from hertzloop.studies.tuning import better_than
-
-    keep = objectives[1] if len(objectives) > 1 else objectives[0]
-    return better_than(result.published, result.best, objectives[0], keep)
-
-
-def _verdict(result: TuneResult, objectives: Sequence[str]) -> list[str]:
-    """Return a sentence on how the best setting compares with the published one."""
-    first, rest, published = objectives[0], objectives[1:], result.published
-    keep = rest[0] if rest else first
-    winner = _winner(result, objectives)
-    if winner is None:
-        return [f"none beats the published setting in {first} without raising {keep}"]
-    gained = published.metrics[first] - winner.metrics[first]
-    sentence = f"{_setting_words(winner.values)} beats the published setting in {first} by "
-    sentence += f"{gained:z.3f}"
-    if rest:
-        sentence += f" at {keep} {winner.metrics[keep]:z.3f} against {published.metrics[keep]:z.3f}"
-    return [sentence]
-
-
-def _setting_words(values: dict[str, Any]) -> str:
-    """Return the law of a setting, and its numbers, in words."""
-    numbers = [
-        f"{key.split('.')[-1]} {value:.4g}"
-        for key, value in values.items()
-        if isinstance(value, int | float)
-    ]
-    return f"{values['controller.law']}: {', '.join(numbers)}"
-
-
-def _table(result: TuneResult, objectives: Sequence[str]) -> Table:
+def _table(result: TuneResult) -> Table:
     """Return the table of settings, at most some of them, with the published one last."""
-    best = result.best
+    metrics, best = result.minimise, result.front
     settings = "setting" if len(best) == 1 else "settings"
-    right = [*objectives, f"{objectives[0]} over touch phases"]
+    right = [*metrics, f"{metrics[0]} over touch phases"]
     table = Table(right=right, title=f"{len(best)} Pareto-optimal {settings}")
     table.add_column("law and parameters")
     every = max(1, -(-len(best) // _MOST_ROWS))
@@ -163,33 +119,33 @@ def _table(result: TuneResult, objectives: Sequence[str]) -> Table:
         note = " (published)" if candidate is result.published else ""
         table.add_row(
             *(f"{value:z.3f}" for value in candidate.metrics.values()),
-            str(candidate.spreads[objectives[0]]),
-            _setting_words(candidate.values) + note,
+            str(candidate.spreads[metrics[0]]),
+            candidate.words() + note,
         )
     return table
 
 
-def _tune_command(arguments: TuneArguments, study: TuneStudy) -> str:
+def _tune_command(arguments: TuneArguments, plan: TunePlan) -> str:
     """Return the command that repeats the search."""
-    search = study.search
-    is_default = search.objectives == TuneRequest.objectives
+    request = plan.request
+    is_default = request.minimise == TuneRequest.minimise
     repeatable: dict[str, Sequence[str]] = {
-        "--minimise": () if is_default else search.objectives,
-        "--law": arguments.laws or (),
-        "--vary": arguments.ranges,
-        "--over": arguments.over,
+        "--minimise": () if is_default else request.minimise,
+        "--law": request.laws,
+        "--vary": list(request.vary),
+        "--over": list(request.over),
         "--at-most": arguments.at_most,
         "--set": arguments.settings,
     }
     words = ["hertzloop", "tune", *arguments.scenes]
     words += [word for option, many in repeatable.items() for one in many for word in (option, one)]
-    words += ["--span", search.span, "--generations", str(search.generations)]
-    words += ["--population", str(search.population), "--phases", str(search.phases)]
-    words += ["--seed", str(search.seed)]
-    return shlex.join([*words, *(["--require-stable"] if search.require_stable else [])])
+    words += ["--span", request.span, "--generations", str(request.generations)]
+    words += ["--population", str(request.population), "--phases", str(request.phases)]
+    words += ["--seed", str(request.seed)]
+    return shlex.join([*words, *(["--require-stable"] if request.require_stable else [])])
 
 
-def _run_command(candidate: "Candidate", setup: Setup, name: str, arguments: TuneArguments) -> str:
+def _run_command(candidate: Candidate, setup: Setup, name: str, arguments: TuneArguments) -> str:
     """Return the command that runs a scene with a setting.
 
     Args:

@@ -15,7 +15,7 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes.record import record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.sweeps.evaluate import not_run, run_cases
+from hertzloop.studies.cases.evaluate import not_run, run_cases
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2
 _CASES, _QUICK_CASES = 100, 30  # of the sweep, a round

@@ -10,7 +10,7 @@ from hertzloop.results.recorded import SHARES, Pacing, Responses
 from hertzloop.results.rounding import time_words
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup, parse
-from hertzloop.studies import pictures, words
+from hertzloop.studies.pages import pictures, words
 
 _AROUND_STEPS = 100  # shown before and after the first difference
 

@@ -12,9 +12,9 @@ from benchmarks import latency as study
 from benchmarks.latency_pictures import draw_chance, draw_maps
 from benchmarks.program import app_of
 from hertzloop.scene.setup import load
-from hertzloop.studies.sweeps.evaluate import Pool
-from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.words import METRICS
+from hertzloop.studies.cases.evaluate import Pool
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.pages.words import METRICS
 
 
 @pytest.fixture(scope="module")

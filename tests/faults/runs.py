@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
-from hertzloop.studies.sweeps.journal import Journal, JournalError
+from hertzloop.studies.cases.journal import Journal, JournalError
 from tests.faults import page
 from tests.faults.inflict import Fault, NotUnderWay, Outcome, draw, inflict
 from tests.tables import markdown

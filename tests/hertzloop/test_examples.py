@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
-from hertzloop.studies.sweeps.sweep import read_results
+from hertzloop.studies.sweep.results_file import read_results
 from tests.commands import as_options, refused, succeed
 from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.test_cli import here

@@ -142,24 +142,30 @@ def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
 
 
 def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene) -> None:
-    table = hertzloop.sweep(scene, {"controller.latency_us": np.arange(3)}, workers=1)
+    table = hertzloop.sweep(
+        scene, hertzloop.SweepRequest({"controller.latency_us": np.arange(3)}, workers=1)
+    )
     assert list(table["controller.latency_us"].values) == [0, 1, 2]
     assert list(table["status"].values) == ["", "", ""]
     alone = metrics_of_case(resolve(hertzloop.vary(scene, {"controller.latency_us": 2})))
     assert table["digest"].values[2] == alone.digest
     spread = hertzloop.sweep(
-        scene, {"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1
+        scene,
+        hertzloop.SweepRequest({"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1),
     )
     assert spread.sizes["case"] == 4
 
 
 def test_tuning_finds_no_worse_than_the_published_setting() -> None:
     scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0016})
-    best = hertzloop.tune(
-        scene, ["slope_threshold"], minimise=["plate_energy_db"], generations=3, population=8,
+    request = hertzloop.TuneRequest(
+        laws=["slope_threshold"],
+        minimise=["plate_energy_db"],
+        generations=3,
+        population=8,
         workers=1,
-    )  # fmt: skip
-    assert best[0].metrics["plate_energy_db"] < 0.35
+    )
+    assert hertzloop.tune(scene, request).best.metrics["plate_energy_db"] < 0.35
 
 
 @pytest.mark.parametrize(
@@ -187,7 +193,8 @@ def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) 
     script.write_text(
         "import hertzloop\n"
         "scene = hertzloop.load('aluminium-3mm', {'run.duration_s': 0.0015})\n"
-        "table = hertzloop.sweep(scene, {'controller.latency_us': range(40)}, workers=2)\n"
+        "request = hertzloop.SweepRequest({'controller.latency_us': range(40)}, workers=2)\n"
+        "table = hertzloop.sweep(scene, request)\n"
         "print(table.sizes['case'], sum(table.status.values != ''))\n"
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=280)

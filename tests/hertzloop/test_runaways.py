@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
+from hertzloop.studies.cases.evaluate import not_run, older_state, run_case
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
 AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import pytest
 
 from benchmarks.latency import SCENES, Critical, critical
-from hertzloop.studies.sweeps.evaluate import Pool
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.evaluate import Pool
+from hertzloop.studies.cases.pool import local_pool
 
 NAMED = {named.name: named for named in SCENES}
 # Scene, law: least and largest critical latency (us; inf: survives all tried), bits.

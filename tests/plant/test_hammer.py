@@ -20,7 +20,7 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.sweeps.evaluate import run_case
+from hertzloop.studies.cases.evaluate import run_case
 from tests.plant.rigs import IMMOVABLE, spec
 
 MASS, SPEED = 0.15, 0.8

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from hertzloop.studies.sweeps.evaluate import Pool
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.evaluate import Pool
+from hertzloop.studies.cases.pool import local_pool
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from hertzloop.studies.sweep.request import SweepRequest
+
 COARSE = ["run.accuracy=0.05"]
+ONE_WORKER = SweepRequest(workers=1)
 
 
 def command(*words: str) -> list[str]:

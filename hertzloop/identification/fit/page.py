@@ -14,9 +14,9 @@ from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.recordings.replay.decimation import extremes
-from hertzloop.studies import pictures
-from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
-from hertzloop.studies.sweeps.sweep import code_version
+from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.pages import pictures
+from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
 
 _MOST_POINTS = 1500  # of a curve
 _DOTS = {"markersize": 3, "color": pictures.COLOURS[0]}
@@ -36,7 +36,7 @@ def page(result: FitResult, command: str) -> str:
     doubtful = result.reasons if result.model is ModelVerdict.DOES_NOT_FIT else []
     names = ", ".join(r.name for r in result.records)
     scene = [] if result.setup is None else [(result.setup.name, fitted_scene(result, "fitted"))]
-    return template("results.html.j2").render(
+    return ResultPage(
         title=f"{'Check' if result.checked_only else 'Fit'} of {names}",
         lines=[line for line in said if line not in doubtful],
         charts=_charts(result),
@@ -45,7 +45,7 @@ def page(result: FitResult, command: str) -> str:
         commands=[command],
         versions=code_version(),
         scenes=scene,
-    )
+    ).html()
 
 
 def _tables(result: FitResult) -> list[ResultTable]:

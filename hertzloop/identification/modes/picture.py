@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.identification.modes.modes import MeasuredModes
-from hertzloop.studies import pictures
+from hertzloop.studies.pages import pictures
 
 
 def draw(found: MeasuredModes, path: Path) -> None:

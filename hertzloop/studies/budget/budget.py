@@ -19,12 +19,12 @@ from hertzloop.studies.budget.limits import (
     quantities_of,
     side_by_side,
 )
+from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.stability import linear_margin, tolerated
 from hertzloop.studies.budget.worst_sequence import WorstLimit, worst_limit
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.touch_phases import Spread, phases, spread_of
 from hertzloop.studies.margin.margin import Margin
-from hertzloop.studies.requests import BudgetRequest
-from hertzloop.studies.sweeps.design import Spread, phases, spread_of
-from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
 _PHASES, _QUICK_PHASES = 5, 3
 _SEEDS, _QUICK_SEEDS = 3, 1

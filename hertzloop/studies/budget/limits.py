@@ -36,7 +36,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
-from hertzloop.studies.sweeps.evaluate import Rows, not_run
+from hertzloop.studies.cases.evaluate import Rows, not_run
 
 Case = dict[str, Any]
 Asks: TypeAlias = "Generator[list[Case], Rows, BudgetLimit]"  # yields cases, is sent their rows

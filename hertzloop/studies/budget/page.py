@@ -12,13 +12,13 @@ from hertzloop.common.atomic_files import atomic_write
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, nearest, search_of
 from hertzloop.studies.budget.goal import Goal, all_met
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity, quantities_of
-from hertzloop.studies.report.page import ResultChart, ResultTable, svg, template
-from hertzloop.studies.sweeps.evaluate import Pool, evaluate
-from hertzloop.studies.sweeps.sweep import code_version
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.pages import pictures
+from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
 
 _HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
 _PLACES = 11  # values of a quantity in a map
@@ -150,16 +150,15 @@ def write_page(
         plants.append(("In the real plant", found.real))
     alone = "Each quantity alone, with the others as in the plant."
     tables = [ResultTable(name, *_headings_and_cells(plant), alone) for name, plant in plants]
-    text = template("results.html.j2").render(
+    text = ResultPage(
         title=f"Budget of {found.law} in {found.scene}",
         lines=list(lines),
-        warnings=[],
         charts=charts,
         tables=tables,
         commands=[command],
         versions=code_version(),
         scenes=[(found.scene, to_toml(setup.scene))],
-    )
+    ).html()
     path = folder / "budget.html"
     atomic_write(path, text)
     return path

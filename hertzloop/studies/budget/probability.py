@@ -16,8 +16,8 @@ from hertzloop.results.cases import CaseState, Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.sweeps.uncertain import UncertainInput, UncertainInputs
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
 _NORMAL = NormalDist()

@@ -47,11 +47,11 @@ from hertzloop.studies.budget.limits import (
 )
 from hertzloop.studies.budget.probability import probability
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
+from hertzloop.studies.cases.design import toml_text
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.touch_phases import phases as spread_evenly
+from hertzloop.studies.cases.uncertain import read_uncertain
 from hertzloop.studies.margin.margin import Margin
-from hertzloop.studies.sweeps.design import phases as spread_evenly
-from hertzloop.studies.sweeps.design import toml_text
-from hertzloop.studies.sweeps.evaluate import Pool, evaluate
-from hertzloop.studies.sweeps.uncertain import read_uncertain
 
 
 class Requirement(BaseModel):

@@ -17,8 +17,8 @@ import numpy as np
 
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
-from hertzloop.studies.sweeps.design import Spread, spread_of
-from hertzloop.studies.sweeps.evaluate import Rows
+from hertzloop.studies.cases.evaluate import Rows
+from hertzloop.studies.cases.touch_phases import Spread, spread_of
 
 MOST_CASES = 2000  # of one search
 _CONSTANTS = 9  # constant latencies that are tried

@@ -10,10 +10,10 @@ from matplotlib.ticker import MaxNLocator
 
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
-from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_name
 from hertzloop.studies.margin.margin import Margin, PolyphaseLoop, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.pages import pictures
 
 _MOST_POLES = 4000
 _LATENCIES = 24  # at which the growth is computed

@@ -14,7 +14,7 @@ from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.table import grid
-from hertzloop.studies.words import write_rows
+from hertzloop.studies.pages.words import write_rows
 
 if TYPE_CHECKING:
     import control

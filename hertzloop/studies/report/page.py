@@ -4,15 +4,11 @@ import base64
 import io
 import json
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import jinja2
 import numpy as np
-from matplotlib.figure import Figure
 
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.recording import Recording
@@ -30,12 +26,13 @@ from hertzloop.results.repeatability import why_not_repeatable
 from hertzloop.results.verdict import RunAssessment, assess_recording
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies import pictures
 from hertzloop.studies.margin.binding import binding_mode, mode_line
 from hertzloop.studies.margin.jitter import at_shortest_latency, jitter_margin_of
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import jitter_lines, margin_lines
+from hertzloop.studies.pages import pictures
+from hertzloop.studies.pages.html import ResultTable, svg, template
 from hertzloop.views import provenance
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
@@ -112,44 +109,6 @@ def _legend(ax: Any) -> None:
     ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)
 
 
-def svg(sheet: Figure) -> str:
-    """The figure as an SVG element, without the document around it."""
-    text = io.StringIO()
-    sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    whole = text.getvalue()
-    return whole[whole.index("<svg") :]
-
-
-def template(name: str) -> jinja2.Template:
-    """One of the templates beside this file; a word that it lacks is an error."""
-    settings = jinja2.Environment(
-        loader=jinja2.PackageLoader("hertzloop.studies.report", ""),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return settings.get_template(name)
-
-
-@dataclass(frozen=True)
-class ResultChart:
-    """A picture on a page of results, as an SVG element."""
-
-    title: str
-    svg: str
-    words: str = ""
-
-
-@dataclass(frozen=True)
-class ResultTable:
-    """A table on a page of results; `sorts`: by a click on a heading."""
-
-    title: str
-    headings: Sequence[str]
-    rows: list[list[str]]
-    words: str = ""
-    sorts: bool = False
-
-
 _FRAMES = 240
 _LEVELS = 127  # of a deflection, each way
 
@@ -165,7 +124,7 @@ def page_of(recording: Recording) -> str:
     law, law_text, lawless = _law(recording)
     again, commands = _again(recording, setup, bool(law_text))
     margin, margin_png = _margin(recording, setup)
-    return template("page.html.j2").render(
+    return template("run.html.j2").render(
         title=shown.labels.heading,
         lines=[line.replace("**", "") for line in shown.labels.lines],
         problems=recording.problems,

@@ -20,9 +20,9 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
     variants,
 )
-from hertzloop.studies.requests import BudgetRequest
-from hertzloop.studies.sweeps.evaluate import evaluate
-from hertzloop.studies.tuning import LAWS
+from hertzloop.studies.budget.request import BudgetRequest
+from hertzloop.studies.cases.evaluate import evaluate
+from hertzloop.studies.tune.plan import LAWS
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")

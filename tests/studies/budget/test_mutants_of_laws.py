@@ -10,7 +10,7 @@ from hertzloop.controller import laws
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.requirements import check, digits_of, read_requirements
-from hertzloop.studies.sweeps.evaluate import evaluate
+from hertzloop.studies.cases.evaluate import evaluate
 
 LAWS = (
     "force_feedback",

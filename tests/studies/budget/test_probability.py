@@ -10,16 +10,19 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import parse_goal
 from hertzloop.studies.budget.probability import FIRST, probability, sobol_indices, wilson
-from hertzloop.studies.sweeps.design import Axis, Design
-from hertzloop.studies.sweeps.evaluate import evaluate
-from hertzloop.studies.sweeps.sweep import read_results, sweep
-from hertzloop.studies.sweeps.uncertain import (
+from hertzloop.studies.cases.design import Axis, Design
+from hertzloop.studies.cases.evaluate import evaluate
+from hertzloop.studies.cases.uncertain import (
     UncertainInput,
     read_uncertain,
     uncertain_of,
     with_draws,
 )
+from hertzloop.studies.sweep.plan import SweepPlan
+from hertzloop.studies.sweep.results_file import read_results
+from hertzloop.studies.sweep.sweep import sweep
 from tests.commands import invoke
+from tests.studies.sweeping import ONE_WORKER
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 
@@ -171,7 +174,7 @@ def test_a_sweep_records_every_drawn_value(tmp_path):
     setup, out = load("aluminium-3mm", SHORT), tmp_path / "drawn.parquet"
     table = {"sphere.drop_height_m": {"distribution": "uniform", "low": 0.04, "high": 0.06}}
     design = with_draws(setup, Design(()), uncertain_of(table, setup), 20)
-    sweep(setup, design, "impact", out, workers=1)
+    sweep(SweepPlan(setup, design, ONE_WORKER), out)
     rows, header = read_results(out)
     drawn = [row["sphere.drop_height_m"] for row in rows]
     assert 0.04 < min(drawn) < 0.045

@@ -13,8 +13,8 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget import budget as study
 from hertzloop.studies.budget.goal import parse_goal
+from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
-from hertzloop.studies.requests import BudgetRequest
 from tests.commands import invoke
 
 REQUIREMENTS = """

@@ -19,10 +19,10 @@ from hertzloop.studies.budget.limits import (
     limit_words,
     quantities_of,
 )
+from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
 from hertzloop.studies.margin.margin import growth_of, loops_of, stable_in_flight
-from hertzloop.studies.requests import BudgetRequest
 from tests.commands import invoke
 
 GOAL = parse_goal("plate_energy_db <= -0.1")

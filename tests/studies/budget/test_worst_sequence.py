@@ -18,7 +18,7 @@ from hertzloop.studies.budget.worst_sequence import (
     worst_limit,
     worst_sequence,
 )
-from hertzloop.studies.sweeps.evaluate import run_cases
+from hertzloop.studies.cases.evaluate import run_cases
 from tests.commands import invoke
 
 SCENE = ["run.duration_s=0.0016"]

@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 from hertzloop.scene.setup import load
-from hertzloop.studies import tuning
+from hertzloop.studies.cases.design import Axis
+from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.margin import margin
 from hertzloop.studies.margin.margin import growth_of, margin_of
-from hertzloop.studies.requests import TuneRequest
-from hertzloop.studies.sweeps.design import Axis
-from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.sweeps.sweep import read_results
+from hertzloop.studies.sweep.results_file import read_results
+from hertzloop.studies.tune.plan import TunePlan
+from hertzloop.studies.tune.request import TuneRequest
+from hertzloop.studies.tune.search import search_law
 from tests.commands import as_options, invoke
 
 SHORT = ["run.accuracy=0.01", "run.duration_s=0.0016", "controller.latency_us=2"]
@@ -113,11 +114,14 @@ def test_a_search_can_require_a_stable_loop() -> None:
 
     def best(require_stable: bool) -> float:
         with local_pool(1) as pool:
-            found = tuning.tune(
-                pool, [setup], "velocity_feedback", kappa,
-                TuneRequest(("plate_energy_db",), generations=8, population=8,
-                       require_stable=require_stable),
-            )[0]  # fmt: skip
+            request = TuneRequest(
+                minimise=("plate_energy_db",),
+                generations=8,
+                population=8,
+                require_stable=require_stable,
+            )
+            plan = TunePlan([setup], [setup], {"velocity_feedback": kappa}, request)
+            found = search_law(pool, plan, "velocity_feedback")[0]
         return found.values["controller.kappa"]
 
     allowed = margin_of(setup.vary({"controller.kappa": 0.01}))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.studies.report import results as report_of_results
-from hertzloop.studies.sweeps.sweep import read_results
+from hertzloop.studies.sweep import page as sweep_page
+from hertzloop.studies.sweep.results_file import read_results
 from tests.commands import call
 from tests.studies.report.test_report import BROWSER, in_browser
 
@@ -71,7 +71,7 @@ def test_a_folder_of_results_becomes_a_page(
 
 
 def test_a_tuning_reads_as_it_was_written(results: Path, tmp_path: Path) -> None:
-    from hertzloop.studies.tuning import read_tuned, write_tuned
+    from hertzloop.studies.tune.result import read_tuned, write_tuned
 
     tuned = read_tuned(results / "tune" / "tune-aluminium-3mm.json")
     assert tuned.front
@@ -104,8 +104,8 @@ def test_a_metric_without_a_value_or_a_change_is_left_out(
     file = results / "grid" / "g.parquet"
     rows, header = read_results(file)
     changed = [{**row, "radiated_db": math.nan, "pressure_db": -1e-4} for row in rows]
-    monkeypatch.setattr(report_of_results, "read_results", lambda path: (changed, header))
-    text = report_of_results.page_of_results(file)
+    monkeypatch.setattr(sweep_page, "read_results", lambda path: (changed, header))
+    text = sweep_page.sweep_page(file).html()
     assert "nan" not in re.findall(r"<td>([^<]*)</td>", text)
     assert "pressure at 1 m" not in re.sub("<p>Left out.*</p>", "", text)
     [said] = re.findall("<p>Left out: (.*)</p>", text)

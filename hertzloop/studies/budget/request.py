@@ -1,0 +1,41 @@
+"""What `hertzloop budget` and `hertzloop.budget` ask for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from hertzloop.results.cases import Span
+
+
+@dataclass(frozen=True)
+class BudgetRequest:
+    """What to search for the budget of a law, and how finely.
+
+    Attributes:
+        goals: Conditions as text that the law must meet at every touch phase.
+        quick: Whether the search is coarse, with a thin plate as the real one.
+        only: Quantities to search; all if empty.
+        with_real: Whether the real plant is searched too.
+        span: Part of the run that is evaluated, or both.
+        workers: Number of processes; None: one for each core.
+        within: Half the width at which the interval of the probability is narrow enough.
+        most_cases: Largest number of cases drawn for the probability.
+        sobol: Base points for Sobol indices, a power of 2; 0: none.
+        worst: Whether the worst sequence of latencies within the jitter is searched too.
+    """
+
+    goals: Sequence[str] = ()
+    quick: bool = False
+    only: Sequence[str] = ()
+    with_real: bool = True
+    span: Literal["impact", "run", "both"] = "impact"
+    workers: int | None = None
+    within: float = 0.03
+    most_cases: int = 4096
+    sobol: int = 0
+    worst: bool = False
+
+    @property
+    def first_span(self) -> Span:
+        """The span whose metrics come first."""
+        return "impact" if self.span == "both" else self.span

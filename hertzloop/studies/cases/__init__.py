@@ -1,0 +1,1 @@
+"""Cases of a scene for all studies: which ones, their simulation, workers, journal."""

@@ -1,0 +1,78 @@
+"""Cases on the workers of a Dask cluster, in place of processes of this machine."""
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from hertzloop.results.cases import Span
+from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, run_chunk
+from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.cases.pool import SweepFailed
+
+_WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers; between two looks
+
+
+@contextmanager
+def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
+    """As `local_pool`, of the workers of a Dask scheduler; it gives a dead worker's work to
+    others."""
+    try:
+        from distributed import CancelledError, Client, KilledWorker
+        from distributed import as_completed as dask_completed
+        from distributed.comm import CommClosedError
+    except ImportError as error:
+        raise SweepFailed(
+            "--dask needs the package distributed: pip install distributed"
+        ) from error
+    # What it says of its own, with tracebacks, is said here in a sentence.
+    for name in ("distributed", *logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # some have a level of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise SweepFailed(f"no Dask scheduler answers at {address}: {error}") from error
+    with client:
+        without = f"the Dask scheduler at {address} has no workers"
+        waits = f"{without}; waiting {_WORKERLESS_S:g} s for one (dask worker {address})"
+        if not client.scheduler_info()["workers"]:
+            on_wait(waits)
+        try:
+            client.wait_for_workers(1, timeout=_WORKERLESS_S)
+        except TimeoutError as error:
+            raise SweepFailed(without) from error
+        ours = code_version()
+        for worker, theirs in client.run(code_version).items():
+            if theirs != ours:
+                raise SweepFailed(
+                    f"the worker {worker} has {theirs}, this process {ours}; install the same"
+                )
+        done = threading.Event()
+
+        def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+            futures = client.map(
+                lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+            )
+
+            def watch() -> None:
+                """Cancel the work where no worker has come for a while: Dask waits for ever."""
+                alone_s = 0.0
+                while not done.wait(_LOOK_S):
+                    with suppress(Exception):  # a scheduler that is lost is said below
+                        alone_s = 0.0 if client.scheduler_info()["workers"] else alone_s + _LOOK_S
+                        if alone_s == _LOOK_S:
+                            on_wait(waits)
+                        if alone_s >= _WORKERLESS_S:
+                            client.cancel(futures)
+                            return
+
+            threading.Thread(target=watch, daemon=True).start()
+            return (future.result() for future in dask_completed(futures))
+
+        try:
+            yield results
+        except (CancelledError, CommClosedError, KilledWorker) as error:
+            raise SweepFailed(f"the Dask cluster at {address} was lost") from error
+        finally:
+            done.set()

@@ -1,0 +1,171 @@
+"""Finished cases on disk, one line each, so that a killed sweep or search goes on where it was.
+
+A line is a JSON object whose last member is a checksum of what stands before it.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+from hertzloop.results.cases import Span
+from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, chunked
+
+# Cases that are simulated once, whatever asks for them: noted in a journal as they finish.
+#
+# A search or a chart asks for the same cases in the same order whenever it is started with the
+# same words, since its seed is one of them. So what was finished before a kill is read instead of
+# run, and the rest follows as if there had been no kill.
+
+
+class JournalEntries:
+    """Finished cases of what one command does, in an open journal.
+
+    `found`: how many an earlier start had finished; `ran`: how many were run since.
+    """
+
+    def __init__(self, journal: "Journal") -> None:
+        self.journal = journal
+        self.found, self.ran = len(journal.done), 0
+
+    def of(self, pool: Pool) -> Pool:
+        """The same pool, which is asked for a case once only."""
+
+        def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+            setup = _digest([toml, span])
+            open_: Numbered = []
+            named: dict[int, str] = {}  # of the cases to run
+            again: dict[str, list[int]] = {}  # the numbers under which a case is wanted
+            for number, values in (case for chunk in chunks for case in chunk):
+                name = _digest([setup, values])
+                if name not in self.journal.done and name not in again:
+                    open_.append((number, values))
+                    named[number] = name
+                again.setdefault(name, []).append(number)
+            for rows in pool(toml, span, chunked(open_)):
+                for row in rows:
+                    self.journal.add({"case": named[row["case"]], "row": row})
+                self.ran += len(rows)
+            for name, numbers in again.items():
+                row = self.journal.done[name]["row"]
+                yield [row | {"case": number} for number in numbers]
+
+        return results
+
+
+@contextmanager
+def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
+    """The finished cases of a command in FOLDER/NAME-DIGEST.partial, where the digest is that of
+    `header`: all that decides which cases are asked for, and their bits. The file goes when the
+    work is done. Raises JournalError, OSError."""
+    path = folder / f"{name}-{_digest(header)[:8]}.partial"
+    with Journal(path, header) as journal:
+        yield JournalEntries(journal)
+    path.unlink()
+
+
+def _digest(what: Any) -> str:
+    return hashlib.blake2b(json.dumps(what, sort_keys=True).encode(), digest_size=12).hexdigest()
+
+
+class JournalError(ValueError):
+    """The journal found is of other work, in use, or damaged; the message says which."""
+
+    exit_status = 2
+
+
+class Journal:
+    """An open journal: a header line that names the work, then a line a finished case.
+
+    `damaged`: numbers of the lines found that are not as they were written; their cases are not
+    among those `done`.
+    """
+
+    def __init__(self, path: Path, header: dict[str, Any]) -> None:
+        """Open or go on with `path`. Raises JournalError, or OSError."""
+        self.path = path
+        self.done: dict[Any, dict[str, Any]] = {}  # by the "case" of a row
+        self.damaged: list[int] = []
+        self._file = path.open("a+b")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            whole = self._read(header)
+            # A line that a kill has torn is dropped; its case is not finished.
+            self._file.truncate(whole)
+            if not whole:
+                self._write(header)
+        except BaseException as error:
+            self._file.close()
+            if isinstance(error, BlockingIOError):
+                raise JournalError(
+                    f"{path} is in use by another command. Wait for its end, or write to another "
+                    "folder."
+                ) from error
+            raise
+
+    def _read(self, header: dict[str, Any]) -> int:
+        """Take over the finished cases; the length of the whole lines in bytes."""
+        whole = 0
+        self._file.seek(0)
+        for number, line in enumerate(self._file, 1):
+            if not line.endswith(b"\n"):
+                break
+            row = _unsealed(line)
+            if number == 1:
+                if row is None:
+                    raise JournalError(
+                        f"{self.path} is not a journal of finished cases, or its line 1 is "
+                        "damaged. Remove the file."
+                    )
+                self._compare(row, header)
+            elif row is None:
+                self.damaged.append(number)
+            else:
+                self.done[row["case"]] = row
+            whole += len(line)
+        return whole
+
+    def _compare(self, found: dict[str, Any], header: dict[str, Any]) -> None:
+        for key, value in json.loads(json.dumps(header)).items():
+            if found.get(key) != value:
+                raise JournalError(
+                    f"{self.path} holds unfinished work with another {key}. Finish it with its "
+                    "own command, or remove the file."
+                )
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Note a finished case; it is with the operating system when this returns."""
+        self.done[row["case"]] = row
+        self._write(row)
+
+    def _write(self, row: dict[str, Any]) -> None:
+        self._file.write(_sealed(row))
+        self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+
+_SEAL = b', "crc32": "'
+
+
+def _sealed(row: dict[str, Any]) -> bytes:
+    text = json.dumps(row).encode()[:-1]  # without the brace
+    return text + _SEAL + f'{zlib.crc32(text):08x}"}}\n'.encode()
+
+
+def _unsealed(line: bytes) -> dict[str, Any] | None:
+    """The row of a line; None if it is not as it was written."""
+    text, _, rest = line.rpartition(_SEAL)
+    if rest != f'{zlib.crc32(text):08x}"}}\n'.encode():
+        return None
+    return dict(json.loads(text + b"}"))

@@ -1,0 +1,1 @@
+"""What all studies draw and write: charts, words, HTML pages."""

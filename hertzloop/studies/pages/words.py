@@ -1,0 +1,65 @@
+"""What metrics, keys and scenes are called on pages: words with units, not names of columns."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hertzloop.common.atomic_files import whole_file
+from hertzloop.results.cases import CASE_METRICS
+from hertzloop.scene.keys import unit_of
+from hertzloop.scene.setup import Setup
+from hertzloop.views import provenance
+
+METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_METRICS.items() if row.words}
+SPANS = {"impact": "the first impact", "run": "the whole run"}
+AXES = {
+    "sensors.bits": "bits of the sensor",
+    "sensors.every_steps": "sampling period (us)",
+    "controller.kappa": "kappa",
+    "controller.v_thr_m_s": "threshold v_thr (m/s)",
+    "controller.jitter_us": "largest jitter (us)",
+    "controller.drop_out_probability": "share of commands lost",
+    "controller.latency_us": "latency (us)",
+}
+
+
+def against_none(metric: str) -> str:
+    """A metric of a case, as an axis of its own: most are against no control."""
+    words = METRICS.get(metric, metric.replace("_", " "))
+    if metric in CASE_METRICS and CASE_METRICS[metric].unit not in ("dB", "%"):
+        return words
+    name, _, unit = words.partition(" (")
+    return f"{name} against no control ({unit}" if unit else name
+
+
+def key_words(key: str) -> str:
+    """A scene key as an axis: words with a unit."""
+    if key in AXES:
+        return AXES[key]
+    name, unit = unit_of(key)
+    name = name.partition(".")[2].replace("_", " ") or name
+    return f"{name} ({unit})" if unit else name
+
+
+def scene_words(setup: Setup) -> str:
+    """What collides in a scene, and what controls it, in a sentence."""
+    return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
+
+
+def short(value: Any) -> str:
+    """A value of a key in four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def law(name: str) -> str:
+    """A law's name in words."""
+    return name.replace("_", " ")
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """One line a row under a header. Raises NotWritten."""
+    with whole_file(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)

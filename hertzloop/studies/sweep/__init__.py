@@ -1,0 +1,1 @@
+"""The study `sweep`: metrics of a scene over ranges of its keys."""

@@ -1,0 +1,69 @@
+"""The result of a sweep, and what its rows tell together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hertzloop.results.cases import SHOWN, CaseState
+from hertzloop.studies.cases.evaluate import Rows, not_run
+from hertzloop.studies.pages.words import short
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """How a sweep went: all rows in the order of the cases, how many were run just now, in what
+    time, and which lines of an earlier journal were damaged, so that their cases ran again."""
+
+    rows: list[dict[str, Any]]
+    ran: int
+    wall_s: float
+    damaged: list[int]
+
+    @property
+    def not_run(self) -> list[dict[str, Any]]:
+        """Rows of cases that could not be run; `status` says why."""
+        return not_run(self.rows)
+
+    @property
+    def growing(self) -> list[float]:
+        """Growth of the linear loop, 1/s, in each case that has metrics although its loop is
+        unstable; nan where undecided."""
+        return [
+            row["growth_per_s"]
+            for row in self.rows
+            if row["state"] == CaseState.METRICS and row["growth_per_s"]
+        ]
+
+    @property
+    def unstable(self) -> int:
+        """Number of cases that were run but have no metrics, since the loop explodes."""
+        return sum(row["state"] == CaseState.UNSTABLE for row in self.rows)
+
+
+def counted(rows: Rows, column: str) -> dict[str, int]:
+    """How many cases have each of the names in a column of `CaseMetrics`."""
+    names = (name for row in rows for name in (row[column] or "").split(", ") if name)
+    return dict(Counter(names).most_common())
+
+
+def known(rows: Rows, metric: str) -> Rows:
+    """The cases that have a metric."""
+    return [row for row in rows if row[metric] is not None and row[metric] == row[metric]]
+
+
+def extremes(rows: Rows, keys: list[str], metrics: Sequence[str] = SHOWN) -> list[list[str]]:
+    """Where each metric is least and largest: its name, the least, its keys, the largest, its
+    keys, in words."""
+    found = []
+    for metric in metrics:
+        having = known(rows, metric)
+        if not having:
+            continue
+        ends = [pick(having, key=lambda row: row[metric]) for pick in (min, max)]
+        where = [
+            ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
+        ]
+        least, most = (f"{row[metric]:z.2f}" for row in ends)
+        found.append([metric, least, where[0], most, where[1]])
+    return found

@@ -1,1 +1,0 @@
-"""Many cases of a scene: design, evaluation, journal, checks."""

@@ -1,0 +1,1 @@
+"""The study `tune`: the settings of laws with the best metrics."""

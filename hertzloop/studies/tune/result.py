@@ -1,0 +1,146 @@
+"""The result of `tune`, and its file."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hertzloop.common.atomic_files import atomic_write
+from hertzloop.results.cases import Span
+from hertzloop.studies.cases.touch_phases import Spread
+from hertzloop.studies.margin.margin import Growth
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A setting and its metrics.
+
+    Attributes:
+        values: values by scene key.
+        metrics: minimised metrics by name, the worst of the scenes.
+        spreads: mean and range over touch phases by metric, for the scene with the worst mean;
+            empty where not computed.
+        unstable_loop: growth of the linear loop in flight; None if it is stable or not linear.
+    """
+
+    values: dict[str, Any]
+    metrics: dict[str, float]
+    spreads: dict[str, Spread] = field(default_factory=dict)
+    unstable_loop: Growth | None = None
+
+    def words(self) -> str:
+        """Return the law and the numbers of the setting."""
+        numbers = [
+            f"{key.split('.')[-1]} {value:.4g}"
+            for key, value in self.values.items()
+            if isinstance(value, int | float)
+        ]
+        return f"{self.values['controller.law']}: {', '.join(numbers)}"
+
+
+@dataclass(frozen=True)
+class TuneResult:
+    """What a search found, and what was asked for.
+
+    Attributes:
+        scenes: The scenes as TOML.
+        minimise: Names of the metrics.
+        span: Part of the run that was evaluated.
+        at_most: Largest allowed values, by metric.
+        front: The settings that no other beats, sorted by the first metric.
+        published: The published setting of the slope-threshold law, in the same scenes.
+        failed: The reason of each case that could not be run.
+        cases: Number of cases.
+        ran: Number of cases that were not in the journal of an earlier start.
+        versions: Versions of the code.
+        command: Command that repeats the search; empty from Python.
+    """
+
+    scenes: Sequence[str]
+    minimise: Sequence[str]
+    span: Span
+    at_most: Mapping[str, float]
+    front: list[Candidate]
+    published: Candidate
+    failed: Sequence[str]
+    cases: int
+    ran: int
+    versions: str
+    command: str = ""
+
+    @property
+    def winner(self) -> Candidate | None:
+        """The setting with the least first metric that does not raise the second one above that of
+        the published setting; None if none improves on the published setting."""
+        gain, keep = self.minimise[0], self.minimise[min(1, len(self.minimise) - 1)]
+        return better_than(self.published, self.front, gain, keep)
+
+    @property
+    def best(self) -> Candidate:
+        """The winner, or the first setting of the front if there is no winner."""
+        return self.winner or self.front[0]
+
+    @property
+    def verdict(self) -> str:
+        """A sentence on how the best setting compares with the published one."""
+        first, rest, winner, published = (
+            self.minimise[0],
+            self.minimise[1:],
+            self.winner,
+            self.published,
+        )
+        keep = rest[0] if rest else first
+        if winner is None:
+            return f"none beats the published setting in {first} without raising {keep}"
+        gained = published.metrics[first] - winner.metrics[first]
+        sentence = f"{winner.words()} beats the published setting in {first} by {gained:z.3f}"
+        if not rest:
+            return sentence
+        return (
+            f"{sentence} at {keep} {winner.metrics[keep]:z.3f} against "
+            f"{published.metrics[keep]:z.3f}"
+        )
+
+
+def better_than(
+    reference: Candidate, found: Sequence[Candidate], gain: str, keep: str
+) -> Candidate | None:
+    """Return the setting with the least `gain` among those that do not raise `keep`; None if none
+    has less than the reference."""
+    allowed = [f for f in found if f.metrics[keep] <= reference.metrics[keep]]
+    best = min(allowed, key=lambda f: f.metrics[gain], default=None)
+    return best if best and best.metrics[gain] < reference.metrics[gain] else None
+
+
+def write_tuned(path: Path, result: TuneResult) -> None:
+    """Write the result as a JSON file. Raises NotWritten."""
+    data = asdict(result)
+    for found in (*data["front"], data["published"]):
+        for spread in found["spreads"].values():  # JSON knows no nan
+            spread.update({k: None if math.isnan(v) else v for k, v in spread.items()})
+    text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
+    atomic_write(path, text + "\n")
+
+
+def read_tuned(path: Path) -> TuneResult:
+    """Read the file of a result. Raises ValueError for another kind of file."""
+    try:
+        data = json.loads(path.read_bytes())["tuned"]
+        front = [_candidate(one) for one in data.pop("front")]
+        return TuneResult(front=front, published=_candidate(data.pop("published")), **data)
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.") from error
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} holds no results of a tuning: {error}") from error
+
+
+def _candidate(data: dict[str, Any]) -> Candidate:
+    spreads = {
+        name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
+        for name, spread in data["spreads"].items()
+    }
+    growth = data["unstable_loop"]
+    unstable = None if growth is None else Growth(**growth)
+    return Candidate(data["values"], data["metrics"], spreads, unstable)

@@ -1,0 +1,160 @@
+"""Searches and charts cut short: they go on where they were, and find what they would have."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.results.cases import Span
+from hertzloop.scene.setup import load
+from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, evaluate
+from hertzloop.studies.cases.journal import Journal, kept
+from hertzloop.studies.cases.pool import local_pool
+from tests.benchmarks.programs import ROOT
+from tests.commands import invoke
+from tests.studies.sweeping import COARSE, command, wait_until
+
+TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
+        "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
+
+
+SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0013"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sweep", *SHORT, "--over", "controller.latency_us=0:60:1", "--workers", "1"],
+        ["tune", *SHORT, "--law", "predicted", "--generations", "2", "--population", "20"],
+    ],
+)
+def test_a_full_disk_ends_a_study_in_a_sentence_and_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    """Its journal, that is, whose last line is torn."""
+    monkeypatch.chdir(tmp_path)
+    write, left = Journal._write, [6]
+
+    def full(self: Journal, row: dict[str, Any]) -> None:
+        left[0] -= 1
+        if left[0]:
+            return write(self, row)
+        self._file.write(b'{"case": 1, "torn')
+        self._file.flush()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "_write", full)
+        result = invoke(words)
+    assert result.exit_code == 1
+    said = " ".join(result.stderr.split())
+    assert "No space left on device; finished cases are kept" in said
+    path = next(tmp_path.glob("*.partial"))
+    assert len(path.read_bytes().splitlines()) == 6
+    result = invoke(words)
+    assert result.exit_code == 0, result.stderr
+    assert words[0] == "sweep" or "Continuing with 4 finished cases" in result.stderr
+    assert not path.exists()
+
+
+def _journal(folder: Path) -> Path | None:
+    return next(folder.glob("*.partial"), None)
+
+
+def _kept(folder: Path) -> list[str]:
+    """Names of the finished cases."""
+    path = _journal(folder)
+    lines = path.read_bytes().splitlines(keepends=True)[1:] if path else []
+    return [json.loads(line)["case"] for line in lines if line.endswith(b"\n")]
+
+
+def _wait_for(folder: Path, cases: int, process: subprocess.Popen[Any]) -> None:
+    wait_until(lambda: len(_kept(folder)) >= cases, process)
+
+
+def _told(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text()))
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    report = tmp_path / "r.json"
+    subprocess.run(
+        command(*TUNE, "-o", str(whole), "--json", str(report)), check=True, capture_output=True
+    )
+    at_once = _told(report)
+    words = command(*TUNE, "-o", str(cut), "--json", str(report))
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL)
+    _wait_for(cut, 100, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    finished = _kept(cut)
+    assert len(set(finished)) == len(finished)
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert f"Continuing with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
+        " ".join(done.stderr.split())
+    )
+    told = _told(report)
+    assert len(finished) + told.pop("ran") == at_once.pop("ran")
+    assert told == at_once
+    results = {f.name: f.read_bytes() for f in cut.glob("*.csv")}
+    assert list(results) == ["tune-aluminium-3mm.csv"]
+    assert results["tune-aluminium-3mm.csv"] == (whole / "tune-aluminium-3mm.csv").read_bytes()
+    assert _journal(cut) is None
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        command(*TUNE), cwd=tmp_path, start_new_session=True, text=True, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    _wait_for(tmp_path, 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=240)  # running chunks are finished first
+    path = _journal(tmp_path)
+    assert process.returncode == 130
+    assert path.name.startswith("tune-aluminium-3mm-")
+    assert said.splitlines()[-1] == (
+        f"interrupted; finished cases are kept in {path.name}. Run the same command again to "
+        "continue"
+    )
+    assert "Traceback" not in said
+
+
+def _counted(pool: Pool, ran: list[str]) -> Pool:
+    """The same pool, which notes what it runs."""
+
+    def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+        for chunk in chunks:
+            for rows in pool(toml, span, [chunk]):
+                ran.extend(repr((toml, span, values)) for _, values in chunk)
+                yield rows
+
+    return results
+
+
+def test_a_case_asked_for_twice_is_run_once(tmp_path: Path) -> None:
+    scene, ran = load("aluminium-3mm", COARSE), list[str]()
+    cases = [{"controller.latency_us": latency} for latency in (1, 2, 1)]
+    with local_pool(1) as pool:
+        plain = evaluate(pool, scene, "impact", cases)
+        with kept(tmp_path, "a", {}) as finished:
+            some = finished.of(_counted(pool, ran))
+            found = [evaluate(some, scene, "impact", cases) for _ in range(2)]
+    assert found == [plain, plain]
+    assert len(ran) == finished.ran == 2
+
+
+def test_other_work_has_another_file(tmp_path: Path) -> None:
+    with kept(tmp_path, "a", {"seed": 1}) as one, kept(tmp_path, "a", {"seed": 2}) as other:
+        assert one.journal.path != other.journal.path

@@ -1,0 +1,81 @@
+"""Mean and range over the touch phase: in sweeps, in tuning, of critical latencies."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.latency import Named, critical
+from hertzloop.results.cases import metrics_of_case
+from hertzloop.scene.setup import load
+from hertzloop.studies.cases.design import Axis
+from hertzloop.studies.cases.evaluate import Pool
+from hertzloop.studies.cases.touch_phases import KEY, phases, spread_of
+from hertzloop.studies.tune.plan import TunePlan
+from hertzloop.studies.tune.request import TuneRequest
+from hertzloop.studies.tune.score import with_spreads
+from hertzloop.studies.tune.search import search_law
+from tests.commands import as_options, invoke
+
+CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
+EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
+
+
+def by_hand(**changes: object) -> list[float]:
+    scene = load("aluminium-3mm", EARLY)
+    values = {key.replace("__", "."): value for key, value in changes.items()}
+    cases = (scene.vary(values | {KEY: phase}) for phase in phases())
+    return [metrics_of_case(case).plate_energy_db for case in cases]
+
+
+def test_phases_are_spread_evenly_about_the_middle() -> None:
+    assert phases() == (0.1, 0.3, 0.5, 0.7, 0.9)
+    assert phases(2) == (0.25, 0.75)
+    found = spread_of([1.0, 3.0, 2.0])
+    assert (found.mean, found.least, found.most) == (2.0, 1.0, 3.0)
+    assert np.isnan(spread_of([1.0, np.nan]).mean)
+
+
+def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["sweep", "aluminium-3mm", *as_options(EARLY), "--workers", "1"]
+    words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
+    done = invoke([*words, "-o", "a.csv", "--json", "a.json"])
+    assert done.exit_code == 0, done.output
+    assert "Over touch phases: mean (least to most)" in done.output
+    assert len(list(csv.DictReader((tmp_path / "a.csv").open()))) == 10
+    groups = json.loads((tmp_path / "a.json").read_text())["over_phases"]
+    for group in groups:
+        values = by_hand(controller__latency_us=group["controller.latency_us"])
+        found = group["plate_energy_db"]
+        assert found["mean"] == pytest.approx(np.mean(values))
+        assert (found["least"], found["most"]) == pytest.approx((min(values), max(values)))
+    wrong = invoke(["sweep", "--design", "sobol", "--phases", "3", "--over",
+                                     "controller.kappa=0:1"])  # fmt: skip
+    assert wrong.exit_code == 2
+    assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
+
+
+def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
+    scene = load("aluminium-3mm", EARLY)
+    axes = (Axis("controller.v_thr_m_s", (-0.9, -0.6, -0.25)),)
+    request = TuneRequest(minimise=("plate_energy_db",), generations=3, population=4, phases=5)
+    plan = TunePlan([scene], [scene], {"slope_threshold": axes}, request)
+    found = search_law(pool, plan, "slope_threshold")
+    (best,) = with_spreads(pool, plan, found[:1])
+    values = by_hand(controller__v_thr_m_s=best.values["controller.v_thr_m_s"])
+    assert best.metrics["plate_energy_db"] == pytest.approx(np.mean(values))
+    spread = best.spreads["plate_energy_db"]
+    assert (spread.least, spread.most) == pytest.approx((min(values), max(values)))
+    assert spread.most > spread.least + 0.1
+
+
+def test_critical_latencies_have_a_range(pool: Pool) -> None:
+    found = critical(pool, Named("early", "aluminium-3mm", EARLY, "impact"), "slope_threshold", 5)
+    assert (found.least_latency_us, found.most_survived_us) == (2.0, 3.0)
+    assert found.critical_latency_us == 3.0
+    values = by_hand()
+    assert found.mean_db == pytest.approx(np.mean(values))
+    assert (found.least_db, found.most_db) == pytest.approx((min(values), max(values)))

@@ -1,0 +1,169 @@
+"""The processes of a sweep: when there are any, what each of them runs, and that none is left."""
+
+import errno
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
+from hertzloop.studies.cases import pool as crew
+from hertzloop.studies.cases.evaluate import Numbered, chunked, scene_of
+from hertzloop.studies.cases.pool import SweepFailed, local_pool
+
+ROOT = Path(__file__).resolve().parents[3]
+TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
+
+
+def write(folder: Path) -> Path:
+    """A law that does nothing."""
+    law = folder / "mine.py"
+    law.write_text("def command(p, s, samples, i):\n    return 0.0\n")
+    return law
+
+
+def cases(count: int) -> list[Numbered]:
+    return chunked([(number, {"run.seed": number}) for number in range(count)])
+
+
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let workers start with the second case."""
+    monkeypatch.setattr(crew, "_LOOK_S", 0.0)
+    monkeypatch.setattr(crew, "_WORTH_S", 0.0)
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("ends", [None, KeyboardInterrupt])
+def test_nothing_of_a_pool_is_left(
+    ends: type[BaseException] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once(monkeypatch)
+    threads, children = set(threading.enumerate()), set(active_children())
+
+    def started() -> None:
+        with local_pool(2) as pool:
+            rows = pool(TOML, "impact", cases(64))
+            assert all(next(rows) for _ in range(3))  # two cases, and some when there are workers
+            assert set(active_children()) != children
+            if ends:
+                raise ends
+
+    if ends:
+        with pytest.raises(ends):
+            started()
+    else:
+        started()
+    assert set(threading.enumerate()) == threads
+    assert set(active_children()) == children
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize(("workers", "cores"), [(3, 1), (None, 3)])
+def test_every_case_is_run_once_by_whichever_process(
+    workers: int | None, cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once(monkeypatch)
+    monkeypatch.setattr(crew, "local_cores", lambda: cores)
+    before = set(active_children())
+    here: list[int] = []
+    run_cases = crew.run_cases
+
+    def noted(scene: Any, span: Any, numbered: Numbered) -> Iterator[Any]:
+        here.extend(number for number, _ in numbered)
+        return run_cases(scene, span, numbered)
+
+    monkeypatch.setattr(crew, "run_cases", noted)
+    with local_pool(workers) as pool:
+        for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
+            here.clear()
+            rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
+            assert sorted(row["case"] for row in rows) == list(range(count))
+            assert not any(row["status"] for row in rows)
+            assert 0 < len(here) < count
+            assert len(set(here)) == len(here)
+            assert len(set(active_children()) - before) == 2  # and this process
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crew, "_WORTH_S", 60.0)  # 1.5 s could be, where the machine is busy
+    before = set(active_children())
+    with local_pool(2) as pool:
+        rows = [row for some in pool(TOML, "impact", cases(40)) for row in some]
+        assert set(active_children()) == before
+    assert [row["case"] for row in rows] == list(range(40))
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_a_worker_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_once(monkeypatch)
+    threads, children = set(threading.enumerate()), set(active_children())
+    start, started = SpawnProcess.start, []
+
+    def fails(process: SpawnProcess) -> None:
+        if started:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        started.append(process)
+        start(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", fails)
+    with (
+        pytest.raises(SweepFailed, match="workers cannot be started: Cannot allocate memory"),
+        local_pool(3) as pool,
+    ):
+        list(pool(TOML, "impact", cases(64)))
+    assert set(threading.enumerate()) == threads
+    assert set(active_children()) == children
+
+
+HALVED = """
+import sys
+from hertzloop.studies.cases import pool
+from tests.studies.cases.halved import half_an_answer
+pool.run_chunk, pool._all_shipped = half_an_answer, lambda *_: False  # so that workers run all
+with pool.local_pool(2) as results:
+    list(results(sys.argv[1], "impact", [[(0, {})], [(1, {})]]))
+"""
+
+
+@pytest.mark.full
+def test_a_worker_that_dies_within_an_answer_holds_nobody_up() -> None:
+    """Python's pool waits for the rest of it, for as long as anybody could still write there."""
+    said = subprocess.run(
+        [sys.executable, "-c", HALVED, TOML], cwd=ROOT, capture_output=True, text=True, timeout=120
+    ).stderr
+    assert said.splitlines()[-1].endswith("SweepFailed: a worker process died"), said
+
+
+@pytest.mark.parametrize("by_case", [False, True])
+def test_a_law_from_elsewhere_is_not_run_here(
+    by_case: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may crash its process; what the others have found is not lost with it."""
+    monkeypatch.setattr(crew, "run_cases", None)
+    law = str(write(tmp_path))
+    toml, values = TOML, {"controller.law": law}
+    if not by_case:
+        toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene), {}
+    with local_pool(2) as pool:
+        (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
+    assert [row["status"] for row in rows] == ["", ""]
+
+
+def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
+    assert scene_of(TOML) is scene_of(TOML)
+    law = write(tmp_path)
+    toml = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene)
+    scene_of(toml)
+    law.write_text(law.read_text() + "\n# changed\n")
+    with pytest.raises(SceneError, match="Copy the same file to both sides"):
+        scene_of(toml)

@@ -1,0 +1,335 @@
+"""Sweeps cut short: the journal, kills and resumption, a Dask cluster that loses a part."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.scene.setup import load
+from hertzloop.studies.cases import dask_pool
+from hertzloop.studies.cases.design import axes_from, design_of
+from hertzloop.studies.cases.journal import Journal, JournalError
+from hertzloop.studies.sweep import sweep as study
+from hertzloop.studies.sweep.plan import SweepPlan
+from hertzloop.studies.sweep.results_file import read_results
+from tests.commands import invoke
+from tests.hertzloop.processes import next_line, wait_for
+from tests.studies.sweeping import COARSE, ONE_WORKER, command, wait_until
+
+
+@pytest.mark.parametrize("text", [b"\xff\n", b'{"a": 1}\n{"x": 1}\n'])
+def test_a_damaged_journal_is_left_alone_with_a_sentence(tmp_path: Path, text: bytes) -> None:
+    path = tmp_path / "j"
+    path.write_bytes(text)
+    with pytest.raises(JournalError, match="its line 1 is damaged"):
+        Journal(path, {"a": 1})
+    assert path.read_bytes() == text
+
+
+def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with Journal(path, {"a": 1}) as journal:
+        journal.add({"case": 0})
+        with pytest.raises(JournalError, match="in use by another command"):
+            Journal(path, {"a": 1})
+    with Journal(path, {"a": 1}) as journal:
+        assert list(journal.done) == [0]
+
+
+def test_a_torn_last_line_is_run_again(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with Journal(path, {"a": 1}) as journal:
+        journal.add({"case": 0, "x": 1.5})
+        journal.add({"case": 1, "x": float("nan")})
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-4])
+    with Journal(path, {"a": 1}) as journal:
+        assert list(journal.done) == [0]
+        journal.add({"case": 1, "x": float("nan")})
+    assert path.read_bytes() == whole
+
+
+class _Killed(Exception):
+    """As if the process had been killed."""
+
+
+def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", COARSE)
+    over = ["controller.latency_us=0:23:1"]
+    design = design_of(scene, axes_from(over), "grid", 256, scene.seed)
+    whole, out, report = (tmp_path / name for name in ("whole.csv", "r.csv", "r.json"))
+    study.sweep(SweepPlan(scene, design, ONE_WORKER), whole)
+
+    def kill(finished: int) -> None:
+        if finished:
+            raise _Killed
+
+    with pytest.raises(_Killed):
+        study.sweep(SweepPlan(scene, design, ONE_WORKER), out, on_progress=kill)
+    journal = study.journal_of(out)
+    lines = journal.read_bytes().splitlines(keepends=True)
+    digit = lines[3].index(b'"rebound_m_s": 0.') + len(b'"rebound_m_s": 0.')
+    changed = b"7" if lines[3][digit : digit + 1] != b"7" else b"3"
+    lines[3] = lines[3][:digit] + changed + lines[3][digit + 1 :]
+    journal.write_bytes(b"".join(lines))
+    words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--workers", "1",
+             "--over", *over, "-o", str(out), "--json", str(report)]  # fmt: skip
+    done = subprocess.run(command(*words), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "line 4 of" in done.stderr
+    assert "was damaged. Its case was run again." in " ".join(done.stderr.split())
+    assert out.read_bytes() == whole.read_bytes()
+    told = json.loads(report.read_text())
+    assert (told["ran"], told["damaged_lines"]) == (24 - 16 + 1, [4])
+
+
+def test_the_journal_of_another_sweep_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with Journal(path, {"span": "impact"}) as journal:
+        journal.add({"case": 0})
+    before = path.read_bytes()
+    with pytest.raises(JournalError, match="another span"):
+        Journal(path, {"span": "run"})
+    assert path.read_bytes() == before
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_bytes().splitlines(keepends=True)[1:]
+            if line.endswith(b"\n")]  # fmt: skip
+
+
+def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
+    wait_until(lambda: len(_lines(path)) >= cases, process)
+
+
+BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
+       "controller.latency_us=0:199:1", "--over", "sensors.bits=4:15:1"]  # fmt: skip
+# So many that no machine is done with them before workers are there, or what ends them arrives.
+HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
+
+
+@pytest.mark.full
+def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Path) -> None:
+    out = tmp_path / "r.parquet"
+    words = command(*BIG, "-o", str(out))
+    process = subprocess.Popen(words, start_new_session=True)
+    _wait_for(study.journal_of(out), 200, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not out.exists()
+    kept = {row["case"]: row for row in _lines(study.journal_of(out))}
+    other = subprocess.run([*words, "--over", "controller.kappa=1,2"], capture_output=True)
+    assert other.returncode == 2
+    assert b"another design" in other.stderr
+    report = tmp_path / "r.json"
+    subprocess.run([*words, "--json", str(report)], check=True, timeout=280)
+    rows, _ = read_results(out)
+    assert [row["case"] for row in rows] == list(range(2400))
+    assert json.loads(report.read_text())["ran"] == 2400 - len(kept)
+    assert all(rows[case]["digest"] == row["digest"] for case, row in kept.items())
+    again = subprocess.run(words, capture_output=True)
+    assert again.returncode == 0
+    assert b"has the results of this sweep" in again.stderr
+
+
+def _children(pid: int) -> list[int]:
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def _semaphores(pid: int) -> set[Path]:
+    """Those of multiprocessing that a process has, which have names; mapped before they had."""
+    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    mapped = {int(line.split()[4]) for line in maps if "/dev/shm/" in line}
+    named = Path("/dev/shm").glob("sem.mp-*")
+    return {path for path in named if path.exists() and path.stat().st_ino in mapped}
+
+
+def _heeds_all() -> None:
+    """Who runs the tests may ignore a closed terminal."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGHUP])
+def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
+    """No worker, and no semaphore; a terminal that is closed tells all of them."""
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
+                               stderr=subprocess.PIPE, start_new_session=True,
+                               preexec_fn=_heeds_all)  # fmt: skip
+    wait_until(lambda: len(_workers(process.pid)) == 1, process)
+    started, semaphores = _children(process.pid), _semaphores(process.pid)
+    assert semaphores
+    if sent == signal.SIGHUP:
+        os.killpg(process.pid, sent)
+    else:
+        process.send_signal(sent)
+    _, said = process.communicate(timeout=60)  # until who removes the semaphores has ended, too
+    if sent != signal.SIGKILL:
+        assert process.returncode == 130
+        assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
+        assert b"resource_tracker" not in said
+    assert not any(path.exists() for path in semaphores)
+    wait_for(lambda: not any(_runs(pid) for pid in started))
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
+                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    _wait_for(study.journal_of(out), 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
+    assert b"Traceback" not in said
+
+
+def _workers(pid: int) -> list[int]:
+    return [p for p in _children(pid) if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(
+        command(*HUGE, "-o", str(out), "--workers", "3"),
+        stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    wait_until(lambda: len(_workers(process.pid)) == 2, process)
+    # Until all processes are at it, and this one has taken from what was left for them.
+    _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 2000, process)
+    workers = _workers(process.pid)
+    os.kill(workers[0], signal.SIGKILL)
+    try:
+        _, said = process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 1
+    assert " ".join(said.decode().split()).endswith(
+        "error: a worker process died; finished cases are kept. Run the same command again "
+        "to continue."
+    )
+    assert b"Traceback" not in said
+    assert not any(_runs(pid) for pid in workers)
+    assert len(_lines(study.journal_of(out))) >= 2000
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """A Dask scheduler and workers, each a process."""
+    started = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", "--port",
+                                 "0", "--host", "127.0.0.1", "--no-dashboard"],
+                                stderr=subprocess.PIPE, text=True)]  # fmt: skip
+    try:
+        while "Scheduler at:" not in (line := next_line(started[0], started[0].stderr)):
+            pass
+        address = line.split()[-1]
+        for _ in range(workers):
+            started.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny",
+                     "--nthreads", "1", "--no-dashboard"], stderr=subprocess.DEVNULL,
+                )
+            )  # fmt: skip
+        yield address, started[1:]
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.full
+def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
+    out, report = tmp_path / "r.csv", tmp_path / "r.json"
+    with cluster(2) as (address, workers):
+        process = subprocess.Popen(
+            command(*BIG, "-o", str(out), "--dask", address, "--json", str(report))
+        )
+        _wait_for(study.journal_of(out), 200, process)
+        workers[0].kill()
+        assert process.wait(timeout=250) == 0
+    rows, _ = read_results(out)
+    assert [row["case"] for row in rows] == list(range(2400))
+    assert not any(row["status"] for row in rows)
+    assert json.loads(report.read_text())["ran"] == 2400
+
+
+@pytest.mark.full
+def test_a_dask_cluster_gives_the_rows_of_one_machine(tmp_path: Path) -> None:
+    uncertain = tmp_path / "uncertain.toml"
+    uncertain.write_text(
+        '"sphere.drop_height_m" = { distribution = "normal", mean = 0.05, '
+        "standard_deviation = 0.002 }\n"
+        '"controller.latency_us" = { distribution = "uniform", low = 0, high = 9 }\n'
+    )
+    words = ("sweep", "aluminium-3mm", "--set", "run.duration_s=0.0016",
+             "--over", "sensors.bits=6,12", "--uncertain", str(uncertain),
+             "--cases", "40")  # fmt: skip
+    local, clustered = tmp_path / "local.csv", tmp_path / "dask.csv"
+    subprocess.run(command(*words, "-o", str(local), "--workers", "1"), check=True)
+    with cluster(2) as (address, _):
+        subprocess.run(command(*words, "-o", str(clustered), "--dask", address), check=True)
+    rows, _ = read_results(local)
+    assert len(rows) == 80
+    assert len({row["digest"] for row in rows}) == 80
+    assert clustered.read_bytes() == local.read_bytes()
+
+
+@pytest.mark.full
+def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    with cluster(1) as (address, _):
+        process = subprocess.Popen(
+            command(*HUGE, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
+        )
+        _wait_for(study.journal_of(out), 100, process)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
+    assert b"Traceback" not in said
+    assert len(_lines(study.journal_of(out))) >= 100
+
+
+@pytest.mark.full
+def test_a_cluster_without_workers_is_waited_for_with_a_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_pool, "_WORKERLESS_S", 4.0)
+    monkeypatch.setattr(dask_pool, "_LOOK_S", 1.0)
+    with cluster(0) as (address, _):
+        result = invoke([*HUGE, "-o", str(tmp_path / "r.csv"), "--dask", address])
+    assert result.exit_code == 1
+    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
+    assert "error: the Dask scheduler" in result.stderr
+
+
+@pytest.mark.full
+def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+    found = subprocess.run(
+        command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
+                "--dask", "tcp://127.0.0.1:1"),
+        capture_output=True,
+    )  # fmt: skip
+    assert found.returncode == 1
+    assert b"no Dask scheduler answers at tcp://127.0.0.1:1" in found.stderr
