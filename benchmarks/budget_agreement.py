@@ -14,18 +14,10 @@ from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
-from hertzloop.studies.budget.limits import (
-    Boundary,
-    BudgetLimit,
-    BudgetQuantity,
-    Search,
-    limit_of,
-    quantities_of,
-    side_by_side,
-    variants,
-)
+from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
+from hertzloop.studies.budget.quantities import quantities_of
+from hertzloop.studies.budget.search import Search, limit_of, search_of, side_by_side, variants
 from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.cases.pool import local_pool
 

@@ -28,7 +28,7 @@ from benchmarks.results import Columns, Results, results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.budget import NOISE, REAL
+from hertzloop.studies.budget.real_plant import NOISE, REAL
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import SweepFailed, local_pool
 from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_of

@@ -12,6 +12,8 @@ TYPE_CHECKING = False  # of `typing`, which a program would import before it hea
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [  # noqa: F405
+    "BudgetRequest",
+    "BudgetResult",
     "BusError",
     "Comparison",
     "DesignError",
@@ -35,6 +37,7 @@ __all__ = [  # noqa: F405
     "TuneRequest",
     "TuneResult",
     "__version__",
+    "budget",
     "compare",
     "fit",
     "linear",

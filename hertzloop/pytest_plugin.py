@@ -17,7 +17,7 @@ from hertzloop.common.text_files import text_of
 
 if TYPE_CHECKING:
     from hertzloop.results.cases import CaseMetrics
-    from hertzloop.studies.budget.requirements import Row
+    from hertzloop.studies.budget.requirements.rows import Row
 
 _FILE = "requirements.toml"
 _HEADING = re.compile(r"^[ \t]*\[[ \t]*hertzloop[ \t]*\]", re.MULTILINE)
@@ -44,7 +44,7 @@ class RequirementsFile(pytest.File):
     def collect(self) -> Iterable[pytest.Item]:
         """Return a test for each row in each of its scenes."""
         from hertzloop.scene.errors import SceneError
-        from hertzloop.studies.budget.requirements import read_requirements
+        from hertzloop.studies.budget.requirements.rows import read_requirements
 
         try:
             rows = read_requirements(self.path)
@@ -67,7 +67,7 @@ class RequirementItem(pytest.Item):
         Raises:
             RequirementFailed: a goal, a limit, a probability or an expected metric fails.
         """
-        from hertzloop.studies.budget.requirements import check
+        from hertzloop.studies.budget.requirements.check import check
         from hertzloop.studies.cases.pool import local_pool
 
         with local_pool(1) as pool:

@@ -1,4 +1,4 @@
-"""The Python interface: scenes, runs, recordings, sweeps, tuning and fits.
+"""The Python interface: scenes, runs, recordings, studies and fits.
 
 `import hertzloop` offers these names. The command line uses the same functions.
 """
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hertzloop.api.measurements import fit, read_record, read_records
 from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
-from hertzloop.api.studies import linear, modes, sweep, tune
+from hertzloop.api.studies import budget, linear, modes, sweep, tune
 from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.span_metrics import RunMetrics, SpanMetrics
+    from hertzloop.studies.budget.request import BudgetRequest
+    from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.design import DesignError
     from hertzloop.studies.cases.pool import SweepFailed
     from hertzloop.studies.sweep.request import SweepRequest
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from hertzloop.studies.tune.result import TuneResult
 
 __all__ = [
+    "BudgetRequest",
+    "BudgetResult",
     "BusError",
     "Comparison",
     "DesignError",
@@ -56,6 +60,7 @@ __all__ = [
     "SweepRequest",
     "TuneRequest",
     "TuneResult",
+    "budget",
     "compare",
     "fit",
     "linear",
@@ -85,6 +90,8 @@ _NAMES_BY_MODULE = {
     "identification.fit.results": ("FitResult",),
     "identification.records.errors": ("RecordError",),
     "identification.records.record": ("Record",),
+    "studies.budget.request": ("BudgetRequest",),
+    "studies.budget.result": ("BudgetResult",),
     "studies.cases.design": ("DesignError",),
     "studies.cases.pool": ("SweepFailed",),
     "studies.sweep.request": ("SweepRequest",),

@@ -11,6 +11,8 @@ from hertzloop.scene.setup import Setup
 if TYPE_CHECKING:
     import xarray as xr
 
+    from hertzloop.studies.budget.request import BudgetRequest
+    from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.design import Range
     from hertzloop.studies.margin.system import LinearSystem
     from hertzloop.studies.sweep.request import SweepRequest
@@ -57,13 +59,13 @@ def sweep(scene: AnyScene, request: "SweepRequest | Mapping[str, Range]") -> "xr
     """
     from hertzloop.studies.sweep.plan import plan_sweep
     from hertzloop.studies.sweep.request import SweepRequest
-    from hertzloop.studies.sweep.sweep import sweep as run_cases
+    from hertzloop.studies.sweep.sweep import sweep as run_sweep
 
     views = labelled_arrays()  # before the work, since a package may be missing
     if not isinstance(request, SweepRequest):
         request = SweepRequest(over=request)
     plan = plan_sweep(resolved(scene), request)
-    result = run_cases(plan)
+    result = run_sweep(plan)
     header = {"scene": plan.setup.scene.name, "span": request.span}
     return views.cases_of(result.rows, plan.design.keys, header)
 
@@ -88,10 +90,31 @@ def tune(
     need("pymoo")
     from hertzloop.studies.tune.plan import plan_tune
     from hertzloop.studies.tune.request import TuneRequest
-    from hertzloop.studies.tune.tune import tune as search
+    from hertzloop.studies.tune.tune import tune as search_settings
 
     scenes = [scene] if isinstance(scene, AnyScene) else scene
-    return search(plan_tune([resolved(one) for one in scenes], request or TuneRequest()))
+    return search_settings(plan_tune([resolved(one) for one in scenes], request or TuneRequest()))
+
+
+def budget(scene: AnyScene, request: "BudgetRequest | None" = None) -> "BudgetResult":
+    """Find how much latency and how few bits a law tolerates, and five more quantities.
+
+    Args:
+        scene: the scene with its law, or its name or TOML file.
+        request: what to search; None: all limits of the default goal.
+
+    Returns:
+        Effect and limits in the scene and in the real plant.
+
+    Raises:
+        SceneError: the scene cannot be simulated, has no law, or a goal cannot be used.
+        SweepFailed: a worker process was lost.
+    """
+    from hertzloop.studies.budget.budget import budget as search_budget
+    from hertzloop.studies.budget.plan import plan_budget
+    from hertzloop.studies.budget.request import BudgetRequest
+
+    return search_budget(plan_budget(resolved(scene), request or BudgetRequest()))
 
 
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":

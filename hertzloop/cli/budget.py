@@ -2,9 +2,9 @@
 
 import shlex
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -22,28 +22,11 @@ from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.plant_checks import check_conserves
-from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget import budget as budget_study
-from hertzloop.studies.budget.goal import DEFAULT_GOAL, Goal, parse_goal
-from hertzloop.studies.budget.limits import NAMES
-from hertzloop.studies.budget.probability import (
-    Probability,
-    Sensitivity,
-    probability,
-    sensitivities,
-)
+from hertzloop.studies.budget.budget import budget as search_budget
+from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
 from hertzloop.studies.budget.request import BudgetRequest
-from hertzloop.studies.cases.design import Design
-from hertzloop.studies.cases.identity import work_of
-from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.uncertain import UncertainInputs, read_uncertain
-
-if TYPE_CHECKING:
-    from hertzloop.studies.budget.budget import Budget
-    from hertzloop.studies.budget.page import Map
+from hertzloop.studies.budget.result import BudgetResult
 
 _WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
@@ -122,22 +105,16 @@ OutDirOption = Annotated[
 
 @dataclass(frozen=True)
 class BudgetArguments:
-    """What `hertzloop budget` was called with.
+    """What `hertzloop budget` was called with, beside its request.
 
     Attributes:
-        request: What to search, and how finely.
         scene: Name of the scene.
         settings: Changes of its keys, those of --law and --trace included.
-        seed: Random seed; None: that of the scene.
-        uncertain_file: Distributions of uncertain keys, if the probability is asked for.
         folder: Folder for a page, if one is asked for.
     """
 
-    request: BudgetRequest
     scene: str
     settings: list[str]
-    seed: int | None
-    uncertain_file: Path | None
     folder: Path | None
 
 
@@ -170,7 +147,18 @@ def budget(
     The same command continues an interrupted search.
     """
     request = BudgetRequest(
-        goals or (), quick, only or (), with_real, span, workers, within, most_cases, sobol, worst
+        goals=goals or (),
+        quick=quick,
+        only=only or (),
+        with_real=with_real,
+        with_map=folder is not None,
+        span=span,
+        workers=workers,
+        uncertain=uncertain_file,
+        within=within,
+        most_cases=most_cases,
+        sobol=sobol,
+        worst=worst,
     )
     outputs.check_json(json_file)
     outputs.check_folder(junit_file)
@@ -179,17 +167,27 @@ def budget(
         return
     if junit_file is not None:
         fail("--junit needs --check. Name a file of requirements")
-    changes = _changes(settings or [], law, trace)
-    arguments = BudgetArguments(request, scene, changes, seed, uncertain_file, folder)
-    study = _checked(arguments)
-    outputs.make_folder(folder or Path())  # for unfinished work, too
-    prepare.compile_first(study.setup)
-    began_s = time.perf_counter()
-    result = _run(arguments, study)
-    data = _print_result(arguments, study, result)
-    out.print(f"{result.cases} cases in {time.perf_counter() - began_s:z.1f} s")
+    arguments = BudgetArguments(scene, _changes(settings or [], law, trace), folder)
+    setup = prepare.scene_from(scene, arguments.settings, seed)
+    plan = plan_budget(setup, request)
+    if worst:
+        path = _worst_file(arguments, setup.name)
+        if not outputs.is_replaceable(path, _WORST_HEADING):
+            fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
     if folder is not None:
-        _write_page(folder, arguments, study, result)
+        need("matplotlib", "jinja2")
+    outputs.make_folder(folder or Path())  # for unfinished work, too
+    prepare.compile_first(setup)
+    began_s = time.perf_counter()
+    with (
+        resumable(folder or Path(), "budget", plan.header) as finished,
+        progress("budget", 1000) as advance,
+    ):
+        result = search_budget(plan, finished, lambda share: advance(round(1000 * share)))
+    data = _print_result(arguments, plan, result)
+    out.print(f"{result.all_cases} cases in {time.perf_counter() - began_s:z.1f} s")
+    if folder is not None:
+        _write_page(folder, arguments, plan, result)
     outputs.write_json(json_file, data)
 
 
@@ -203,142 +201,26 @@ def _changes(settings: list[str], law: str | None, trace: Path | None) -> list[s
     return changes
 
 
-@dataclass(frozen=True)
-class BudgetStudy:
-    """What to search after all checks: a scene with a law, goals, and uncertain keys, if any."""
-
-    setup: Setup
-    goals: list[Goal]
-    uncertain: UncertainInputs | None
-
-
-def _checked(arguments: BudgetArguments) -> BudgetStudy:
-    """Return what to search; end the command for what cannot be searched."""
-    request = arguments.request
-    setup = prepare.scene_from(arguments.scene, arguments.settings, arguments.seed)
-    check_conserves(setup.scheme)
-    goals = [parse_goal(text) for text in request.goals or [DEFAULT_GOAL]]
-    if not setup.has_law:
-        raise SceneError(
-            "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
-        )
-    for name in request.only:
-        if name not in NAMES:
-            raise SceneError(
-                f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
-            )
-    if request.worst:
-        _check_worst(request, setup)
-        path = _worst_file(arguments, setup.name)
-        if not outputs.is_replaceable(path, _WORST_HEADING):
-            fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
-    file = arguments.uncertain_file
-    uncertain = read_uncertain(file, setup) if file else None
-    sobol = request.sobol
-    if sobol and not uncertain:
-        raise SceneError("--sobol needs --uncertain. Name a file of distributions")
-    if sobol & (sobol - 1):
-        raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
-    if sobol:
-        need("SALib")
-    if arguments.folder is not None:
-        need("matplotlib", "jinja2")
-    return BudgetStudy(setup, goals, uncertain)
-
-
-def _check_worst(request: BudgetRequest, setup: Setup) -> None:
-    """End the command if the worst sequence cannot be searched in a scene."""
-    control = setup.scene.controller
-    if request.only and "jitter_us" not in request.only:
-        raise SceneError("--worst needs the limit of jitter. Add --only jitter_us")
-    own = control.jitter_us, control.clock_ppm, control.drop_out_probability
-    if control.latency_trace is not None or any(own):
-        raise SceneError(
-            "--worst: searches all sequences of latencies, but the scene has latencies of its own. "
-            "Leave out controller.latency_trace, jitter_us, clock_ppm and drop_out_probability"
-        )
-
-
-@dataclass(frozen=True)
-class BudgetResult:
-    """What was found.
-
-    Attributes:
-        budget: The limits of every quantity.
-        limit_map: Map of the two tightest quantities, for the page.
-        probability: Probability that the goals are met with uncertain keys.
-        indices: Sobol indices of the uncertain keys.
-        cases: Number of cases that this took.
-    """
-
-    budget: "Budget"
-    limit_map: "Map | None"
-    probability: Probability | None
-    indices: list[Sensitivity]
-    cases: int
-
-
-def _run(arguments: BudgetArguments, study: BudgetStudy) -> BudgetResult:
-    """Run all cases; those that an earlier start has finished are not run again."""
-    request, setup, goals = arguments.request, study.setup, study.goals
-    folder, span = arguments.folder, request.first_span
-    searched = [request.span, request.quick, request.with_real, request.worst, *request.only]
-    header = {
-        **work_of([setup], [setup.law_reference], Design(())),
-        "budget": [*map(str, goals), *searched],
-    }
-    with (
-        resumable(folder or Path(), "budget", header) as finished,
-        progress("budget", 1000) as advance,
-        local_pool(request.workers) as workers,
-    ):
-        pool = finished.of(workers)
-        budget = budget_study.budget(
-            pool, setup, goals, request, lambda share: advance(round(1000 * share))
-        )
-        cases = budget.cases
-        limit_map = likely = None
-        indices: list[Sensitivity] = []
-        if folder is not None:
-            from hertzloop.studies.budget.page import map_of  # of an extra
-
-            limit_map = map_of(pool, setup, goals, span, budget.ideal, request.quick)
-        uncertain, base = study.uncertain, request.sobol
-        if uncertain:
-            within, most = request.within, request.most_cases
-            likely = probability(pool, setup, goals, uncertain, span, within=within, most=most)
-            cases += likely.cases
-            if base:
-                indices = sensitivities(pool, setup, goals, uncertain, span, base)
-                cases += base * (len(uncertain.parts) + 2)
-    return BudgetResult(budget, limit_map, likely, indices, cases)
-
-
 def _print_result(
-    arguments: BudgetArguments, study: BudgetStudy, result: BudgetResult
+    arguments: BudgetArguments, plan: BudgetPlan, result: BudgetResult
 ) -> dict[str, Any]:
     """Print what was found, and return it as plain data."""
-    latencies_us = study.setup.scene.controller.latency_trace
+    latencies_us = plan.setup.scene.controller.latency_trace
     if latencies_us:
         out.print(trace_line(latencies_us))
-    print_budget(result.budget)
-    data = budget_study.as_data(result.budget)
-    if result.budget.worst is not None:
-        _report_worst(arguments, result.budget, study.setup.seed)
+    print_budget(result)
+    data = result.as_data()
+    if result.worst is not None:
+        _report_worst(arguments, result, plan.setup.seed)
     likely = result.probability
     if likely:
-        command = _run_command(arguments.scene, arguments.settings, study.setup.seed, likely.worst)
-        print_probability(likely, result.indices, command)
-        data["probability"] = {
-            **{key: value for key, value in asdict(likely).items() if key != "drawn"},
-            "worst_command": command,
-            "drawn": list(likely.drawn),
-            "sobol": [asdict(index) for index in result.indices],
-        }
+        command = _run_command(arguments.scene, arguments.settings, plan.setup.seed, likely.worst)
+        print_probability(likely, result.sensitivities, command)
+        data["probability"]["worst_command"] = command
     return data
 
 
-def _report_worst(arguments: BudgetArguments, found: "Budget", seed: int) -> None:
+def _report_worst(arguments: BudgetArguments, found: BudgetResult, seed: int) -> None:
     """Print the limit of jitter against the worst sequence, and write the sequence as a trace."""
     limit = found.worst
     assert limit is not None
@@ -371,18 +253,19 @@ def _run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any
 
 
 def _write_page(
-    folder: Path, arguments: BudgetArguments, study: BudgetStudy, result: BudgetResult
+    folder: Path, arguments: BudgetArguments, plan: BudgetPlan, result: BudgetResult
 ) -> None:
     """Write what was found as a page, with the command that finds it again."""
-    from hertzloop.studies.budget.page import write_page  # of an extra
+    from hertzloop.studies.budget.page import budget_page  # of an extra
 
-    lines = effect_lines(result.budget)
+    lines = effect_lines(result)
     if result.probability:
         lines.append(probability_line(result.probability))
     words = ["hertzloop", "budget", arguments.scene]
     words += [word for change in arguments.settings for word in ("--set", change)]
-    words += [word for goal in study.goals for word in ("--goal", str(goal))]
-    words += ["--quick"] if arguments.request.quick else []
+    words += [word for goal in plan.goals for word in ("--goal", str(goal))]
+    words += ["--quick"] if plan.request.quick else []
     command = shlex.join([*words, "--out-dir", str(folder)])
-    page = write_page(folder, study.setup, result.budget, result.limit_map, lines, command)
+    page = folder / "budget.html"
+    atomic_write(page, budget_page(plan.setup, result, lines, command).html())
     out.say(f"written: {page}")

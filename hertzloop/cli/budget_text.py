@@ -2,21 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from hertzloop.cli.terminal import out
-from hertzloop.studies.budget.limits import Boundary, limit_words
+from hertzloop.studies.budget.limits import Boundary
 from hertzloop.studies.budget.probability import Probability, Sensitivity
+from hertzloop.studies.budget.result import BudgetResult, InPlant
 from hertzloop.studies.budget.stability import instability
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views.format import Table
 from hertzloop.views.verdict import spans_differ
 
-if TYPE_CHECKING:
-    from hertzloop.studies.budget.budget import Budget, InPlant
 
-
-def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
+def _plants(found: BudgetResult) -> list[tuple[str, InPlant]]:
     """Return the plants that were searched, by what sentences call them."""
     real = [("the real plant", found.real)] if found.real else []
     if not found.other:
@@ -24,7 +21,7 @@ def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
     return [("the first impact", found.ideal), ("the whole run", found.other), *real]
 
 
-def effect_lines(found: "Budget") -> list[str]:
+def effect_lines(found: BudgetResult) -> list[str]:
     """Return sentences on the goal, and on what the law does in each plant."""
     goal = " and ".join(map(str, found.goals))
     lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
@@ -46,7 +43,7 @@ def effect_lines(found: "Budget") -> list[str]:
     return lines
 
 
-def print_budget(found: "Budget") -> None:
+def print_budget(found: BudgetResult) -> None:
     """Print a budget on one screen."""
     for line in effect_lines(found):
         out.say(line)
@@ -62,7 +59,7 @@ def print_budget(found: "Budget") -> None:
             out.say(line)
 
 
-def _print_limits(name: str, plant: "InPlant") -> None:
+def _print_limits(name: str, plant: InPlant) -> None:
     """Print which limit of a plant binds first, and what is special about the others."""
     unstable = [one.quantity for one in plant.limits if one.boundary is Boundary.UNSTABLE]
     if unstable:
@@ -86,12 +83,12 @@ def _print_limits(name: str, plant: "InPlant") -> None:
             out.say(f"In {name} {head} {limit.reason}")
 
 
-def worst_line(found: "Budget") -> str:
+def worst_line(found: BudgetResult) -> str:
     """Return a sentence on jitter by random draws and against the worst sequence."""
     limit = found.worst
     assert limit is not None
     by_draws = next(one for one in found.ideal.limits if one.quantity == "jitter_us")
-    draws = f"Jitter: {limit_words(by_draws)} by random draws"
+    draws = f"Jitter: {by_draws.words()} by random draws"
     if limit.tolerated_us is None:
         return f"{draws}; a goal is missed without jitter ({limit.cases} cases)."
     most = f"up to {limit.tolerated_us:.4g} us against the worst sequence found"
@@ -127,13 +124,13 @@ _REASONS = {
 }
 
 
-def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
+def _limits_table(plants: list[tuple[str, InPlant]]) -> Table:
     """Return the tolerated values of each quantity, a column for each plant."""
     columns: list[tuple[str, list[str]]] = []
     for name, plant in plants:
-        columns.append((name, [limit_words(limit) for limit in plant.limits]))
+        columns.append((name, [limit.words() for limit in plant.limits]))
         if any(limit.impact_alone for limit in plant.limits):
-            alone = [limit_words(limit.impact_alone or limit) for limit in plant.limits]
+            alone = [(limit.impact_alone or limit).words() for limit in plant.limits]
             columns.append((f"{plant.span} alone", alone))
     first = plants[0][1].limits
     low_high = (f"{one.searched[0]:.3g} to {one.searched[1]:.3g} {one.unit}" for one in first)

@@ -150,11 +150,11 @@ def _limits(texts: list[str]) -> dict[str, float]:
 
 def _search(plan: TunePlan, finished: JournalEntries) -> TuneResult:
     """Search, with a progress bar; end the command with exit code 1 if a scene fails."""
-    from hertzloop.studies.tune.tune import tune as search  # of an extra
+    from hertzloop.studies.tune.tune import tune as search_settings  # of an extra
 
     generations = plan.request.generations * len(plan.axes)
     try:
         with progress("tuning", generations) as advance:
-            return search(plan, finished, advance)
+            return search_settings(plan, finished, advance)
     except SceneError as error:
         fail(str(error), 1)

@@ -16,7 +16,7 @@ from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.plant.time_series import F_C
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import load
-from hertzloop.studies.budget.limits import quantities_of
+from hertzloop.studies.budget.quantities import quantities_of
 from tests.commands import as_options, succeed
 from tests.hertzloop.interop import needs_cc
 from tests.hertzloop.own_laws import write_law

@@ -1,79 +1,23 @@
 """A budget as one HTML page: effect, limits, and maps of the two tightest quantities."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from hertzloop.common.atomic_files import atomic_write
-from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies.budget.budget import Budget, InPlant, nearest, search_of
-from hertzloop.studies.budget.goal import Goal, all_met
-from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity, quantities_of
-from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.budget.limits import Boundary, BudgetLimit
+from hertzloop.studies.budget.result import BudgetResult, InPlant, LimitMap
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.pages import pictures
 from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
 
 _HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
-_PLACES = 11  # values of a quantity in a map
-_BEYOND = 1.6  # times the distance to the limit, in places, that a map shows
 
 
-@dataclass(frozen=True)
-class Map:
-    """Where two quantities together meet the goals: `met` is the share of the touch phases, shape
-    (values of `down`, values of `across`); values in the units of the report."""
-
-    across: BudgetQuantity
-    down: BudgetQuantity
-    across_places: tuple[int, ...]
-    down_places: tuple[int, ...]
-    met: np.ndarray
-
-
-def tightest(plant: InPlant) -> list[BudgetLimit]:
-    """Return the limits with the smallest share, at most two of them."""
-    return nearest(plant.limits)[:2]
-
-
-def map_of(
-    pool: Pool, setup: Setup, goals: Sequence[Goal], span: Span, plant: InPlant, quick: bool
-) -> Map | None:
-    """Simulate a map of the two tightest quantities; None where fewer than two have a limit."""
-    limits = tightest(plant)
-    if len(limits) < 2:
-        return None
-    known = {quantity.name: quantity for quantity in quantities_of(setup)}
-    search = search_of(setup, quick, span)
-    lasts = {} if search.short_s is None else {"run.duration_s": search.short_s}
-    across, down = (known[limit.quantity] for limit in limits)
-    places = [_places(known[limit.quantity], limit) for limit in limits]
-    cases = [
-        {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase} | lasts
-        for j in places[1]
-        for i in places[0]
-        for phase in search.phases
-    ]
-    rows = evaluate(pool, setup, span, cases)
-    met = np.array([all_met(goals, row) for row in rows], dtype=float)
-    shape = (len(places[1]), len(places[0]), len(search.phases))
-    return Map(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
-
-
-def _places(quantity: BudgetQuantity, limit: BudgetLimit) -> tuple[int, ...]:
-    last = len(quantity.within(limit).values) - 1
-    good = quantity.own + round((limit.share or 0.0) * last)
-    end = min(last, max(good + 3, round(_BEYOND * good)))
-    return tuple(sorted({round(x) for x in np.linspace(0, end, _PLACES)}))
-
-
-def draw_map(found: Map) -> Figure:
+def draw_map(found: LimitMap) -> Figure:
     """Draw a map; both axes have a place for each value."""
     sheet, axes = pictures.sheet(1, 1, width=6.5, height=4.6)
     ax = axes[0, 0]
@@ -99,7 +43,7 @@ def draw_map(found: Map) -> Figure:
     return sheet
 
 
-def _share_bars(found: Budget) -> Figure:
+def _share_bars(found: BudgetResult) -> Figure:
     plants = [("scene", found.ideal), *([("real plant", found.real)] if found.real else [])]
     sheet, axes = pictures.sheet(1, 1, width=8.0, height=3.2)
     ax = axes[0, 0]
@@ -117,29 +61,20 @@ def _share_bars(found: Budget) -> Figure:
     return sheet
 
 
-def write_page(
-    folder: Path,
-    setup: Setup,
-    found: Budget,
-    mapped: Map | None,
-    lines: Sequence[str],
-    command: str,
-) -> Path:
-    """Write budget.html into a folder.
+def budget_page(
+    setup: Setup, found: BudgetResult, lines: Sequence[str], command: str
+) -> ResultPage:
+    """Return the page of a budget.
 
     Args:
-        folder: An existing folder.
         setup: The scene.
         found: Its budget.
-        mapped: A map of the two tightest quantities, if there is one.
         lines: Sentences on top of the page.
         command: The command that makes the page again.
-
-    Returns:
-        The path of the page. Raises NotWritten.
     """
     charts = [ResultChart("How far each limit is", svg(_share_bars(found)))]
-    if mapped is not None:
+    if found.limit_map is not None:
+        mapped = found.limit_map
         title = f"{mapped.across.name} and {mapped.down.name} together"
         words = "Blue: the goal is met at every touch phase. Red: at none."
         if any(limit.impact_alone for limit in found.ideal.limits):
@@ -150,18 +85,15 @@ def write_page(
         plants.append(("In the real plant", found.real))
     alone = "Each quantity alone, with the others as in the plant."
     tables = [ResultTable(name, *_headings_and_cells(plant), alone) for name, plant in plants]
-    text = ResultPage(
+    return ResultPage(
         title=f"Budget of {found.law} in {found.scene}",
-        lines=list(lines),
+        lines=lines,
         charts=charts,
         tables=tables,
         commands=[command],
         versions=code_version(),
         scenes=[(found.scene, to_toml(setup.scene))],
-    ).html()
-    path = folder / "budget.html"
-    atomic_write(path, text)
-    return path
+    )
 
 
 def _headings_and_cells(plant: InPlant) -> tuple[tuple[str, ...], list[list[str]]]:

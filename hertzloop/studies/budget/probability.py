@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import CaseState, Span
+from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.evaluate import Rows, Run
 from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -60,49 +60,52 @@ class Probability:
     drawn: tuple[dict[str, Any], ...]
 
 
-def probability(
-    pool: Pool,
-    setup: Setup,
-    goals: Sequence[Goal],
-    uncertain: UncertainInputs,
-    span: Span,
-    *,
-    within: float = 0.05,
-    most: int = 4096,
-) -> Probability:
+@dataclass(frozen=True)
+class Draws:
+    """What to draw, and how often.
+
+    Attributes:
+        inputs: The distributions.
+        within: Half the width of the interval of the probability that is narrow enough.
+        most: Number of cases after which to stop in any event.
+    """
+
+    inputs: UncertainInputs
+    within: float = 0.05
+    most: int = 4096
+
+
+def probability(setup: Setup, goals: Sequence[Goal], draws: Draws, run: Run) -> Probability:
     """Draw cases until the interval of the probability is narrow enough.
 
     The number of cases doubles from 128 on. A first look at 64 stops too often at an interval that
     is narrow by chance: some probabilities are then in less than 93 % of the intervals.
 
     Args:
-        pool: Runs cases.
         setup: The scene.
         goals: All have to be met.
-        uncertain: The distributions.
-        span: Metrics of the first impact, or of the whole run.
-        within: Half the width of the interval that is narrow enough.
-        most: Number of cases after which to stop in any event.
+        draws: What to draw, and how often.
+        run: Returns the rows of cases, in their order.
 
     Raises:
         SceneError: a case cannot be run.
     """
     rows: Rows = []
     drawn: list[dict[str, Any]] = []
-    wanted = min(FIRST, most)
+    wanted = min(FIRST, draws.most)
     while True:
-        new = [uncertain.draw(setup.seed, number) for number in range(len(drawn), wanted)]
+        new = [draws.inputs.draw(setup.seed, number) for number in range(len(drawn), wanted)]
         drawn += new
-        rows += evaluate(pool, setup, span, new)
+        rows += run(new)
         for row in rows:
             if row["state"] == CaseState.NOT_RUN:
                 values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
                 raise SceneError(f"the case with {values} cannot be run: {row['status']}")
         met = sum(all_met(goals, row) for row in rows)
         interval = wilson(met, len(rows), CONFIDENCE)
-        if 0.5 * (interval[1] - interval[0]) <= within or len(rows) >= most:
+        if 0.5 * (interval[1] - interval[0]) <= draws.within or len(rows) >= draws.most:
             break
-        wanted = min(2 * len(rows), most)
+        wanted = min(2 * len(rows), draws.most)
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Probability(
         value=met / len(rows),
@@ -194,20 +197,15 @@ def sobol_indices(
 
 
 def sensitivities(
-    pool: Pool,
-    setup: Setup,
-    goals: Sequence[Goal],
-    uncertain: UncertainInputs,
-    span: Span,
-    base: int,
+    setup: Setup, goals: Sequence[Goal], draws: Draws, base: int, run: Run
 ) -> list[Sensitivity]:
     """Return the Sobol indices of the metrics of the goals. See `sobol_indices`."""
 
-    def run(points: list[list[float]]) -> Rows:
-        rows = evaluate(pool, setup, span, [uncertain.at(point) for point in points])
+    def metrics_at(points: list[list[float]]) -> Rows:
+        rows = run([draws.inputs.at(point) for point in points])
         return [
             {name: math.nan if row[name] is None else row[name] for name in METRICS} for row in rows
         ]
 
     names = list(dict.fromkeys(goal.metric for goal in goals))
-    return sobol_indices(uncertain.parts, names, base, run, setup.seed)
+    return sobol_indices(draws.inputs.parts, names, base, metrics_at, setup.seed)

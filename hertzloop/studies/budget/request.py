@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from hertzloop.results.cases import Span
@@ -12,12 +13,15 @@ class BudgetRequest:
     """What to search for the budget of a law, and how finely.
 
     Attributes:
-        goals: Conditions as text that the law must meet at every touch phase.
+        goals: Conditions as text that the law must meet at every touch phase, for example
+            "plate_energy_db <= -3"; none: plate_energy_db <= -0.1.
         quick: Whether the search is coarse, with a thin plate as the real one.
         only: Quantities to search; all if empty.
         with_real: Whether the real plant is searched too.
+        with_map: Whether a map of the two tightest quantities is simulated.
         span: Part of the run that is evaluated, or both.
         workers: Number of processes; None: one for each core.
+        uncertain: File or scene with distributions, for the probability that the goals are met.
         within: Half the width at which the interval of the probability is narrow enough.
         most_cases: Largest number of cases drawn for the probability.
         sobol: Base points for Sobol indices, a power of 2; 0: none.
@@ -28,8 +32,10 @@ class BudgetRequest:
     quick: bool = False
     only: Sequence[str] = ()
     with_real: bool = True
+    with_map: bool = False
     span: Literal["impact", "run", "both"] = "impact"
     workers: int | None = None
+    uncertain: Path | None = None
     within: float = 0.03
     most_cases: int = 4096
     sobol: int = 0

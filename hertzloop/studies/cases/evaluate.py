@@ -20,8 +20,10 @@ from hertzloop.scene.toml import to_toml
 _CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
 
-Numbered = list[tuple[int, dict[str, Any]]]
+Case = dict[str, Any]  # values by scene key
+Numbered = list[tuple[int, Case]]
 Rows = list[dict[str, Any]]
+Run = Callable[[list[Case]], Rows]  # rows of cases, in their order
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 
 

@@ -8,19 +8,13 @@ import pytest
 from benchmarks.budget_agreement import difference
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import load
-from hertzloop.studies.budget import budget as study
+from hertzloop.studies.budget.budget import budget
 from hertzloop.studies.budget.goal import METRICS, GoalError, all_met, parse_goal
-from hertzloop.studies.budget.limits import (
-    NAMES,
-    Boundary,
-    BudgetQuantity,
-    Search,
-    limit_of,
-    quantities_of,
-    side_by_side,
-    variants,
-)
+from hertzloop.studies.budget.limits import Boundary, BudgetQuantity
+from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
+from hertzloop.studies.budget.quantities import NAMES, quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
+from hertzloop.studies.budget.search import Search, limit_of, search_of, side_by_side, variants
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.tune.plan import LAWS
 
@@ -142,7 +136,7 @@ def test_every_quantity_of_a_shipped_scene_has_an_answer(pool, scene, law, names
     default = scene == "aluminium-20mm" and names != NAMES
     yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=2e5"] if default else []
     setup = load(scene, [f"controller.law={law}", *yields])
-    search = replace(study.search_of(setup, True, "impact"), phases=(0.5,))
+    search = replace(search_of(setup, True, "impact"), phases=(0.5,))
     limits = side_by_side(
         [limit_of(q, [GOAL], search) for q in quantities_of(setup) if q.name in names],
         lambda cases: evaluate(pool, setup, "impact", cases),
@@ -246,9 +240,9 @@ def test_a_loop_that_fails_late_is_found_by_the_longer_run():
 
 def test_limits_agree_with_brute_force(pool):
     setup = load("aluminium-3mm", SHORT)
-    search = study.search_of(setup, True, "impact")
+    search = search_of(setup, True, "impact")
     asked = BudgetRequest(quick=True, with_real=False, only=("latency_us", "sampling_us"))
-    found = study.budget(pool, setup, [GOAL], asked)
+    found = budget(BudgetPlan(setup, (GOAL,), None, asked))
     for limit in found.ideal.limits:
         quantity = next(q for q in quantities_of(setup) if q.name == limit.quantity).within(limit)
         others = variants(quantity, search)
@@ -263,7 +257,7 @@ def test_limits_agree_with_brute_force(pool):
         else:
             assert limit.cases < len(rows) / 3
     [nominal] = evaluate(pool, setup, "impact", [{}])
-    assert study.as_data(found)["nominal"]["plate_energy_db"] == nominal["plate_energy_db"]
+    assert found.as_data()["nominal"]["plate_energy_db"] == nominal["plate_energy_db"]
 
 
 def test_brute_force_says_how_a_limit_differs():
@@ -280,7 +274,7 @@ def test_brute_force_says_how_a_limit_differs():
 
 def test_the_limit_of_the_jitter_has_the_mean_latency(pool):
     asked = BudgetRequest(only=["jitter_us"], quick=True, with_real=False)
-    (limit,) = study.budget(pool, load("aluminium-3mm", SHORT), [GOAL], asked).ideal.limits
+    (limit,) = budget(plan_budget(load("aluminium-3mm", SHORT), asked)).ideal.limits
     assert limit.value
     mean_us = float(limit.remark.removeprefix("mean latency ").removesuffix(" us"))
     assert 0.5 * limit.value < mean_us < limit.value

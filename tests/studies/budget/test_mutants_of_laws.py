@@ -9,7 +9,8 @@ import pytest
 from hertzloop.controller import laws
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.budget.requirements import check, digits_of, read_requirements
+from hertzloop.studies.budget.requirements.check import check, digits_of
+from hertzloop.studies.budget.requirements.rows import read_requirements
 from hertzloop.studies.cases.evaluate import evaluate
 
 LAWS = (

@@ -9,7 +9,7 @@ import scipy
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import parse_goal
-from hertzloop.studies.budget.probability import FIRST, probability, sobol_indices, wilson
+from hertzloop.studies.budget.probability import FIRST, Draws, probability, sobol_indices, wilson
 from hertzloop.studies.cases.design import Axis, Design
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.uncertain import (
@@ -115,7 +115,12 @@ def test_probability_is_recorded_and_narrow_enough(pool):
     setup = load("aluminium-3mm", SHORT)
     table = {"controller.latency_us": {"distribution": "uniform", "low": 0, "high": 8}}
     goal = parse_goal("plate_energy_db <= -3")
-    found = probability(pool, setup, [goal], uncertain_of(table, setup), "impact", within=0.08)
+    found = probability(
+        setup,
+        [goal],
+        Draws(uncertain_of(table, setup), within=0.08),
+        lambda cases: evaluate(pool, setup, "impact", cases),
+    )
     assert found.cases in (128, 256)
     assert 0.5 * (found.interval[1] - found.interval[0]) <= 0.08
     assert len(found.drawn) == found.cases

@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.budget import budget as study
+from hertzloop.studies.budget.budget import budget
 from hertzloop.studies.budget.goal import parse_goal
-from hertzloop.studies.budget.limits import (
-    NAMES,
-    Boundary,
-    BudgetLimit,
-    BudgetQuantity,
-    limit_words,
-    quantities_of,
-)
+from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
+from hertzloop.studies.budget.plan import BudgetPlan
+from hertzloop.studies.budget.quantities import NAMES, quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
-from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.budget.requirements.check import check
+from hertzloop.studies.budget.requirements.junit import junit
+from hertzloop.studies.budget.requirements.rows import read_requirements
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
 from hertzloop.studies.margin.margin import growth_of, loops_of, stable_in_flight
 from tests.commands import invoke
@@ -116,7 +113,7 @@ def test_an_unstable_loop_tolerates_nothing(folder, kind):
     for name in NAMES:
         quantity = next(q for q in quantities_of(setup) if q.name == name)
         found, limit = tolerated_of(setup, name, quantity.reported(2))
-        assert limit_words(found) == "none (unstable loop)"
+        assert found.words() == "none (unstable loop)"
         assert (found.value, found.share, found.holds_again) == (None, None, ())
         assert found.impact_alone is limit
     assert "the linear loop is unstable (grows" in instability(margin)
@@ -147,7 +144,7 @@ def test_stability_sets_the_latency_where_it_ends_first():
     found, limit = tolerated_of(setup, "latency_us", 20.0)
     assert linear_margin(setup).latency_limit_steps == 5
     assert (found.boundary, found.value, found.first_failure) == (Boundary.STABILITY, 5.0, 6.0)
-    assert limit_words(found) == "up to 5 us (stability)"
+    assert found.words() == "up to 5 us (stability)"
     assert found.impact_alone is limit
     assert found.share == pytest.approx(5.0 / limit.searched[1])
     endless, limit = tolerated_of(setup, "latency_us", None)
@@ -168,7 +165,7 @@ def test_a_scene_beyond_its_stable_latency_tolerates_no_other_quantity():
     latency, _ = tolerated_of(setup, "latency_us", 20.0)
     assert latency.value == 5.0
     assert latency.share < 0.0
-    assert limit_words(tolerated_of(setup, "bits", 4.0)[0]) == "none (unstable loop)"
+    assert tolerated_of(setup, "bits", 4.0)[0].words() == "none (unstable loop)"
 
 
 def test_latencies_that_are_stable_again_are_said():
@@ -226,13 +223,14 @@ def test_the_command_gives_one_answer(folder):
     assert data["unstable"] is None
 
 
-def test_the_page_shows_the_impact_alone(pool, folder):
+def test_the_page_shows_the_impact_alone(folder):
     page = pytest.importorskip("hertzloop.studies.budget.page")
     setup = load("aluminium-3mm", [SHORT, "controller.law=pd.py"])
-    asked = BudgetRequest(quick=True, with_real=False, only=("latency_us", "bits"))
-    found = study.budget(pool, setup, [GOAL], asked)
-    assert page.map_of(pool, setup, [GOAL], "impact", found.ideal, True) is None
-    text = page.write_page(folder, setup, found, None, [], "hertzloop budget").read_text()
+    only = ("latency_us", "bits")
+    asked = BudgetRequest(quick=True, with_real=False, with_map=True, only=only)
+    found = budget(BudgetPlan(setup, (GOAL,), None, asked))
+    assert found.limit_map is None
+    text = page.budget_page(setup, found, [], "hertzloop budget").html()
     assert "impact alone" in text
     assert text.count("none (unstable loop)") == 2
 

@@ -1,0 +1,67 @@
+"""Find the limits of a law in a plant: by runs, then by the stability of the linear loop."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from hertzloop.scene.controller import mean_latency_us
+from hertzloop.scene.setup import Setup
+from hertzloop.studies.budget.goal import Goal
+from hertzloop.studies.budget.limits import BudgetLimit
+from hertzloop.studies.budget.quantities import quantities_of
+from hertzloop.studies.budget.search import Search, limit_of, side_by_side
+from hertzloop.studies.budget.stability import tolerated
+from hertzloop.studies.cases.evaluate import Run
+from hertzloop.studies.margin.margin import Margin
+
+
+@dataclass(frozen=True)
+class LimitProblem:
+    """Whose limits to find, and how.
+
+    Attributes:
+        setup: The plant with its law.
+        margin: The linear margin of its loop; None for a law that has none.
+        goals: What the law has to do, all of it.
+        search: How thoroughly to search.
+    """
+
+    setup: Setup
+    margin: Margin | None
+    goals: Sequence[Goal]
+    search: Search
+
+
+def limits_of(
+    problem: LimitProblem,
+    names: Sequence[str],
+    run: Run,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> tuple[BudgetLimit, ...]:
+    """Return the limits of a law in a plant, in the order of `quantities_of`.
+
+    Args:
+        problem: The plant, the goals, and how thoroughly to search.
+        names: Names of the quantities; all if empty.
+        run: Returns the rows of cases, in their order.
+        on_progress: Called with the finished share of the searches.
+    """
+    setup, search = problem.setup, problem.search
+    wanted = [one for one in quantities_of(setup) if one.name in names or not names]
+    by_runs = side_by_side(
+        [limit_of(one, problem.goals, search) for one in wanted],
+        run,
+        lambda done: on_progress(done / len(wanted)),
+    )
+    return tuple(
+        _with_mean_latency(setup, tolerated(setup, problem.margin, quantity, limit, search.points))
+        for quantity, limit in zip(wanted, by_runs, strict=True)
+    )
+
+
+def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:
+    """Return a limit of the jitter with the mean latency of the force that acts under it."""
+    if limit.quantity != "jitter_us" or not limit.value:
+        return limit
+    mean_us = mean_latency_us(setup.vary({limit.key: limit.value}))
+    remark = f"mean latency {mean_us:.3g} us"
+    return replace(limit, remark=f"{limit.remark}, {remark}" if limit.remark else remark)

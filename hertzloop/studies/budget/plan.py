@@ -1,0 +1,88 @@
+"""What a budget searches, checked before any case runs: scene with law, goals, distributions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.setup import Setup
+from hertzloop.studies.budget.goal import DEFAULT_GOAL, Goal, parse_goal
+from hertzloop.studies.budget.quantities import NAMES
+from hertzloop.studies.budget.request import BudgetRequest
+from hertzloop.studies.cases.design import Design
+from hertzloop.studies.cases.identity import work_of
+from hertzloop.studies.cases.uncertain import UncertainInputs, read_uncertain
+
+
+@dataclass(frozen=True)
+class BudgetPlan:
+    """A budget that can be searched.
+
+    Attributes:
+        setup: The scene with its law.
+        goals: What the law has to do, all of it.
+        uncertain: Distributions of uncertain keys, if the probability is asked for.
+        request: What was asked for.
+    """
+
+    setup: Setup
+    goals: tuple[Goal, ...]
+    uncertain: UncertainInputs | None
+    request: BudgetRequest
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """Everything that decides the cases."""
+        request = self.request
+        searched = [request.span, request.quick, request.with_real, request.worst, *request.only]
+        work = work_of([self.setup], [self.setup.law_reference], Design(()))
+        return {**work, "budget": [*map(str, self.goals), *searched]}
+
+
+def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
+    """Return the budget to search.
+
+    Args:
+        setup: The scene with its law.
+        request: What to search.
+
+    Raises:
+        SceneError: there is no law, or a goal, a quantity or an option cannot be used.
+        ModuleNotFoundError: Sobol indices are asked for, and SALib is not installed.
+    """
+    check_conserves(setup.scheme)
+    goals = tuple(parse_goal(text) for text in request.goals or [DEFAULT_GOAL])
+    if not setup.has_law:
+        raise SceneError(
+            "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
+        )
+    for name in request.only:
+        if name not in NAMES:
+            raise SceneError(
+                f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
+            )
+    if request.worst:
+        _check_worst(setup, request)
+    uncertain = read_uncertain(request.uncertain, setup) if request.uncertain else None
+    sobol = request.sobol
+    if sobol and not uncertain:
+        raise SceneError("--sobol needs --uncertain. Name a file of distributions")
+    if sobol & (sobol - 1):
+        raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
+    if sobol:
+        need("SALib")
+    return BudgetPlan(setup, goals, uncertain, request)
+
+
+def _check_worst(setup: Setup, request: BudgetRequest) -> None:
+    """Refuse a scene or a request in which the worst sequence cannot be searched."""
+    control = setup.scene.controller
+    if request.only and "jitter_us" not in request.only:
+        raise SceneError("--worst needs the limit of jitter. Add --only jitter_us")
+    own = control.jitter_us, control.clock_ppm, control.drop_out_probability
+    if control.latency_trace is not None or any(own):
+        raise SceneError(
+            "--worst: searches all sequences of latencies, but the scene has latencies of its own. "
+            "Leave out controller.latency_trace, jitter_us, clock_ppm and drop_out_probability"
+        )
