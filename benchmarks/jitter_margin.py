@@ -15,10 +15,11 @@ from benchmarks.jitter_kernels import SimulatedLoop, simulate
 from benchmarks.program import OutDirOption, QuickOption, SeedOption, median, start, tracked
 from benchmarks.results import results_in
 from hertzloop.cli.terminal import out
+from hertzloop.studies.margin.gain import gain_margin
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.jitter import ErrorResponse
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import PolyphaseLoop, gain_margin, loop_of
+from hertzloop.studies.margin.loop import PolyphaseLoop, loop_of
 
 _LOOPS = 1000
 _MOST_DELAY = 50  # steps, at the shortest latency

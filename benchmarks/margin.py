@@ -32,9 +32,11 @@ from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
+from hertzloop.studies.margin.flight import margin_of
+from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import Loop, growth_of, loop_of, loops_of, margin_of
+from hertzloop.studies.margin.loop import Loop, loop_of, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 _E_FOLDS = 60.0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hertzloop.api.measurements import fit, read_record, read_records
 from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
-from hertzloop.api.studies import budget, linear, modes, sweep, tune
+from hertzloop.api.studies import budget, linear, margin, modes, sweep, tune
 from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.design import DesignError
     from hertzloop.studies.cases.pool import SweepFailed
+    from hertzloop.studies.margin.result import MarginResult
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
     from hertzloop.studies.tune.result import TuneResult
@@ -46,6 +47,7 @@ __all__ = [
     "FitResult",
     "Impact",
     "ImpactNoise",
+    "MarginResult",
     "Record",
     "RecordError",
     "RecordingError",
@@ -65,6 +67,7 @@ __all__ = [
     "fit",
     "linear",
     "load",
+    "margin",
     "modes",
     "read",
     "read_record",
@@ -94,6 +97,7 @@ _NAMES_BY_MODULE = {
     "studies.budget.result": ("BudgetResult",),
     "studies.cases.design": ("DesignError",),
     "studies.cases.pool": ("SweepFailed",),
+    "studies.margin.result": ("MarginResult",),
     "studies.sweep.request": ("SweepRequest",),
     "studies.tune.request": ("TuneRequest",),
     "studies.tune.result": ("TuneResult",),

@@ -1,4 +1,4 @@
-"""Studies for scripts: modes, sweeps, tuning and the linear response."""
+"""Studies for scripts: modes, sweeps, tuning, budgets, margins and the linear response."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.request import BudgetRequest
     from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.design import Range
+    from hertzloop.studies.margin.result import MarginResult
     from hertzloop.studies.margin.system import LinearSystem
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
@@ -115,6 +116,24 @@ def budget(scene: AnyScene, request: "BudgetRequest | None" = None) -> "BudgetRe
     from hertzloop.studies.budget.request import BudgetRequest
 
     return search_budget(plan_budget(resolved(scene), request or BudgetRequest()))
+
+
+def margin(scene: AnyScene) -> "MarginResult":
+    """Tell how stable the loop of a scene is, by linear theory.
+
+    Args:
+        scene: the scene with its law, or its name or TOML file.
+
+    Returns:
+        The margin in flight, the jitter margin, and the mode that limits the loop; for a law
+        without a linear loop in flight its margin in contact, or the time of its first force.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+    from hertzloop.studies.margin.margin import margin as analyse
+
+    return analyse(resolved(scene))
 
 
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":

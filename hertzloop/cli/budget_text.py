@@ -8,7 +8,7 @@ from hertzloop.studies.budget.limits import Boundary
 from hertzloop.studies.budget.probability import Probability, Sensitivity
 from hertzloop.studies.budget.result import BudgetResult, InPlant
 from hertzloop.studies.budget.stability import instability
-from hertzloop.studies.margin.shown import margin_lines
+from hertzloop.studies.margin.sentences import margin_lines
 from hertzloop.views.format import Table
 from hertzloop.views.verdict import spans_differ
 

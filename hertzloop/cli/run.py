@@ -207,8 +207,8 @@ def _linear_loop(
     if not setup.has_law or loaded_law(setup).not_linear or has_own_controller:
         return None, None
     # The margin takes 0.06 s to import.
-    from hertzloop.studies.margin.margin import growth_of
-    from hertzloop.studies.margin.shown import unstable_line
+    from hertzloop.studies.margin.growth import growth_of
+    from hertzloop.studies.margin.sentences import unstable_line
 
     try:
         growth = growth_of(setup)

@@ -10,7 +10,7 @@ from hertzloop.cli.terminal import out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml, toml_text
-from hertzloop.studies.margin.shown import unstable_line
+from hertzloop.studies.margin.sentences import unstable_line
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import Candidate, TuneResult, write_tuned

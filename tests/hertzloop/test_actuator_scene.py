@@ -21,7 +21,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.flight import margin_of
 from tests.commands import run_and_inspected
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

@@ -12,7 +12,7 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.views import provenance, replaying
 from tests.hertzloop.test_cli import call
 

@@ -278,7 +278,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant import actuator
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.flight import margin_of
 
 # The key that selects one, as a scene key of its own would.
 MADE = {1e6: None, 2e6: Preload(0.5, 1.0), 3e6: Preload(0.5, 0.5), 4e6: Preload(0.5, -math.inf)}

@@ -26,7 +26,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.views.run_json import run_as_json
 
 SHORT = ["run.duration_s=0.002"]

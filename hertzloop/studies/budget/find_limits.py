@@ -11,7 +11,7 @@ from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.search import Search, limit_of, side_by_side
 from hertzloop.studies.budget.stability import tolerated
 from hertzloop.studies.cases.evaluate import Run
-from hertzloop.studies.margin.margin import Margin
+from hertzloop.studies.margin.flight import Margin
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.probability import Probability, Sensitivity
 from hertzloop.studies.budget.worst_sequence import WorstLimit
 from hertzloop.studies.cases.touch_phases import Spread
-from hertzloop.studies.margin.margin import Margin
+from hertzloop.studies.margin.flight import Margin
 
 
 @dataclass(frozen=True)

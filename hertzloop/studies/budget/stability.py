@@ -13,14 +13,10 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
-from hertzloop.studies.margin.margin import (
-    Margin,
-    PolyphaseLoop,
-    loops_of,
-    margin_of,
-    stable_in_flight,
-)
-from hertzloop.studies.margin.shown import growth_words
+from hertzloop.studies.margin.flight import Margin, margin_of
+from hertzloop.studies.margin.growth import stable_in_flight
+from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
+from hertzloop.studies.margin.sentences import growth_words
 
 Verdict = Callable[[int], bool]  # whether the loop is stable at a place of the list of values
 _CHANGE_THE_LOOP = ("sampling_us", "bandwidth_hz", "mass_kg")

@@ -39,7 +39,7 @@ class BindingMode:
 
 def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     """Return the mode with the largest share at a frequency; None if that is below a tenth. Then
-    the actuator, a filter or the sum of the omitted modes prevails.
+    the actuator, a filter or the sum of the truncated modes prevails.
 
     Args:
         setup: the run.
@@ -96,8 +96,8 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
     """Return a sentence on the binding mode."""
     if mode is None:
         return (
-            f"no single mode limits it: at {hertz(frequency_hz)} the sum of the omitted modes, the "
-            "actuator or a filter prevails"
+            f"no single mode limits it: at {hertz(frequency_hz)} the sum of the truncated modes, "
+            "the actuator or a filter prevails"
         )
     words = f"limited by {mode_name(mode)} at {hertz(mode.frequency_hz)}, no. {mode.number}"
     if mode.indices and mode.at_contact and mode.at_actuator:

@@ -19,6 +19,7 @@ from hertzloop.results.statistics import control_force_n
 from hertzloop.scene.build import build_sensor, free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.margin.growth import outside_poles
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import (
     PoleForm,
@@ -27,7 +28,7 @@ from hertzloop.studies.margin.linear import (
     linear_model,
     through_sensor,
 )
-from hertzloop.studies.margin.margin import loop_of, outside_poles
+from hertzloop.studies.margin.loop import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 LONG = 3.0  # growth times contact time from which an instability in contact shows

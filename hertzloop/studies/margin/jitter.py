@@ -17,8 +17,10 @@ import numpy as np
 import scipy
 
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.margin.flight import Margin
+from hertzloop.studies.margin.gain import needle_angles
 from hertzloop.studies.margin.identify import NotLinearError
-from hertzloop.studies.margin.margin import Margin, PolyphaseLoop, loops_of, needle_angles
+from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
 from hertzloop.studies.margin.table import FrequencyResponse
 
 _ROUNDS, _HALVINGS, _POLISHES = 40, 50, 4

@@ -245,7 +245,7 @@ def by_command(model: collocation_kernels.CollocationModel, gap: bool) -> PoleFo
 
 def by_contact(model: collocation_kernels.CollocationModel) -> tuple[PoleForm, PoleForm]:
     """Return the responses of the gap to a contact force, without the sphere: to its mean over a
-    step, and to half its rise over the step. A spring of omitted modes is not part of them."""
+    step, and to half its rise over the step. A spring of truncated modes is not part of them."""
     t = model.table
     poles = t[ROT_RE] + 1j * t[ROT_IM]
     by = [t[C0_RE] + 1j * t[C0_IM], t[C1_RE] + 1j * t[C1_IM]]

@@ -16,6 +16,7 @@ _ROUNDINGS = (1e-15, 1e-12, 1e-10)  # lengths of a last step, each for so many r
 _NO_SHIFT = 1e-15
 _TWINS = 4e-16  # distance of poles that are the same
 _MOST_SHIFT = 0.05
+MOST_STATES = 6000  # up to which all closed-loop poles are computed, in a second or less
 
 
 def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | None:

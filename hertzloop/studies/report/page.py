@@ -27,10 +27,10 @@ from hertzloop.results.verdict import RunAssessment, assess_recording
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.binding import binding_mode, mode_line
+from hertzloop.studies.margin.chart import draw
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.jitter import at_shortest_latency, jitter_margin_of
-from hertzloop.studies.margin.margin import margin_of
-from hertzloop.studies.margin.picture import draw
-from hertzloop.studies.margin.shown import jitter_lines, margin_lines
+from hertzloop.studies.margin.sentences import jitter_lines, margin_lines
 from hertzloop.studies.pages import pictures
 from hertzloop.studies.pages.html import ResultTable, svg, template
 from hertzloop.views import provenance

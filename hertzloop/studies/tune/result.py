@@ -10,7 +10,7 @@ from typing import Any
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.results.cases import Span
 from hertzloop.studies.cases.touch_phases import Spread
-from hertzloop.studies.margin.margin import Growth
+from hertzloop.studies.margin.growth import Growth
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from hertzloop.studies.cases.design import Axis, fitted
 from hertzloop.studies.cases.evaluate import Pool
-from hertzloop.studies.margin.margin import Growth
+from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate
 from hertzloop.studies.tune.score import NO_METRIC, unstable_loop, worst_of

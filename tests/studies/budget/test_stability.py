@@ -19,7 +19,8 @@ from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.rows import read_requirements
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
-from hertzloop.studies.margin.margin import growth_of, loops_of, stable_in_flight
+from hertzloop.studies.margin.growth import growth_of, stable_in_flight
+from hertzloop.studies.margin.loop import loops_of
 from tests.commands import invoke
 
 GOAL = parse_goal("plate_energy_db <= -0.1")

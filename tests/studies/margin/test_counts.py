@@ -6,7 +6,7 @@ import pytest
 from benchmarks.margin import dense, laws, own_laws, synthetic
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import loop_of
+from hertzloop.studies.margin.loop import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default

@@ -9,9 +9,9 @@ import scipy.signal as sg
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.scene.controller import law_context
 from hertzloop.scene.setup import load
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import margin_of
 from tests.commands import invoke
 
 LAW = '''"""A filter of two poles."""

@@ -8,8 +8,8 @@ import pytest
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.design import Axis
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.margin import margin
-from hertzloop.studies.margin.margin import growth_of, margin_of
+from hertzloop.studies.margin.flight import margin_of
+from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.sweep.results_file import read_results
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
@@ -86,7 +86,7 @@ def test_no_analysis_costs_the_results_of_a_run(
     def fails(setup: object) -> None:
         raise RuntimeError("no such number")
 
-    monkeypatch.setattr(margin, "growth_of", fails)
+    monkeypatch.setattr("hertzloop.studies.margin.growth.growth_of", fails)
     report, said = report_of(tmp_path, VELOCITY)
     assert report["linear_loop"] is None
     assert "Linear loop: not analysed (RuntimeError('no such number'))" in said

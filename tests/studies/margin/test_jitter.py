@@ -16,6 +16,7 @@ from benchmarks.jitter_margin import (
 )
 from benchmarks.margin import simulated_growth_per_s
 from hertzloop.scene.setup import load
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.jitter import (
     ErrorResponse,
@@ -24,7 +25,6 @@ from hertzloop.studies.margin.jitter import (
     jitter_margin_of,
 )
 from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.margin import margin_of
 from tests.commands import invoke
 from tests.tiers import default
 

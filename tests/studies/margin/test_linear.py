@@ -12,9 +12,10 @@ from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.setup import Setup, load
 from hertzloop.sensors import kernels as sk
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.margin import loop_of, margin_of
+from hertzloop.studies.margin.loop import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4"]

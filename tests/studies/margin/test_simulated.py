@@ -6,7 +6,8 @@ import pytest
 
 from benchmarks.margin import simulated_growth_per_s
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.margin import growth_of, margin_of
+from hertzloop.studies.margin.flight import margin_of
+from hertzloop.studies.margin.growth import growth_of
 
 SCENE = [
     "controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4",

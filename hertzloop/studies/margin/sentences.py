@@ -1,11 +1,22 @@
-"""The margin of a loop as lines of text."""
+"""The margin of a loop in sentences."""
 
-from hertzloop.studies.margin.binding import hertz
+from hertzloop.studies.margin.binding import hertz, mode_line
 from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
+from hertzloop.studies.margin.flight import Margin
+from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.margin.jitter import JitterMargin
-from hertzloop.studies.margin.margin import Growth, Margin
+from hertzloop.studies.margin.result import MarginResult
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
+
+
+def result_lines(found: MarginResult) -> list[str]:
+    """Return all lines on a margin."""
+    lines = margin_lines(found.flight) + jitter_lines(found.jitter)
+    lines += contact_lines(found.contact) if found.contact else []
+    lines += fact_lines(found.impact) if found.impact else []
+    at_hz = found.flight.binding_frequency_hz
+    return lines if at_hz is None else [*lines, mode_line(found.binding_mode, at_hz)]
 
 
 def growth_words(found: Growth) -> str:

@@ -11,7 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.binding import binding_mode, mode_name
-from hertzloop.studies.margin.margin import Margin, PolyphaseLoop, loops_of
+from hertzloop.studies.margin.flight import Margin
+from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.pages import pictures
 

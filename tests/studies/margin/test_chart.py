@@ -8,10 +8,11 @@ import pytest
 
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
+from hertzloop.studies.margin.chart import draw
+from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.margin import loop_of, margin_of
-from hertzloop.studies.margin.picture import draw
+from hertzloop.studies.margin.loop import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from tests.commands import invoke
 from tests.tiers import default

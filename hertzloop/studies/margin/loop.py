@@ -1,0 +1,123 @@
+"""The linear loop of a setup in flight: sampled plant, law, and latency."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup, resolve
+from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
+from hertzloop.studies.margin.table import NyquistTable, make_table
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop gain of one remainder of the latency by the sampling interval."""
+
+    plant: PoleForm
+    law: LawFilter
+    table: NyquistTable
+
+    def gain(self, z: np.ndarray) -> np.ndarray:
+        """Return L without the whole samples of delay at complex `z`."""
+        return -self.law.at(z) * self.plant.at(z)
+
+
+def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop:
+    """Return the loop and its table for a remainder of steps, 0 to `every` - 1."""
+    held = plant.held(every, remainder)
+    return Loop(held, law, make_table(held, law))
+
+
+@dataclass(frozen=True)
+class PolyphaseLoop:
+    """The linear loop of a setup in flight: one `Loop` for each remainder of the latency by the
+    sampling interval."""
+
+    plant: PoleForm
+    every: tuple[Loop, ...]
+    lead: int  # steps from a sample to its force at latency 0: one, and dead time
+
+    def at(self, latency: int) -> tuple[Loop, int]:
+        """Return the loop for a latency in steps, and its delay in samples."""
+        delay, rest = divmod(latency + self.lead, len(self.every))
+        return self.every[rest], delay
+
+    def unstable(self, latency: np.ndarray) -> np.ndarray:
+        """Return the number of closed-loop poles outside the unit circle, by latency in steps."""
+        whole, rest = np.divmod(np.asarray(latency) + self.lead, len(self.every))
+        found = np.empty(len(whole), int)
+        for r, loop in enumerate(self.every):
+            found[rest == r] = loop.table.unstable(whole[rest == r])
+        return found
+
+
+def why_no_loop(setup: Setup) -> str:
+    """Return why a setup cannot have a linear loop in flight, before its law is looked at; empty if
+    it may have one."""
+    if not setup.has_law:
+        return "the scene has no law, so there is no loop"
+    if not SCHEMES[setup.scheme].has_linear_model:
+        return (
+            f"run.scheme = '{setup.scheme}' has no linear model; use "
+            f"{supporting('has_linear_model')}"
+        )
+    if setup.quantity == "contact_force":
+        return "the contact force is zero in flight, so the loop is closed in contact only"
+    return ""
+
+
+def loop_setup(setup: Setup, **control: Any) -> Setup:
+    """Return the setup that stands for all setups with the same loop."""
+    scene = setup.scene
+    run = scene.run.replaced(
+        seed=0, touch_phase=0.0, plate_model="modal", duration_s=scene.run.lead_in_s + 1e-3
+    )
+    controller = scene.controller.replaced(**control)
+    return resolve(scene.replaced(name="loop", shows="", run=run, controller=controller))
+
+
+def law_digest(setup: Setup) -> str:
+    """Return what tells two versions of a user's law apart."""
+    return "" if setup.law_is_shipped else loaded_law(setup).digest
+
+
+@lru_cache(maxsize=16)
+def _loops(setup: Setup, digest: str) -> PolyphaseLoop | NotLinearError:
+    """Return the loops of a setup, or why it has none; `digest` belongs to the key."""
+    try:
+        law = law_filter(setup)
+    except NotLinearError as error:
+        return error
+    plant, every = damped(plant_in_flight(setup)), setup.every_steps
+    lead = 1 + setup.line.dead_steps
+    return PolyphaseLoop(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
+
+
+def damped(plant: PoleForm) -> PoleForm:
+    """Return a plant whose poles on the unit circle, those of modes without damping, are just
+    inside it.
+
+    The loop gain has no value at a pole on the circle. This is the limit of vanishing damping, and
+    changes growths by less than 1e-3 1/s at a step of 1 us.
+    """
+    size = np.abs(plant.poles)
+    inside = np.where(size > 1.0 - INSIDE, plant.poles * (1.0 - INSIDE) / size, plant.poles)
+    return replace(plant, poles=inside)
+
+
+def loops_of(setup: Setup) -> PolyphaseLoop | NotLinearError:
+    """Return the linear loop of a setup, or why it has none.
+
+    That of a shipped law serves all latencies; only a user's law may know its own.
+
+    Raises:
+        SceneError: the scene is invalid.
+    """
+    digest = law_digest(setup)
+    shares = setup.law_is_shipped and not setup.line.trace
+    return _loops(loop_setup(setup, latency_us=0.0) if shares else loop_setup(setup), digest)
