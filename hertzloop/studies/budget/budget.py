@@ -14,7 +14,7 @@ from hertzloop.studies.budget.probability import Draws, probability, sensitiviti
 from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
 from hertzloop.studies.budget.search import Search, search_of
-from hertzloop.studies.budget.stability import linear_margin
+from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.budget.worst_sequence import WorstLimit, worst_limit
 from hertzloop.studies.cases.evaluate import Case, CaseTally, Pool, Rows, Run, evaluate
 from hertzloop.studies.cases.journal import JournalEntries
@@ -85,7 +85,8 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
-        likely = probability(setup, goals, draws, scene.run(counted))
+        stable = stable_under(setup, ideal.margin)
+        likely = probability(setup, goals, draws, scene.run(counted), stable)
         if request.sobol:
             indices = sensitivities(setup, goals, draws, request.sobol, scene.run(counted))
     on_progress(1.0)

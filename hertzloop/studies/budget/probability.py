@@ -16,7 +16,7 @@ from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Rows, Run
+from hertzloop.studies.cases.evaluate import Case, Rows, Run
 from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -43,9 +43,17 @@ def wilson(met: int, cases: int, confidence: float = CONFIDENCE) -> tuple[float,
 class Probability:
     """How likely the goals are met.
 
-    `value`: share of the cases that meet them; `interval`: Wilson's, at `confidence`; `quantiles`:
-    of every metric over the cases that have one, by probability; `worst`: varied keys of the case
-    that misses the goals by most, or is nearest to that; `drawn`: of every case, in order.
+    Attributes:
+        value: Share of the cases that meet the goals, with a stable linear loop.
+        interval: Wilson interval of the probability, at `confidence`.
+        confidence: Probability with which the interval holds the true one.
+        cases: Number of cases.
+        met: Number of cases that meet the goals.
+        unstable: Number of cases whose loop is unstable, in the run or by linear theory.
+        quantiles: Of every metric over the cases that have one, by probability.
+        worst: Varied keys of the case that misses the goals by most, or is nearest to that.
+        worst_metrics: Metrics of that case.
+        drawn: Varied keys of every case, in order.
     """
 
     value: float
@@ -75,7 +83,13 @@ class Draws:
     most: int = 4096
 
 
-def probability(setup: Setup, goals: Sequence[Goal], draws: Draws, run: Run) -> Probability:
+def probability(
+    setup: Setup,
+    goals: Sequence[Goal],
+    draws: Draws,
+    run: Run,
+    stable: Callable[[Case], bool] = lambda case: True,
+) -> Probability:
     """Draw cases until the interval of the probability is narrow enough.
 
     The number of cases doubles from 128 on. A first look at 64 stops too often at an interval that
@@ -86,34 +100,41 @@ def probability(setup: Setup, goals: Sequence[Goal], draws: Draws, run: Run) -> 
         goals: All have to be met.
         draws: What to draw, and how often.
         run: Returns the rows of cases, in their order.
+        stable: Whether the linear loop is stable in a case; a case that is not misses the goals.
 
     Raises:
         SceneError: a case cannot be run.
     """
     rows: Rows = []
-    drawn: list[dict[str, Any]] = []
+    drawn: list[Case] = []
+    holds: list[bool] = []  # by case, whether its linear loop is stable
     wanted = min(FIRST, draws.most)
     while True:
         new = [draws.inputs.draw(setup.seed, number) for number in range(len(drawn), wanted)]
         drawn += new
-        rows += run(new)
-        for row in rows:
+        new_rows = run(new)
+        rows += new_rows
+        for row in new_rows:
             if row["state"] == CaseState.NOT_RUN:
                 values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
                 raise SceneError(f"the case with {values} cannot be run: {row['status']}")
-        met = sum(all_met(goals, row) for row in rows)
+        holds += [
+            not all_met(goals, row) or stable(case) for row, case in zip(new_rows, new, strict=True)
+        ]
+        met = sum(all_met(goals, row) and holds[i] for i, row in enumerate(rows))
         interval = wilson(met, len(rows), CONFIDENCE)
         if 0.5 * (interval[1] - interval[0]) <= draws.within or len(rows) >= draws.most:
             break
         wanted = min(2 * len(rows), draws.most)
-    worst = max(rows, key=lambda row: worst_excess(goals, row))
+    excess = [worst_excess(goals, row) if holds[i] else math.inf for i, row in enumerate(rows)]
+    worst = rows[excess.index(max(excess))]
     return Probability(
         value=met / len(rows),
         interval=interval,
         confidence=CONFIDENCE,
         cases=len(rows),
         met=met,
-        unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows),
+        unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows) + holds.count(False),
         quantiles={name: _quantiles(rows, name) for name in METRICS},
         worst={key: worst[key] for key in drawn[0]},
         worst_metrics={name: math.nan if worst[name] is None else worst[name] for name in METRICS},

@@ -13,6 +13,7 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
+from hertzloop.studies.cases.evaluate import Case
 from hertzloop.studies.margin.flight import Margin, margin_of
 from hertzloop.studies.margin.growth import stable_in_flight
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
@@ -120,6 +121,18 @@ def _verdict(setup: Setup, margin: Margin, quantity: BudgetQuantity) -> Verdict:
             or stable_in_flight(setup.vary({quantity.key: values[place]})) is not False
         )
     return lambda place: margin.stable is not False
+
+
+def stable_under(setup: Setup, margin: Margin | None) -> Callable[[Case], bool]:
+    """Return a function that tells whether the linear loop is stable under changes of scene keys.
+
+    Args:
+        setup: The plant with its law.
+        margin: Its linear margin; None for a law that has none, whose loop counts as stable.
+    """
+    if margin is None:
+        return lambda case: True
+    return lambda case: stable_in_flight(setup.vary(case)) is not False
 
 
 def instability(margin: Margin | None) -> str:

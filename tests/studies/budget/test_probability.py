@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy
 
+from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.budget.goal import parse_goal
+from hertzloop.studies.budget.goal import METRICS, parse_goal
 from hertzloop.studies.budget.probability import FIRST, Draws, probability, sobol_indices, wilson
 from hertzloop.studies.cases.design import Axis, Design
 from hertzloop.studies.cases.evaluate import evaluate
@@ -127,6 +128,27 @@ def test_probability_is_recorded_and_narrow_enough(pool):
     again = evaluate(pool, setup, "impact", [found.worst])[0]
     assert again["plate_energy_db"] == found.worst_metrics["plate_energy_db"]
     assert found.interval[0] < found.value < found.interval[1]
+
+
+def test_a_case_with_an_unstable_linear_loop_misses_the_goals():
+    setup = load("aluminium-3mm", SHORT)
+    table = {"controller.latency_us": {"distribution": "values", "values": [0, 1, 2, 3]}}
+    metrics = {"plate_energy_db": -9.0, "status": "", "state": CaseState.METRICS}
+
+    def run(cases):
+        return [dict.fromkeys(METRICS, 0.0) | metrics | case for case in cases]
+
+    found = probability(
+        setup,
+        [parse_goal("plate_energy_db <= -3")],
+        Draws(uncertain_of(table, setup), most=64),
+        run,
+        stable=lambda case: case["controller.latency_us"] < 3,
+    )
+    late = [case for case in found.drawn if case["controller.latency_us"] == 3]
+    assert 0 < len(late) < 64
+    assert (found.met, found.unstable) == (64 - len(late), len(late))
+    assert found.worst["controller.latency_us"] == 3
 
 
 @pytest.mark.parametrize(

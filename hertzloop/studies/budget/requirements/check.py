@@ -13,11 +13,11 @@ from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.find_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import LEAST, Boundary, BudgetLimit
-from hertzloop.studies.budget.probability import Draws, probability
+from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.requirements.rows import Row, beside
 from hertzloop.studies.budget.search import search_of
-from hertzloop.studies.budget.stability import instability, linear_margin
+from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain import read_uncertain
@@ -82,7 +82,9 @@ def check(pool: Pool, row: Row) -> Checked:
         _check_limits(found, setup, margin, run)
     if one.probability is not None and one.uncertain is not None:
         inputs = read_uncertain(Path(beside(row.folder, one.uncertain)), setup)
-        _check_probability(found, setup, Draws(inputs, _WITHIN, one.cases), run)
+        draws = Draws(inputs, _WITHIN, one.cases)
+        likely = probability(setup, one.goals, draws, run, stable_under(setup, margin))
+        _check_probability(found, likely)
     # A row that fails by the instability says so already.
     said_already = found.unstable or any(unstable_words in sentence for sentence in found.fails)
     return Checked(
@@ -155,11 +157,10 @@ def _check_runs(found: _Findings, setup: Setup, run: Run) -> None:
             found.fail(f"{goal}: the metric is not defined in this scene", phases[worst])
 
 
-def _check_probability(found: _Findings, setup: Setup, draws: Draws, run: Run) -> None:
+def _check_probability(found: _Findings, likely: Probability) -> None:
     """Check the required probability by its lower end: it has to be shown, not only possible."""
     one = found.row.requirement
     assert one.probability is not None
-    likely = probability(setup, one.goals, draws, run)
     low, high = likely.interval
     sentence = (
         f"probability {likely.value:z.4f} ({low:z.4f} to {high:z.4f}, {likely.cases} cases), "
