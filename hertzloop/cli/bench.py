@@ -9,7 +9,7 @@ from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import out, progress
 from hertzloop.processes import fork_server
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies import bench as bench_study
+from hertzloop.studies.bench import bench as bench_study
 from hertzloop.views.format import Table
 
 _TRANSPORT_WORDS = {

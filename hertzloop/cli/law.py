@@ -35,7 +35,7 @@ from hertzloop.scene.loading import parse_setting
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
-    from hertzloop.studies.law_on import ForceComparison
+    from hertzloop.studies.law_replay.result import ForceComparison
 
 
 def list_laws() -> None:
@@ -122,7 +122,8 @@ def replay(
     json_file: options.JsonOption = None,
 ) -> None:
     """Feed a recording's samples to another law and show where the forces differ."""
-    from hertzloop.studies import law_on as law_replay  # of an extra
+    from hertzloop.studies.law_replay.chart import draw_forces  # of an extra
+    from hertzloop.studies.law_replay.law_replay import replay_law, scene_with
 
     target = picture or file.with_name(f"{file.stem}-law.png")
     outputs.check_picture(target)
@@ -130,14 +131,14 @@ def replay(
     outputs.check_json(json_file, target)
     recording = read(file)
     keys = dict(parse_setting(text) for text in settings or [])
-    setup = law_replay.scene_with(recording, law, keys)
-    found = law_replay.law_on(recording, setup)
+    setup = scene_with(recording, law, keys)
+    found = replay_law(recording, setup)
     for problem in recording.problems:
         err.say(f"{file}: {problem}")
     if note := loaded_law(setup).identity_note():
         err.say(note)
     law_used = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
-    law_replay.draw(found, (f"recorded: {law_used}", loaded_law(setup).name), target)
+    draw_forces(found, (f"recorded: {law_used}", loaded_law(setup).name), target)
     out.say(_difference(found, loaded_law(setup).name))
     out.say(f"written: {target}")
     outputs.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})

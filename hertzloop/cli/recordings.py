@@ -85,15 +85,15 @@ def inspect(
 def _draw_responses(recording: Recording, folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.results.recorded import pacing_of, responses_of
-    from hertzloop.studies import law_on as law_replay
+    from hertzloop.studies.report.response_times import draw_response, write_table
     from hertzloop.views.pacing import pacing_sentences
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
         fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.")
     outputs.make_folder(folder)
-    law_replay.draw_response(folder / "response.png", responses, found)
-    law_replay.write_table(folder / "response.csv", responses)
+    draw_response(folder / "response.png", responses, found)
+    write_table(folder / "response.csv", responses)
     for sentence in pacing_sentences(found):
         out.say(sentence)
     out.say(f"written: {folder}/response.png and .csv")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.scene.setup import load
-from hertzloop.studies import bench
+from hertzloop.studies.bench import bench
 from tests.hertzloop.processes import hertzloop
 
 SHORT = "run.duration_s=0.0016"

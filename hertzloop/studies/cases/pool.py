@@ -1,12 +1,21 @@
-"""Cases on the cores at hand: this process and others that it starts when there is work for them.
+"""Run cases on the cores of this machine: in this process, and in workers that it starts.
 
-A process takes a second or two until it can run a case, in which this one runs a thousand. So this
-one begins at once, starts the others where what is left is worth it, and gives them only what they
-are about to begin; the rest stays within its own reach.
+A worker takes one or two seconds to start. This process runs a thousand cases in that time. So it
+begins at once, starts workers when the remaining work is worth it, and gives them only what they
+are about to begin. It runs the rest itself.
 
-loky 3.7 was tried instead of `concurrent.futures`. It waits without end for the rest of an answer
-whose worker has died, and during Ctrl-C for that of one that hangs. A worker that is at work when
-its parent is killed runs on. The tests of this pool ask for the opposite.
+What can fail, and where that is handled:
+
+- A case that cannot be run has a row with its reason (`evaluate.py`). The others go on.
+- A worker that dies, or that cannot be started, ends the study with `SweepFailed`. A journal keeps
+  the finished cases (`journal.py`).
+- A law that is not shipped may crash its process, so only workers run it, unless there is one
+  process in all.
+- Workers end when this process ends, however it ends.
+
+loky 3.7 was tried instead of `concurrent.futures`. It waits for ever for the rest of an answer
+whose worker has died, and during Ctrl-C for a worker that hangs. Its workers survive a killed
+parent.
 """
 
 import gc
@@ -45,44 +54,51 @@ class SweepFailed(RuntimeError):
 
 
 def local_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 @contextmanager
 def local_pool(workers: int | None = None) -> Iterator[Pool]:
-    """As many processes as `workers` says, this one among them: a function of scene (TOML), span
-    and chunks that yields their rows as they come. Where a law is not one that is shipped, this one
-    waits for so many others instead, unless `workers` is 1. Raises SweepFailed when a process dies,
-    or none can be started."""
+    """Yield a function of scene (TOML), span and chunks that yields their rows as they come.
+
+    Args:
+        workers: Number of processes, this one included; None: one for each core. A law that is not
+            shipped runs in this many workers beside this process, unless the number is 1.
+
+    Raises:
+        SweepFailed: a worker died, or none can be started.
+    """
     count = workers or local_cores()
-    crew = _Crew(count)
+    pool = _WorkerPool(count)
     try:
-        yield crew.results
+        yield pool.results
     except BrokenProcessPool as error:
         raise SweepFailed("a worker process died") from error
     finally:
-        crew.dismiss()
+        pool.dismiss()
 
 
-class _Crew:
-    """This process and its workers, which stay from one search's generation to the next."""
+class _WorkerPool:
+    """This process and its workers, which stay for all calls of a study."""
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._others: dict[int, _Others] = {}  # by how many they are
+        self._workers: dict[int, _Workers] = {}  # by their number
 
     def results(self, toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         if self.count == 1:
             return (run_chunk(toml, span, chunk) for chunk in chunks)
         setup = scene_of(toml)
         if not _all_shipped(setup, chunks):
-            # A law that crashes its process must not end the sweep's.
+            # A law that crashes its process must not end this one.
             return self._of(self.count).results(toml, span, deque(chunks))
-        return self._with_own_hands(setup, span, chunks)
+        return self._with_this_process(setup, span, chunks)
 
-    def _with_own_hands(self, setup: Setup, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
-        """The same, some of them run here."""
+    def _with_this_process(
+        self, setup: Setup, span: Span, chunks: list[Numbered]
+    ) -> Iterator[Rows]:
+        """Yield the rows of chunks, some of which run in this process."""
         left = deque(_two_first(chunks))
         # Of processor time, as the start of another process: on a busy machine both take longer.
         began, first_s, ran = time.process_time(), 0.0, 0
@@ -92,27 +108,27 @@ class _Crew:
             ran += len(rows)
             worked_s = time.process_time() - began
             first_s = first_s or worked_s  # which loads what all need
-            if left and (self._others or worked_s > _LOOK_S):
+            if left and (self._workers or worked_s > _LOOK_S):
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
-                if self._others or a_case_s * sum(map(len, left)) > _WORTH_S:
+                if self._workers or a_case_s * sum(map(len, left)) > _WORTH_S:
                     others = self._of(self.count - 1)
                     yield from others.results(to_toml(setup.scene), span, left, setup)
 
-    def _of(self, workers: int) -> "_Others":
-        if workers not in self._others:
-            self._others[workers] = _Others(workers)
-        return self._others[workers]
+    def _of(self, workers: int) -> "_Workers":
+        if workers not in self._workers:
+            self._workers[workers] = _Workers(workers)
+        return self._workers[workers]
 
     def dismiss(self) -> None:
-        for others in self._others.values():
+        for others in self._workers.values():
             others.dismiss()
 
 
-class _Others:
-    """Worker processes. Raises SweepFailed where none can be started."""
+class _Workers:
+    """Worker processes. Raises SweepFailed if none can be started."""
 
     def __init__(self, count: int) -> None:
-        self._started = _Started()
+        self._started = _SpawnedProcesses()
         with _starting():
             _start_tracker()
             self._pool = ProcessPoolExecutor(count, self._started, _end_with_parent)
@@ -121,13 +137,14 @@ class _Others:
     def results(
         self, toml: str, span: Span, left: deque[Numbered], own: Setup | None = None
     ) -> Iterator[Rows]:
-        """Rows of the chunks that are left, as they come; with `own`, their scene, this process
-        runs what the others have not been given.
+        """Yield the rows of the remaining chunks as they come.
 
-        What is given is never cancelled: where a worker dies, Python 3.11 fails over a future that
-        was, and those who wait for the others wait for ever. Interrupts are held back wherever a
-        future is asked: one that is heard in there may leave its lock taken, for which the pool's
-        thread waits for ever.
+        With `own`, the scene of the chunks, this process runs chunks that no worker has.
+
+        A future is never cancelled: when a worker dies, Python 3.11 fails at a cancelled future,
+        and a wait for the others never ends. Interrupts are deferred while a future is asked: an
+        interrupt there may leave the lock of the future taken, and the pool's thread waits for it
+        for ever.
         """
         given = set[Future[Rows]]()
         while left or given:
@@ -150,27 +167,27 @@ class _Others:
                 yield rows
 
     def _lost(self) -> bool:
-        """Whether a worker has ended. Python's pool does not notice where that was within an
-        answer: it waits for the rest, which another could still write."""
+        """Whether a worker has ended. Python's pool does not notice this while a worker writes an
+        answer: it waits for the rest of it."""
         started = [process for process in self._started.processes if process.pid is not None]
         return bool(ready([process.sentinel for process in started], 0.0))
 
     def dismiss(self) -> None:
-        # Held back, since Python 3.11 takes a thread for ended when it is interrupted in waiting
-        # for it. Waited for: a thread of it that is left to the end of the interpreter may find its
-        # pipe closed there, and the last that is said would be an OSError.
+        # Interrupts are deferred, since Python 3.11 takes a thread for ended when the wait for it
+        # is interrupted. A thread of the pool that lives until the interpreter ends may find its
+        # pipe closed, and print an OSError.
         with deferred():
             for process in self._started.processes:
-                if process.pid is not None:  # of one that could not be started
+                if process.pid is not None:  # None: the process could not be started
                     process.kill()
-            # Without writers, whoever waits for the rest of an answer hears that there is none.
+            # Without writers, a thread that waits for the rest of an answer ends.
             self._started.answers._writer.close()  # type: ignore[attr-defined]
             self._pool.shutdown(wait=True)
 
 
-class _Started(SpawnContext):
-    """Processes that are spawned, not forked, since the caller may have threads; they are kept, as
-    is the way of their answers."""
+class _SpawnedProcesses(SpawnContext):
+    """Context that spawns processes, since the caller may have threads, and that keeps a list of
+    them and the queue of their answers."""
 
     answers: SimpleQueue[Any]
 
@@ -195,7 +212,7 @@ def _start_tracker() -> None:
 
 
 def _two_first(chunks: list[Numbered]) -> list[Numbered]:
-    """The same, the first two cases each by itself: they tell what a case takes."""
+    """Return the same chunks with the first two cases alone, which tell how long a case takes."""
     first = chunks[0] if chunks else []
     return [some for some in ([*first[:1]], [*first[1:2]], [*first[2:]], *chunks[1:]) if some]
 
@@ -222,7 +239,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _without_main() -> Iterator[None]:
-    """Start workers that do not import the caller's script: they need nothing of it, and a script
+    """Start workers that do not import the caller's script: they need nothing from it, and a script
     without a guarded main would start workers of its own."""
     main = sys.modules["__main__"]
     hidden = {name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)}
@@ -237,7 +254,7 @@ def _without_main() -> Iterator[None]:
 
 @contextmanager
 def _starting() -> Iterator[None]:
-    """Say what a system lacks that starts no workers. Raises SweepFailed."""
+    """Turn an error at the start of workers into SweepFailed, with a remedy."""
     try:
         yield
     except OSError as error:

@@ -1,1 +1,1 @@
-"""A run, a sweep or a tuning as one page that needs nothing else."""
+"""The study `report`: a run as a page, and the page of the results of other studies."""

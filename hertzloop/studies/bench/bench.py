@@ -6,7 +6,6 @@ elsewhere meets all of them alike.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -15,66 +14,16 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes.record import record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.bench.result import BenchResult, LoopCost, SweepCost
 from hertzloop.studies.cases.evaluate import not_run, run_cases
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2
 _CASES, _QUICK_CASES = 100, 30  # of the sweep, a round
 
 
-@dataclass(frozen=True)
-class LoopCost:
-    """Wall time of the whole loop, recorded, in one transport.
-
-    Attributes:
-        transport: how the parts of the loop exchange samples and forces.
-        median_us: wall time a step, us, median over the rounds.
-        least_us: wall time a step, us, smallest of the rounds.
-        times_real_time: simulated time over wall time, at the median.
-    """
-
-    transport: Transport
-    median_us: float
-    least_us: float
-    times_real_time: float
-
-
-@dataclass(frozen=True)
-class SweepCost:
-    """Rate of one core in a sweep over the latency.
-
-    Attributes:
-        cases: number of cases in a round.
-        per_s: cases a second of processor time, median over the rounds.
-        most_per_s: cases a second in the fastest round.
-    """
-
-    cases: int
-    per_s: float
-    most_per_s: float
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What was measured.
-
-    Attributes:
-        scene: name of the scene.
-        steps: number of steps of a run.
-        rounds: how often everything was measured, after one round that loads the kernels.
-        loops: one entry a transport.
-        sweep: rate of one core in a sweep.
-    """
-
-    scene: str
-    steps: int
-    rounds: int
-    loops: tuple[LoopCost, ...]
-    sweep: SweepCost
-
-
 def measure(
     setup: Setup, quick: bool = False, on_progress: Callable[[int, int], None] = lambda *_: None
-) -> Bench:
+) -> BenchResult:
     """Measure the loop in each transport and the cases of a small latency sweep, in turn.
 
     Args:
@@ -110,7 +59,7 @@ def measure(
         for transport, some in times.items()
     )
     sweep = SweepCost(len(cases), median(rates), max(rates))
-    return Bench(setup.name, setup.steps, rounds, loops, sweep)
+    return BenchResult(setup.name, setup.steps, rounds, loops, sweep)
 
 
 def latency_cases(setup: Setup, count: int) -> list[dict[str, float]]:

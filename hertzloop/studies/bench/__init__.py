@@ -1,0 +1,1 @@
+"""The study `bench`: how fast a scene runs on this machine."""

@@ -1,0 +1,1 @@
+"""The study `law replay`: the samples of a recording, fed to another law."""

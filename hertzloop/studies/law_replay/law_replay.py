@@ -1,0 +1,27 @@
+"""Feed the samples of a recording to another law."""
+
+import numpy as np
+
+from hertzloop.recordings.recording import Recording
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.setup import Setup, parse
+from hertzloop.studies.law_replay.result import ForceComparison
+
+
+def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> Setup:
+    """The recorded scene with another law, and other keys. Raises SceneError."""
+    setup = parse(recording.scene_toml, recorded=True)
+    fixed = {"sensors.quantity": setup.quantity}
+    return setup.vary({"controller.law": law, **fixed, **settings})
+
+
+def replay_law(recording: Recording, setup: Setup) -> ForceComparison:
+    """Feed the recorded samples to the scene's law and signal path. Raises SceneError, LawFault."""
+    controller = build_controller(setup)
+    other = controller.process(recording.daq_values).forces
+    recorded = recording.force.arrays.get("force_n", np.empty(0))
+    count = min(len(other), len(recorded))
+    other, recorded = other[:count].copy(), recorded[:count]
+    differing = np.flatnonzero(other.view(np.int64) != recorded.view(np.int64))
+    first = int(differing[0]) if len(differing) else None
+    return ForceComparison(recorded, other, first, setup.step_s)

@@ -1,0 +1,77 @@
+"""The charts of a report: forces, velocity and energies over time, and spectra."""
+
+from typing import Any
+
+import numpy as np
+
+from hertzloop.recordings.replay.decimation import extremes
+from hertzloop.recordings.replay.plots import Plot, PlotCurve
+from hertzloop.recordings.replay.replay_data import ReplayData
+from hertzloop.studies.pages import pictures
+from hertzloop.studies.pages.html import svg
+
+_POINTS = 1500  # a curve
+_STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
+
+
+def around_first_contact(shown: ReplayData) -> str:
+    """Gap, forces, plate velocity and energies around the first contact."""
+    return _sheet(shown.plots, shown.when.around_ns)
+
+
+def whole_run(shown: ReplayData) -> str:
+    """The same over all of the run."""
+    truth = shown.recording.truth
+    first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
+    return _sheet(shown.plots, (first, last))
+
+
+def spectra(shown: ReplayData) -> str:
+    """Level of the plate velocity."""
+    sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
+    ax = axes[0, 0]
+    for i, found in enumerate(shown.labels.spectra):
+        ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
+    ax.set(
+        xlabel="frequency (Hz)",
+        ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
+        title="Plate velocity at the contact, whole run",
+    )
+    _legend(ax)
+    return svg(sheet)
+
+
+def _sheet(plots: list[Plot], span_ns: tuple[int, int]) -> str:
+    lines = -(-len(plots) // 2)
+    sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
+    for ax, plot in zip(axes.ravel(), plots, strict=False):
+        for curve in plot.curves:
+            _draw(ax, curve, span_ns)
+        limits = tuple(1e-6 * t for t in span_ns)
+        ax.set(title=plot.title, xlabel="simulated time (ms)", xlim=limits)
+        if plot.most is not None:
+            ax.set_ylim(-plot.most, plot.most)
+        _legend(ax)
+    for ax in axes.ravel()[len(plots) :]:
+        ax.remove()
+    return svg(sheet)
+
+
+def _draw(ax: Any, curve: PlotCurve, span_ns: tuple[int, int]) -> None:
+    times, values = curve.time_ns, curve.values
+    a, b = np.searchsorted(times, span_ns)
+    if b - a >= len(times) - 1 and curve.overview is not None:  # all of it, evenly
+        times, values = times[curve.overview], values[curve.overview]
+    else:
+        times, values = times[a : b + 1], values[a : b + 1]
+    if not len(values) or not np.isfinite(values).any():
+        return
+    chosen = extremes(np.nan_to_num(values), _POINTS)
+    style = pictures.look(_STYLES.get(curve.name, 0))
+    style = {"color": "#888888", "linestyle": "--", "linewidth": 1.1} if curve.faint else style
+    ax.plot(1e-6 * times[chosen], values[chosen], label=curve.label or curve.name, **style)
+
+
+def _legend(ax: Any) -> None:
+    """Beside the axes, where it hides nothing."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)
