@@ -1,5 +1,6 @@
 """The Python interface: the same numbers as the command line's parts, labelled; the notebook."""
 
+import json
 import re
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml
 from hertzloop.views.run_json import run_as_json
+from tests.commands import succeed
 from tests.hertzloop.own_laws import EXAMPLES, ROOT
 
 PAGE = ROOT / "docs" / "how-to" / "python.md"
@@ -166,6 +168,25 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
         workers=1,
     )
     assert hertzloop.tune(scene, request).best.metrics["plate_energy_db"] < 0.35
+
+
+def test_a_budget_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    settings = {"run.duration_s": 0.0016, "controller.law": "force_feedback"}
+    words = [f"--set={key}={value}" for key, value in settings.items()]
+    words += ["--quick", "--only=latency_us", "--no-real-plant"]
+    succeed("budget", "aluminium-3mm", *words, "--json", "a.json")
+    request = hertzloop.BudgetRequest(quick=True, only=["latency_us"], with_real=False, workers=1)
+    found = hertzloop.budget(hertzloop.load("aluminium-3mm", settings), request).as_data()
+    assert found["limits"] == json.loads(Path("a.json").read_text())["limits"]
+
+
+def test_a_margin_holds_the_loop_in_flight_and_its_jitter() -> None:
+    feedback = {"controller.law": "velocity_feedback", "controller.kappa": 0.05}
+    found = hertzloop.margin(hertzloop.load("aluminium-3mm", feedback))
+    assert found.flight.stable
+    assert found.jitter is not None
+    assert "binding_mode" in found.as_data()
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ class TunePlan:
     @property
     def header(self) -> dict[str, Any]:
         """Everything that decides the cases."""
-        request = {k: v for k, v in vars(self.request).items() if k not in _NOT_OF_CASES}
+        request = {k: v for k, v in asdict(self.request).items() if k not in _NOT_OF_CASES}
         axes = {law: [asdict(axis) for axis in axes] for law, axes in self.axes.items()}
         varied = Design(tuple(axis for axes in self.axes.values() for axis in axes))
         return work_of(self.variants, self.axes, varied) | {"axes": axes, "search": request}
