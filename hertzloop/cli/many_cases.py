@@ -1,7 +1,7 @@
 """Commands that run many cases: they continue after an interruption, and count failed cases."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,29 @@ from hertzloop.studies.cases.pool import SweepFailed
 
 
 @contextmanager
+def cases_are_kept(explain: Callable[[], str], target: str) -> Iterator[None]:
+    """End the command with one sentence if its cases cannot be finished.
+
+    That is after an interruption (exit code 130), after a lost worker, or if a file cannot be
+    written (exit code 1).
+
+    Args:
+        explain: Returns a clause on the finished cases: where they are, and how to continue.
+        target: What is written, for an error that names no file.
+    """
+    try:
+        with if_interrupted(explain):
+            yield
+    except SweepFailed as error:
+        fail(f"{error}; {explain()}.", 1)
+    except OSError as error:
+        reason = error.strerror or error  # an error of Arrow has no number
+        fail(f"cannot write {error.filename or target}: {reason}; {explain()}.", 1)
+
+
+@contextmanager
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
     """Keep finished cases in a journal, so that the same command continues after an interruption.
-
-    It ends the command with one sentence if the cases cannot be finished.
 
     Args:
         folder: Folder of the journal.
@@ -26,24 +45,17 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Journ
         The cases that an earlier start of the command has finished.
     """
     kept_cases = "no case is finished"
-    try:
-        with kept(folder, name, header) as finished:
-            path = finished.journal.path
-            kept_cases = (
-                f"finished cases are kept in {path}. Run the same command again to continue"
-            )
-            if finished.found:
-                err.say(f"Continuing with {finished.found} finished cases of {path}.")
-            for line in finished.journal.damaged:
-                err.say(f"line {line} of {path} was damaged. Its case is run again.")
-            try:
-                with if_interrupted(lambda: kept_cases):
-                    yield finished
-            except SweepFailed as error:
-                fail(f"{error}; {kept_cases}.", 1)
-    except OSError as error:
-        reason = error.strerror or error
-        fail(f"cannot write to the folder {folder}: {reason}; {kept_cases}.", 1)
+    with (
+        cases_are_kept(lambda: kept_cases, f"to the folder {folder}"),
+        kept(folder, name, header) as finished,
+    ):
+        path = finished.journal.path
+        kept_cases = f"finished cases are kept in {path}. Run the same command again to continue"
+        if finished.found:
+            err.say(f"Continuing with {finished.found} finished cases of {path}.")
+        for line in finished.journal.damaged:
+            err.say(f"line {line} of {path} was damaged. Its case is run again.")
+        yield finished
 
 
 def end_if_failed(reasons: Sequence[str], total: int) -> None:

@@ -9,17 +9,16 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hertzloop.cli import options, outputs, prepare
-from hertzloop.cli.many_cases import end_if_failed
+from hertzloop.cli.many_cases import cases_are_kept, end_if_failed
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
-from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
+from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.cases.evaluate import run_case
-from hertzloop.studies.cases.pool import SweepFailed
 from hertzloop.studies.cases.touch_phases import KEY as PHASE
 from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.sweep import sweep as sweep_study
@@ -184,19 +183,16 @@ def _checked(arguments: SweepArguments) -> _Study:
 def _run(study: _Study) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
-    try:
-        with if_interrupted(lambda: _CAN_CONTINUE), progress(f"{total} cases", total) as advance:
-            return sweep_study.sweep(
-                study.plan,
-                target,
-                on_progress=advance,
-                on_wait=lambda sentence: err.say(f"{sentence}."),
-            )
-    except SweepFailed as error:
-        fail(f"{error}; {_CAN_CONTINUE}.", 1)
-    except OSError as error:
-        reason = error.strerror or error  # an error of Arrow has no number
-        fail(f"cannot write {error.filename or target}: {reason}; {_CAN_CONTINUE}.", 1)
+    with (
+        cases_are_kept(lambda: _CAN_CONTINUE, str(target)),
+        progress(f"{total} cases", total) as advance,
+    ):
+        return sweep_study.sweep(
+            study.plan,
+            target,
+            on_progress=advance,
+            on_wait=lambda sentence: err.say(f"{sentence}."),
+        )
 
 
 def _count_without_metrics(results: SweepResult) -> int:

@@ -137,8 +137,10 @@ def jitter_lines(found: JitterMargin | None) -> list[str]:
     elif found.frequency_hz is not None:
         lines.append("jitter margin: without limit")
     if found.verdict == "certified":
-        lines.append(f"the latencies of this scene: certified, {found.added_us:g} us above the "
-                     "shortest one at most")  # fmt: skip
+        lines.append(
+            f"the latencies of this scene: certified, {found.added_us:g} us above the shortest "
+            "one at most"
+        )
     elif found.verdict == "refuted":
         lines.append(
             "the latencies of this scene: refuted, unstable at a constant latency of "
