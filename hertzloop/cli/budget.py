@@ -40,6 +40,7 @@ from hertzloop.studies.sweeps.design import Design
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
 from hertzloop.studies.sweeps.uncertain import UncertainInputs, read_uncertain
+from hertzloop.warmup import CASES
 
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget
@@ -183,7 +184,7 @@ def budget(
     arguments = BudgetArguments(request, scene, changes, seed, uncertain_file, folder)
     study = _checked(arguments)
     outputs.make_folder(folder or Path())  # for unfinished work, too
-    prepare.compile_first(study.setup)
+    prepare.compile_first(study.setup, works=CASES)
     began_s = time.perf_counter()
     result = _run(arguments, study)
     data = _print_result(arguments, study, result)

@@ -29,6 +29,7 @@ from hertzloop.studies.sweeps.sweep import SweepResults, counted, known
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
+from hertzloop.warmup import CASES
 
 OverOption = Annotated[
     list[str] | None,
@@ -127,7 +128,7 @@ def sweep(
         return
     study = _planned(arguments)
     if study.finished is None:
-        prepare.compile_first(study.setup)
+        prepare.compile_first(study.setup, works=CASES)
         results = _run(study, request)
     else:
         results = study.finished

@@ -13,6 +13,7 @@ from hertzloop.cli.tune_search import TuneArguments, checked_study, search_setti
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.requests import TuneRequest
+from hertzloop.warmup import CASES
 
 MinimiseOption = Annotated[
     list[str],
@@ -113,7 +114,7 @@ def tune(
     outputs.check_json(json_file)
     study = checked_study(arguments)
     outputs.make_folder(folder or Path())  # for what is unfinished, too
-    prepare.compile_first(*study.bases)
+    prepare.compile_first(*study.bases, works=CASES)
     with resumable(folder or Path(), study.name, study.header) as finished:
         result = search_settings(study, finished)
         if result.best:
