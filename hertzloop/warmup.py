@@ -1,10 +1,12 @@
 """Compile all that a scene runs before it runs; later processes load it from the cache."""
 
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +18,11 @@ from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.common.jit.folder import cache_folder
 from hertzloop.common.jit.progress import report_functions
 from hertzloop.common.jit.storage import all_written, types_digest
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.processes.signals import end_with_parent
+from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor, free_series
-from hertzloop.scene.controller import build_controller
+from hertzloop.scene.controller import bound_law, build_controller
 from hertzloop.scene.toml import to_toml
 
 if TYPE_CHECKING:
@@ -26,9 +30,22 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]  # is told the finished share, and what is compiled
 
+
+class Work(StrEnum):
+    """What kernels are compiled for."""
+
+    EXCHANGE = "exchange"  # a plant and a controller that exchange messages
+    LOOP = "loop"  # both in one compiled loop, as in the cases of a sweep
+    RESULTS = "results"  # the metrics of a run, and of the same without control
+    PACED = "paced"  # a plant that runs by the wall clock
+
+
+RUN = (Work.EXCHANGE, Work.LOOP, Work.RESULTS)  # its verdict repeats the impact in the loop
+CASES = (Work.LOOP,)
+
 _PAST_TOUCH_S = 1e-3  # long enough for the metrics of an impact, where that is short
 _MOST_STEPS = 20_000  # of that moment, some tenths of a second
-_PLANT_KERNELS = 130  # compiled for the plant of the default scene, parts of others included
+_PLANT_KERNELS = 110  # compiled for the plant of the default scene, parts of others included
 _PLANT_SHARE = 0.95  # of the time that passes
 # Of the made-up contact: the steps before it, of it and of all, and the force.
 _BEFORE, _CONTACT, _ROWS, _FORCE_N = 50, 30, 2000, 100.0
@@ -43,44 +60,56 @@ def anything_compiled() -> bool:
     return any(cache_folder().glob(".compiled-*"))
 
 
-def all_compiled(*scenes: "Setup", paced: bool = False) -> bool:
+def all_compiled(*scenes: "Setup", works: Collection[Work] = RUN) -> bool:
     """Whether `ensure_compiled` has nothing left to do. Raises SceneError."""
-    return not _missing(scenes, paced)
+    return not _missing(scenes, works)
 
 
-def ensure_compiled(*scenes: "Setup", paced: bool = False, on_progress: Progress = _silent) -> None:
+def ensure_compiled(
+    *scenes: "Setup", works: Collection[Work] = RUN, on_progress: Progress = _silent
+) -> None:
     """Run each of the scenes for a moment without its law, unless that was done for its kernels
-    before. Without `scenes` the default one, with each model of its plate; with `paced` the kernels
-    of paced mode, too. Raises SceneError."""
-    missing = _missing(scenes, paced)
-    for number, (marker, setup, run) in enumerate(missing):
+    before.
+
+    Args:
+        scenes: the scenes; without any the default one, with each model of its plate.
+        works: what they are to be compiled for.
+        on_progress: is told how far it is.
+
+    Raises:
+        SceneError: a scene cannot be built.
+    """
+    missing = _missing(scenes, works)
+    for number, (setup, markers) in enumerate(missing):
 
         def tell(share: float, what: str, number: int = number) -> None:
             on_progress((number + share) / len(missing), what)
 
         moment = _moment_of(setup)
-        if run is _run:
-            _compile_at_once(moment, tell)
+        _compile_at_once(setup, moment, list(markers), tell)
         with own_folder() as folder:
-            run(moment, Path(folder))
-        _mark(marker)
-    if not scenes and not _usual(paced).exists():
-        _mark(_usual(paced))
+            for work in markers:
+                _RUN[work](moment, Path(folder))
+        for marker in markers.values():
+            _mark(marker)
+    if not scenes and not _usual(works).exists():
+        _mark(_usual(works))
 
 
 def _missing(
-    scenes: Sequence["Setup"], paced: bool
-) -> list[tuple[Path, "Setup", Callable[["Setup", Path], None]]]:
-    """What is not compiled: the marker, a scene that has it, and what runs all of it."""
-    found: dict[Path, tuple[Path, Setup, Callable[[Setup, Path], None]]] = {}
+    scenes: Sequence["Setup"], works: Collection[Work]
+) -> list[tuple["Setup", Mapping[Work, Path]]]:
+    """Scenes with what is not compiled for them, and its markers; one scene for each kind."""
     # To name the marker of a scene takes its modes: a twentieth of a short sweep.
-    if not scenes and _usual(paced).exists():
+    if not scenes and _usual(works).exists():
         return []
+    found: dict[str, tuple[Setup, dict[Work, Path]]] = {}
     for setup in scenes or _default():
-        for of_paced, run in [(False, _run), (True, _run_paced)][: 1 + paced]:
-            marker = _marker(setup, of_paced)
-            if not marker.exists():
-                found.setdefault(marker, (marker, setup, run))
+        types = _types_of(setup)
+        markers = {work: cache_folder() / f".compiled-{types}-{work}" for work in works}
+        missing = {work: marker for work, marker in markers.items() if not marker.exists()}
+        if missing:
+            found.setdefault(types, (setup, missing))
     return list(found.values())
 
 
@@ -91,17 +120,16 @@ def _default() -> list["Setup"]:
     return [load(DEFAULT, [f"run.plate_model={model}"]) for model in ("modal", "infinite")]
 
 
-def _usual(paced: bool) -> Path:
+def _usual(works: Collection[Work]) -> Path:
     """A file that is there once all is compiled for the default scene."""
-    return cache_folder() / f".compiled-usual{'-paced' * paced}"
+    return cache_folder() / f".compiled-usual-{'-'.join(works)}"
 
 
-def _marker(setup: "Setup", paced: bool) -> Path:
-    """A file that is there once all is compiled for a scene: it is named after the types that
-    kernels are compiled for. Those of a controller are the same for every law and line."""
+def _types_of(setup: "Setup") -> str:
+    """A name of the types that kernels are compiled for. Those of a controller are the same for
+    every law and line."""
     plant, sensor = build_plant(setup), build_sensor(setup)
-    types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
-    return cache_folder() / f".compiled-{types}{'-paced' * paced}"
+    return types_digest(plant.model, plant.state, sensor.model, sensor.state)
 
 
 def _mark(marker: Path) -> None:
@@ -122,9 +150,11 @@ def _moment_of(setup: "Setup") -> "Setup":
     return setup.with_steps(max(1, min(steps, setup.steps, _MOST_STEPS)))
 
 
-def _compile_at_once(setup: "Setup", tell: Progress) -> None:
-    """Compile the kernels of the plant here, and those of metrics and controller meanwhile in a
-    process of its own, if there is a second core."""
+def _compile_at_once(
+    setup: "Setup", moment: "Setup", works: Sequence[Work], tell: Progress
+) -> None:
+    """Compile the kernels of the plant here, and all others meanwhile in a process of its own, if
+    there is a second core."""
     tell(0.0, "the plant")
     done, what = 0, "the plant"
 
@@ -134,10 +164,11 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
         what = f"the plant: {name}" if name else what
         tell(_PLANT_SHARE * min(done / _PLANT_KERNELS, 1.0), what)
 
-    beside = _start_beside(setup) if len(os.sched_getaffinity(0)) > 1 else None
+    beside = _start_beside(setup, works) if len(os.sched_getaffinity(0)) > 1 else None
     try:
         with report_functions(count):
-            _compile_plant(setup)
+            for work in works:
+                _PLANT[work](moment)
         tell(_PLANT_SHARE, "metrics and controller")
     except BaseException:
         if beside:
@@ -148,19 +179,40 @@ def _compile_at_once(setup: "Setup", tell: Progress) -> None:
             beside.wait()
 
 
-def _compile_plant(setup: "Setup") -> None:
+def _plant_of_exchange(setup: "Setup") -> None:
     from hertzloop.loop.plant_node import PlantNode
-    from hertzloop.loop.simulate import simulate
-    from hertzloop.scene import model_error
 
     PlantNode(setup, InProcessPort(InProcessBus(), PLANT))
-    next(free_series(setup))
+
+
+def _plant_of_loop(setup: "Setup") -> None:
+    from hertzloop.loop.simulate import simulate
+
     simulate(setup)
     model_error.infinite_plate_lasts_s(setup)
 
 
-def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
-    """A process that runs `_compile_beside`. What it fails to compile, `_run` compiles."""
+def _plant_of_results(setup: "Setup") -> None:
+    next(free_series(setup))
+    model_error.infinite_plate_lasts_s(setup)
+
+
+def _paced_plant(setup: "Setup") -> None:
+    from hertzloop.loop.paced import PacedPlantNode
+
+    PacedPlantNode(setup, InProcessPort(InProcessBus(), PLANT), pace=1.0)
+
+
+_PLANT: dict[Work, Callable[["Setup"], None]] = {
+    Work.EXCHANGE: _plant_of_exchange,
+    Work.LOOP: _plant_of_loop,
+    Work.RESULTS: _plant_of_results,
+    Work.PACED: _paced_plant,
+}
+
+
+def _start_beside(setup: "Setup", works: Sequence[Work]) -> subprocess.Popen[str]:
+    """A process that runs `_compile_beside`. What it fails to compile, `_RUN` compiles."""
     program = f"from {__name__} import _compile_beside as c; c({os.getpid()})"
     process = subprocess.Popen(
         # -P: a folder of the user's that is called like one of ours must not be imported
@@ -171,13 +223,13 @@ def _start_beside(setup: "Setup") -> subprocess.Popen[str]:
         text=True,
     )
     assert process.stdin
-    with suppress(BrokenPipeError), process.stdin as scene:  # it may have failed
-        scene.write(to_toml(setup.scene))
+    with suppress(BrokenPipeError), process.stdin as told:  # it may have failed
+        json.dump([to_toml(setup.scene), works], told)
     return process
 
 
 def _compile_beside(parent: int) -> None:
-    """Compile the kernels of metrics and controller for the scene that is read.
+    """Compile what is no part of the plant, for the scene and the works that are read.
 
     Ends with the process `parent`, which may exit at once on a signal.
     """
@@ -188,10 +240,18 @@ def _compile_beside(parent: int) -> None:
     from hertzloop.results.metrics import metrics_of
     from hertzloop.scene.setup import parse
 
-    setup = parse(sys.stdin.read())
-    ControllerNode(InProcessPort(InProcessBus(), CONTROLLER))
-    build_controller(setup, ahead=False).process(np.ones(2))
-    metrics_of(setup, _made_up_contact(setup))
+    scene, works = json.load(sys.stdin)
+    setup = parse(scene)
+    moment = _moment_of(setup)
+    if Work.EXCHANGE in works:
+        ControllerNode(InProcessPort(InProcessBus(), CONTROLLER))
+        build_controller(moment, ahead=False).process(np.ones(2))
+    if Work.RESULTS in works or Work.LOOP in works:
+        truth = _made_up_contact(moment)
+        metrics_of(moment, truth)
+        impacts_in(moment.plant, truth)
+    if setup.law_is_shipped:  # one of the user's is not imported once more
+        bound_law(setup)
 
 
 def _made_up_contact(setup: "Setup") -> np.ndarray:
@@ -213,21 +273,33 @@ def _made_up_contact(setup: "Setup") -> np.ndarray:
     return truth
 
 
-def _run(setup: "Setup", folder: Path) -> None:
-    """A run through each port compiles every kernel that any of them calls."""
+def _run_exchange(setup: "Setup", folder: Path) -> None:
+    from hertzloop.loop.in_process import record_in_process
+
+    record_in_process(setup, folder / "exchange.mcap", compiled=False)
+
+
+def _run_loop(setup: "Setup", folder: Path) -> None:
     from hertzloop.loop.in_process import record_in_process
     from hertzloop.loop.simulate import simulate
     from hertzloop.results.metrics import metrics_of
-    from hertzloop.results.model import chosen_model
 
-    record_in_process(setup, folder / "a.mcap", compiled=False)
-    record_in_process(setup, folder / "b.mcap", compiled=True)
-    chosen_model(setup)
-    metrics_of(setup, free_series(setup))
+    record_in_process(setup, folder / "loop.mcap", compiled=True)
     metrics_of(setup, simulate(setup).truth)
 
 
-def _run_paced(setup: "Setup", folder: Path) -> None:
-    from hertzloop.loop.paced import PacedPlantNode
+def _run_results(setup: "Setup", folder: Path) -> None:
+    from hertzloop.results.metrics import metrics_of
+    from hertzloop.results.model import chosen_model
 
-    PacedPlantNode(setup, InProcessPort(InProcessBus(), PLANT), pace=1.0)
+    chosen_model(setup)
+    metrics_of(setup, free_series(setup))
+
+
+# What compiles every kernel of a work.
+_RUN: dict[Work, Callable[["Setup", Path], None]] = {
+    Work.EXCHANGE: _run_exchange,
+    Work.LOOP: _run_loop,
+    Work.RESULTS: _run_results,
+    Work.PACED: lambda setup, folder: _paced_plant(setup),
+}

@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 from typer.testing import CliRunner, Result
 
-from hertzloop.cli import app
+from hertzloop.cli import app, terminal  # noqa: F401 - its consoles keep the COLUMNS of now
 
 
 def invoke(words: Sequence[str], env: Mapping[str, str] | None = None) -> Result:

@@ -5,6 +5,7 @@ machine code and an entry for Python, and then compiles what its callers have li
 A kernel that another kernel calls has none of these here: its code is optimised within its callers.
 """
 
+import gc
 from typing import Any, ClassVar
 
 from numba.core.caching import NullCache
@@ -75,7 +76,9 @@ class Kernel(CPUDispatcher):
         """Compile for argument types, or load what was compiled; returns the entry for Python."""
         with global_compiler_lock:
             self._compiling.append(self)
-            cache = self._cache
+            cache, collecting = self._cache, gc.isenabled()
+            # Most of what is made here lives long: to look for garbage takes 8 % of the time.
+            gc.disable()
             try:
                 if self.nested():  # neither kept on the disk nor loaded
                     self._cache = NullCache()
@@ -83,6 +86,8 @@ class Kernel(CPUDispatcher):
             finally:
                 self._cache = cache
                 self._compiling.pop()
+                if collecting:
+                    gc.enable()
 
     def recompile(self) -> None:
         """Compile again for all argument types, with the values that globals have now."""

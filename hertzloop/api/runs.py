@@ -243,7 +243,7 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
     from hertzloop.loop.paced import check_pace
     from hertzloop.loop.run_options import Transport
-    from hertzloop.warmup import ensure_compiled
+    from hertzloop.warmup import RUN, Work, ensure_compiled
 
     assert options.pace is not None
     if options.transport is not Transport.ZENOH:
@@ -258,7 +258,7 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
         )
     check_pace(setup, options.pace, options.timeout_s)
     # A process that compiles answers nobody.
-    ensure_compiled(setup, paced=True)
+    ensure_compiled(setup, works=[*RUN, Work.PACED])
 
 
 def read(recording: str | Path) -> Run:

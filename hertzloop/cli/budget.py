@@ -27,6 +27,7 @@ from hertzloop.studies.budget.budget import budget as search_budget
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.result import BudgetResult
+from hertzloop.warmup import CASES
 
 _WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
@@ -177,7 +178,7 @@ def budget(
     if folder is not None:
         need("matplotlib", "jinja2")
     outputs.make_folder(folder or Path())  # for unfinished work, too
-    prepare.compile_first(setup)
+    prepare.compile_first(setup, works=CASES)
     began_s = time.perf_counter()
     with (
         resumable(folder or Path(), "budget", plan.header) as finished,

@@ -33,6 +33,7 @@ from hertzloop.results.recorded import reported_law
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import parse_setting
 from hertzloop.views.format import Table
+from hertzloop.warmup import Work
 
 if TYPE_CHECKING:
     from hertzloop.studies.law_replay.result import ForceComparison
@@ -182,7 +183,7 @@ def controller_test(
         fail("--controller: missing. Give the command line of your program.")
     check_command(controller)
     cases = cases_of(law, settings or [])
-    prepare.compile_first(*(case.setup for case in cases))
+    prepare.compile_first(*(case.setup for case in cases), works=[Work.EXCHANGE])
     fork_server.prepare()  # before anything starts a thread
     bus_name = name or (None if "{name}" in controller else BUS_NAME)
     recordings: list[Recording] = []

@@ -1,6 +1,7 @@
 """What a command does before it runs a scene: resolve it, try its law, compile its kernels."""
 
 import os
+from collections.abc import Collection
 from functools import cache
 
 from hertzloop.cli.terminal import err, fail, progress
@@ -12,7 +13,7 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
-from hertzloop.warmup import all_compiled, anything_compiled, ensure_compiled
+from hertzloop.warmup import RUN, Work, all_compiled, anything_compiled, ensure_compiled
 
 
 def scene_from(
@@ -79,13 +80,14 @@ def check_pace(setup: Setup, options: RunOptions) -> None:
     paced.check_pace(setup, options.pace, options.timeout_s)
 
 
-def compile_first(*scenes: Setup, paced: bool = False) -> None:
-    """Compile the kernels that scenes run, unless they are in the cache; show how far that is.
+def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
+    """Compile the kernels that scenes run for some works, unless they are in the cache; show how
+    far that is.
 
     Raises:
         SceneError: A scene cannot be built.
     """
-    if all_compiled(*scenes, paced=paced):
+    if all_compiled(*scenes, works=works):
         return
     announce_compilation()
 
@@ -98,7 +100,7 @@ def compile_first(*scenes: Setup, paced: bool = False) -> None:
     with progress("Compiling", 100, lines=True) as advance, ending_signals(end):
         ensure_compiled(
             *scenes,
-            paced=paced,
+            works=works,
             on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
         )
 

@@ -11,6 +11,7 @@ from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.rows import read_requirements
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.views.format import unwrapped
+from hertzloop.warmup import CASES
 
 
 def check_requirements(
@@ -28,7 +29,8 @@ def check_requirements(
     setups = [requirement.setup() for requirement in requirements]
     for setup in {setup.law_reference: setup for setup in setups}.values():
         prepare.check_law(setup)
-    prepare.compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+    differing = {(s.name, s.law_reference): s for s in setups}
+    prepare.compile_first(*differing.values(), works=CASES)
     results = []
     with (
         if_interrupted(),

@@ -30,6 +30,7 @@ from hertzloop.scene.setup import Setup
 from hertzloop.views.format import unwrapped
 from hertzloop.views.run import print_run
 from hertzloop.views.run_json import run_as_json
+from hertzloop.warmup import RUN, Work
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def run(
         run_options, scene, settings or [], seed, out_file, json_file, port, live
     )
     setup, recording = _checked(arguments)
-    prepare.compile_first(setup, paced=pace is not None)
+    prepare.compile_first(setup, works=RUN if pace is None else [*RUN, Work.PACED])
     report = _run(arguments, setup, recording)
     linear_loop, warning = _linear_loop(setup, has_own_controller=controller is not None)
     data = run_as_json(report) | {"linear_loop": linear_loop}

@@ -27,6 +27,7 @@ from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.result import SweepResult, counted, known
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
+from hertzloop.warmup import CASES
 
 OverOption = Annotated[
     list[str] | None,
@@ -125,7 +126,7 @@ def sweep(
         return
     study = _checked(arguments)
     if study.finished is None:
-        prepare.compile_first(study.plan.setup)
+        prepare.compile_first(study.plan.setup, works=CASES)
         results = _run(study)
     else:
         results = study.finished

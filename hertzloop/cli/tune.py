@@ -19,6 +19,7 @@ from hertzloop.studies.cases.journal import JournalEntries
 from hertzloop.studies.tune.plan import TunePlan, plan_tune
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import TuneResult
+from hertzloop.warmup import CASES
 
 MinimiseOption = Annotated[
     list[str],
@@ -115,7 +116,7 @@ def tune(
     bases = [prepare.scene_from(name, arguments.settings, seed) for name in arguments.scenes]
     plan = plan_tune(bases, request, prepare.check_law)
     outputs.make_folder(folder or Path())  # for what is unfinished, too
-    prepare.compile_first(*bases)
+    prepare.compile_first(*bases, works=CASES)
     with resumable(folder or Path(), arguments.file_name(plan), plan.header) as finished:
         result = _search(plan, finished)
         if result.front:

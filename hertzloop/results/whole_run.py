@@ -46,36 +46,37 @@ class WholeRunAccumulator(Accumulator):
 
     def __init__(self, spec: PlantSpec) -> None:
         self._spec, self._modes = spec, audible_modes(spec)
-        self._parts: list[np.ndarray] = []
-        self._before = np.zeros((10, 0))
-        self._held = self._done = 0
+        self._parts: list[np.ndarray] = []  # steps that are not taken yet
+        self._lead = 0  # steps before the first contact, or before a piece, among them: at most one
+        self._done = 0
         self._touched = False
         self._work_j = self._speed_max = 0.0
         self._drive: np.ndarray | float = 0.0
 
     def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
+        if not truth.shape[1]:
+            return
         if not self._touched:
             touching = np.flatnonzero(truth[F_C])
             self._touched = bool(len(touching))
             start = int(touching[0]) if self._touched else truth.shape[1]
             if start:
-                self._before = truth[:, start - 1 : start].copy()
-            truth = truth[:, start:]
-        if not truth.shape[1]:
-            return
+                truth = truth[:, start - 1 :]
+                self._parts, self._lead = [], 1
         self._parts.append(truth)
-        self._held += truth.shape[1]
-        while self._held > PIECE:
-            truth = np.concatenate(self._parts, axis=1)
-            self._take(truth[:, :PIECE], truth[:, PIECE : PIECE + 1])
-            self._parts, self._held = [truth[:, PIECE:]], truth.shape[1] - PIECE
+        held = sum(part.shape[1] for part in self._parts)
+        while held > self._lead + PIECE:
+            whole, end = self._joined(), self._lead + PIECE
+            self._take(whole[:, : end + 1], PIECE)
+            self._parts, self._lead = [whole[:, end - 1 :]], 1
+            held = self._parts[0].shape[1]
 
     def result(self, impacts: list[Impact]) -> SpanMetrics | None:
         """Return the metrics of the run, whose impacts are known; None without an impact."""
-        if self._parts:
-            self._take(np.concatenate(self._parts, axis=1), np.zeros((10, 0)))
-            self._parts = []
+        if self._touched:
+            whole = self._joined()
+            self._take(whole, whole.shape[1] - self._lead)
         if not impacts:
             return None
         noise = impact_noise(
@@ -90,10 +91,14 @@ class WholeRunAccumulator(Accumulator):
         )
         return span_metrics(len(impacts), max(i.peak_force_n for i in impacts), noise)
 
-    def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
-        spec, lead = self._spec, self._before.shape[1]
-        truth = np.concatenate([self._before, piece, following], axis=1)
-        self._work_j += work_j(spec, truth, lead)
+    def _joined(self) -> np.ndarray:
+        """The steps that are held, in one array: that of the caller where it is the only one."""
+        return self._parts[0] if len(self._parts) == 1 else np.concatenate(self._parts, axis=1)
+
+    def _take(self, truth: np.ndarray, steps: int) -> None:
+        """Add so many steps; `truth` has the step before them, if any, and may have the next."""
+        spec, piece = self._spec, truth[:, self._lead : self._lead + steps]
+        self._work_j += work_j(spec, truth, self._lead)
         self._speed_max = max(self._speed_max, float(np.abs(piece[V_P]).max(initial=0.0)))
         pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
         for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
@@ -109,5 +114,4 @@ class WholeRunAccumulator(Accumulator):
                 self._done + int(some[0]),
                 own[F_A1],
             )
-        self._before = piece[:, -1:].copy()
-        self._done += piece.shape[1]
+        self._done += steps

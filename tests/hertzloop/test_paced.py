@@ -43,9 +43,9 @@ FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.acc
 
 @pytest.fixture(scope="session", autouse=True)
 def warm_paced_kernels(warm_kernels: None) -> None:
-    from hertzloop.warmup import ensure_compiled
+    from hertzloop.warmup import RUN, Work, ensure_compiled
 
-    ensure_compiled(paced=True)
+    ensure_compiled(works=[*RUN, Work.PACED])
 
 
 def feedback(*settings: str) -> Setup:

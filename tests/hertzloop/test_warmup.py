@@ -28,8 +28,9 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Setup]:
     """The scenes that were run to compile their kernels, from an empty folder on."""
     found: list[Setup] = []
     monkeypatch.setattr(warmup, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(warmup, "_run", lambda scene, folder: found.append(scene))
-    monkeypatch.setattr(warmup, "_compile_at_once", lambda scene, tell: tell(0.5, "all of it"))
+    runs = dict.fromkeys(warmup.Work, lambda scene, folder: found.append(scene))
+    monkeypatch.setattr(warmup, "_RUN", runs)
+    monkeypatch.setattr(warmup, "_compile_at_once", lambda *of: of[-1](0.5, "all of it"))
     return found
 
 
@@ -45,7 +46,7 @@ def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
     assert warmup.anything_compiled()
     for more in (["sensors.bits=10"], ["controller.law=off"], ["plate.thickness_m=0.004"]):
         assert warmup.all_compiled(load("aluminium-3mm", [*COARSE, *more]))
-    assert [one.law_reference for one in ran] == ["off"] * len(KINDS)
+    assert [one.law_reference for one in ran] == ["off"] * len(KINDS) * len(warmup.RUN)
     assert all(one.duration_s < 0.0025 for one in ran)
 
 
@@ -63,11 +64,13 @@ from hertzloop.common.jit.progress import report_compiling
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
     "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0012", "run.accuracy=0.1"])
-told, run = [], warmup._run
-def noticed_run(scene, folder):
-    with report_compiling(told.append):
-        run(scene, folder)
-warmup._run = noticed_run
+told = []
+def noticed(run):
+    def noticed_run(scene, folder):
+        with report_compiling(told.append):
+            run(scene, folder)
+    return noticed_run
+warmup._RUN = {work: noticed(run) for work, run in warmup._RUN.items()}
 ensure_compiled(scene)
 print(told)  # all is compiled at once
 build_controller(scene)  # its law

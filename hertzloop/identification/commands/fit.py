@@ -24,6 +24,7 @@ from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
+from hertzloop.warmup import Work
 
 
 def fit(
@@ -118,7 +119,7 @@ def fit(
     for one in (*measured, *compared):
         if isinstance(one, Record):
             out.say(f"{one.name}: {one.source}.")
-    prepare.compile_first(setup)
+    prepare.compile_first(setup, works=[Work.RESULTS])
     if check:
         measured += _expected_records(setup, expect or [], keys)
     if not measured:

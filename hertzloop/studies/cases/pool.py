@@ -108,7 +108,7 @@ class _WorkerPool:
             ran += len(rows)
             worked_s = time.process_time() - began
             first_s = first_s or worked_s  # which loads what all need
-            if left and (self._workers or worked_s > _LOOK_S):
+            if left and (self._workers or worked_s - first_s > _LOOK_S):
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
                 if self._workers or a_case_s * sum(map(len, left)) > _WORTH_S:
                     others = self._of(self.count - 1)
