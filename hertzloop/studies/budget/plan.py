@@ -12,7 +12,8 @@ from hertzloop.studies.budget.quantities import NAMES
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.identity import work_of
-from hertzloop.studies.cases.uncertain import UncertainInputs, read_uncertain
+from hertzloop.studies.cases.uncertain import UncertainInputs
+from hertzloop.studies.cases.uncertain_file import read_uncertain
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,17 @@ _WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers
 
 @contextmanager
 def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
-    """As `local_pool`, of the workers of a Dask scheduler; it gives a dead worker's work to
-    others."""
+    """Yield a function as `local_pool` does, which uses the workers of a Dask scheduler.
+
+    Dask gives the work of a dead worker to others.
+
+    Args:
+        address: Address of the scheduler, for example tcp://host:8786.
+        on_wait: Called with a sentence when the scheduler has no workers.
+
+    Raises:
+        SweepFailed: no scheduler answers, its workers have other versions, or the cluster is lost.
+    """
     try:
         from distributed import CancelledError, Client, KilledWorker
         from distributed import as_completed as dask_completed
@@ -25,9 +34,9 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
         raise SweepFailed(
             "--dask needs the package distributed: pip install distributed"
         ) from error
-    # What it says of its own, with tracebacks, is said here in a sentence.
+    # Dask logs tracebacks; here an error is one sentence.
     for name in ("distributed", *logging.root.manager.loggerDict):
-        if name.startswith("distributed"):  # some have a level of their own
+        if name.startswith("distributed"):  # some loggers have their own level
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout="10s")
@@ -56,10 +65,10 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
             )
 
             def watch() -> None:
-                """Cancel the work where no worker has come for a while: Dask waits for ever."""
+                """Cancel the work if there is no worker for a while: Dask waits for ever."""
                 alone_s = 0.0
                 while not done.wait(_LOOK_S):
-                    with suppress(Exception):  # a scheduler that is lost is said below
+                    with suppress(Exception):  # a lost scheduler is reported below
                         alone_s = 0.0 if client.scheduler_info()["workers"] else alone_s + _LOOK_S
                         if alone_s == _LOOK_S:
                             on_wait(waits)

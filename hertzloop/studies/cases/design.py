@@ -1,4 +1,4 @@
-"""Which cases a sweep has: a grid, or points spread over ranges, of any scene keys."""
+"""The cases of a study: a grid, or points spread over ranges, of any scene keys."""
 
 import itertools
 import json
@@ -29,8 +29,15 @@ class DesignError(ValueError):
 
 @dataclass(frozen=True)
 class Axis:
-    """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
-    `high`, in steps of `resolution` if that is not 0."""
+    """A scene key and its values.
+
+    Attributes:
+        key: The scene key.
+        values: Its values; empty for a range that points are spread over.
+        low: Lower end of the range.
+        high: Upper end of the range.
+        resolution: Distance of the values in the range; 0 for any number.
+    """
 
     key: str
     values: tuple[Any, ...] = ()
@@ -39,7 +46,7 @@ class Axis:
     resolution: float = 0.0
 
     def at(self, share: float) -> Any:
-        """Value at a share in [0, 1) of the axis."""
+        """Return the value at a share in [0, 1) of the axis."""
         if self.values:
             return self.values[int(share * len(self.values))]
         if self.resolution:
@@ -48,7 +55,7 @@ class Axis:
         return self.low + share * (self.high - self.low)
 
     def at_resolution(self, value: float) -> Any:
-        """The value nearest to a number that the key can have."""
+        """Return the possible value that is nearest to a number."""
         return on_resolution(value, self.resolution, self.low)
 
 
@@ -61,14 +68,13 @@ def on_resolution(value: float, resolution: float, low: float = 0.0) -> Any:
 
 
 def fitted(axis: Axis, setup: Setup) -> Axis:
-    """The axis with the resolution that the scene's key has."""
+    """Return the axis with the resolution of its key in a scene."""
     return axis if axis.values else replace(axis, resolution=setup.resolution_of(axis.key))
 
 
 def parse_axis(text: str) -> Axis:
-    """`key=low:high:step` (both ends included), `key=low:high` (to be spread), or `key=a,b,c`.
-
-    Raises DesignError.
+    """Read `key=low:high:step` (both ends included), `key=low:high` (for spread points), or
+    `key=a,b,c`. Raises DesignError.
     """
     key, equals, given = (part.strip() for part in text.partition("="))
     if not equals or not given or not all(key.split(".")):
@@ -117,7 +123,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _items(text: str) -> list[str]:
-    """Split at commas outside of brackets."""
+    """Split a text at commas outside of brackets."""
     items, depth = [""], 0
     for letter in text:
         depth += (letter == "[") - (letter == "]")
@@ -130,8 +136,16 @@ def _items(text: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Design:
-    """A sweep's cases: all combinations of the axes, or `count` points spread over them, each with
-    every row of `drawn`, values of `drawn_keys`."""
+    """Cases: all combinations of axes, or points spread over them, each with all draws.
+
+    Attributes:
+        axes: The axes.
+        kind: "grid" for all combinations; "lhs" or "sobol" for spread points.
+        count: Number of spread points.
+        seed: Random seed of the spread points.
+        drawn_keys: Scene keys that are drawn.
+        drawn: Values of these keys, shape (draws, keys).
+    """
 
     axes: tuple[Axis, ...]
     kind: Kind = "grid"
@@ -146,8 +160,8 @@ class Design:
         return [axis.key for axis in self.axes] + list(self.drawn_keys)
 
     def cases(self) -> list[dict[str, Any]]:
-        """One {key: value} a case, always in the same order; draws, then the last axis run
-        fastest."""
+        """Return values by scene key, one dictionary for each case, always in the same order: the
+        draws change fastest, then the last axis."""
         if not self.drawn:
             return self._of_axes()
         return [
@@ -161,7 +175,7 @@ class Design:
         if self.kind == "grid":
             every = itertools.product(*(axis.values for axis in self.axes))
             return [dict(zip(keys, values, strict=True)) for values in every]
-        qmc = scipy.stats.qmc  # loaded here: half a second, which a grid need not wait for
+        qmc = scipy.stats.qmc  # loading it takes half a second, and a grid does not need it
         sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
         spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
         with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2
@@ -174,12 +188,12 @@ class Design:
 
 
 def toml_text(value: Any) -> str:
-    """A value of a scene key as TOML text."""
+    """Return a value of a scene key as TOML text."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def keys_of(design: Mapping[str, Any]) -> list[str]:
-    """The keys that differ from case to case, of a design as results keep it."""
+    """Return the keys that differ from case to case, from a design in a file of results."""
     return [axis["key"] for axis in design["axes"]] + list(design.get("drawn_keys", ()))
 
 
@@ -197,7 +211,11 @@ def axes_from(over: Mapping[str, Range] | Iterable[str], option: str = "--over")
 
 
 def as_axis(key: str, values: Range) -> Axis:
-    """An axis from Python: values of the key, or a range as in `parse_axis`. Raises DesignError."""
+    """Return an axis from values of a key, or from a range as in `parse_axis`.
+
+    Raises:
+        DesignError: there are no values, or the range cannot be used.
+    """
     if isinstance(values, str):
         return parse_axis(f"{key}={values}")
     given = tuple(v.item() if isinstance(v, np.generic) else v for v in values)
@@ -217,7 +235,12 @@ def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
 
 
 def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
-    """A design whose every axis fits the scene. Raises DesignError or SceneError."""
+    """Return a design whose axes fit a scene.
+
+    Raises:
+        DesignError: the axes, or their kind and the number of points, do not go together.
+        SceneError: the scene refuses a key, or an end of a range.
+    """
     axes = tuple(fitted(axis, setup) for axis in over)
     if not axes:
         raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
@@ -242,8 +265,8 @@ def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int)
 
 
 def _check_ends(setup: Setup, design: Design) -> None:
-    """Refuse a key or an end of a range that no scene can have, before hours of work; with each of
-    the laws of the design, as a key may belong to some of them only."""
+    """Refuse a key or an end of a range before hours of work. Each law of the design is tried,
+    since a key may belong to some laws only."""
     first = {axis.key: axis.at(0.0) for axis in design.axes}
     laws = next((axis.values for axis in design.axes if axis.key == _LAW), ())
     for law in [{_LAW: law} for law in laws] or [{}]:

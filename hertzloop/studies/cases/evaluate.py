@@ -1,4 +1,4 @@
-"""Simulate many cases of a scene: one, some that travel together, all of them."""
+"""Simulate cases of a scene: one case, a chunk that a worker takes, or all cases in a pool."""
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
 
-_CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
+_CHUNK = 16  # cases in a chunk: about 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
 
 Case = dict[str, Any]  # values by scene key
@@ -31,22 +31,27 @@ _parsed = lru_cache(maxsize=4)(parse)
 
 
 def scene_of(toml: str) -> Setup:
-    """A scene from its text, for the same text the same: what is kept by tables is found faster.
-    But the file of a law from elsewhere may be another one by now."""
+    """Return the setup of a scene text; the same object for the same text, whose cached parts are
+    then found faster. A law that is not shipped is loaded again, since its file may have changed.
+    """
     setup = _parsed(toml)
     return setup if setup.law_is_shipped else parse(toml)
 
 
 def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
-    """Simulate some cases, in whatever process; a row each."""
+    """Return the rows of a chunk of cases."""
     return list(run_cases(scene_of(scene_toml), span, numbered))
 
 
 def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
-    """Rows of cases as they come: their number, the varied keys, the metrics, `status`, a sentence
-    on why there are none, empty if all is well, and `state`, as in `CaseState`."""
+    """Yield the rows of cases.
+
+    A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
+    `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
+    sentence, and the others go on.
+    """
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
-    some = _CHUNK if alike else 1  # plants of several cases would not all be kept
+    some = _CHUNK if alike else 1  # the plants of many cases do not fit into the caches
     for at in range(0, len(numbered), some):
         yield from together([_row(setup, span, *case) for case in numbered[at : at + some]])
 
@@ -66,17 +71,17 @@ def _row(
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
-    """The row of one case."""
+    """Return the row of one case."""
     return next(run_cases(setup, span, [(number, values)]))
 
 
 def not_run(rows: Rows) -> Rows:
-    """Rows of cases that could not be run; one that is unstable was, though it has no metrics."""
+    """Return the rows of cases that could not be run. An unstable case was run."""
     return [row for row in rows if row["state"] == CaseState.NOT_RUN]
 
 
 def older_state(status: str | None) -> str:
-    """The state of a case from results of a version that wrote `status` alone."""
+    """Return the state of a case from results of a version that wrote `status` only."""
     if not status:
         return CaseState.METRICS.value
     unstable = status.startswith("the closed loop is unstable")
@@ -85,13 +90,13 @@ def older_state(status: str | None) -> str:
 
 @dataclass
 class CaseTally:
-    """How many cases were asked for, and the rows of those that could not be run."""
+    """Number of the cases that were run, and the rows of those that could not be run."""
 
     cases: int = 0
     not_run: Rows = field(default_factory=list)
 
     def of(self, pool: Pool) -> Pool:
-        """The same pool, counted."""
+        """Return a pool that counts its cases."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
             for rows in pool(toml, span, chunks):
@@ -103,12 +108,12 @@ class CaseTally:
 
 
 def chunked(numbered: Numbered) -> list[Numbered]:
-    """Cases in the portions that travel together."""
+    """Return the chunks of cases."""
     return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
 
 
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:
-    """Rows of all cases, in their order."""
+    """Return the rows of all cases, in their order."""
     chunks = chunked(list(enumerate(cases)))
     rows = [row for some in pool(to_toml(setup.scene), span, chunks) for row in some]
     return sorted(rows, key=lambda row: int(row["case"]))

@@ -21,20 +21,22 @@ _PACKAGES = ("hertzloop", "numpy", "numba")
 
 
 def code_version() -> str:
-    """What decides the bits of a result: versions, and the digest of all compiled kernels."""
+    """Return the versions and the digest of all compiled kernels, which decide the bits."""
     return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {code_digest()}"])
 
 
 def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
-    """What decides the forces of every law of a sweep, by what the scene or the axis calls it:
-    name, digest, text, and a digest of the constants that it prepares for the scene."""
+    """Return what decides the forces of every law of a design, by the name in the scene or axis.
+
+    That is the law's name, digest and text, and a digest of the constants that it prepares.
+    """
     named = [setup.law_reference]
     named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
     found = {}
     for reference in named:
         law = find(resolve(reference))
         digest = law.digest
-        if law.identity_note():  # no earlier results are of this very law
+        if law.identity_note():  # its digest does not identify it: nothing earlier is used
             digest += secrets.token_hex(8)
         constants = "" if law.name in shipped() else _constants_digest(setup, reference)
         found[reference] = {
@@ -47,8 +49,8 @@ def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
 
 
 def _constants_digest(setup: Setup, law: str) -> str:
-    """Digest of the constants that a law prepares, perhaps from files; empty if it refuses the
-    scene, which its cases say."""
+    """Return a digest of the constants that a law prepares, perhaps from files; empty if it refuses
+    the scene. Its cases then say so."""
     try:
         found = law_constants(setup.vary({"controller.law": law}))
     except SceneError:
@@ -61,8 +63,10 @@ def _constants_digest(setup: Setup, law: str) -> str:
 
 
 def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dict[str, Any]:
-    """What decides the cases of a search or a chart, and what comes of them, as far as all share
-    it: scenes, laws with their digests, versions. The arguments of each come on top."""
+    """Return what decides the cases of any study: scenes, laws with their digests, versions.
+
+    The header of a journal is this and the request of the study.
+    """
     return {
         "scenes": [to_toml(setup.scene) for setup in scenes],
         "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
@@ -71,7 +75,7 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
 
 
 def check_laws(header: dict[str, Any]) -> None:
-    """Raises SceneError if a law is not any more what a sweep's results were made with."""
+    """Refuse a law that has changed since results were made with it. Raises SceneError."""
     for reference, about in header.get("laws", {}).items():
         try:
             find(resolve(reference), about["digest"])

@@ -1,6 +1,8 @@
-"""Finished cases on disk, one line each, so that a killed sweep or search goes on where it was.
+"""Finished cases on disk, one line each, so that a killed study goes on where it was.
 
-A line is a JSON object whose last member is a checksum of what stands before it.
+A line is a JSON object whose last member is a checksum of the text before it. A sweep keeps a row
+for each number of a case. A search keeps its cases by their values (`JournalEntries`): it asks for
+the same cases in the same order when it is started again, since its seed is given.
 """
 
 import fcntl
@@ -16,17 +18,14 @@ from typing import Any, Self
 from hertzloop.results.cases import Span
 from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, chunked
 
-# Cases that are simulated once, whatever asks for them: noted in a journal as they finish.
-#
-# A search or a chart asks for the same cases in the same order whenever it is started with the
-# same words, since its seed is one of them. So what was finished before a kill is read instead of
-# run, and the rest follows as if there had been no kill.
-
 
 class JournalEntries:
-    """Finished cases of what one command does, in an open journal.
+    """Finished cases of a search in an open journal.
 
-    `found`: how many an earlier start had finished; `ran`: how many were run since.
+    Attributes:
+        journal: The journal.
+        found: Number of cases that an earlier start has finished.
+        ran: Number of cases that were run since.
     """
 
     def __init__(self, journal: "Journal") -> None:
@@ -34,7 +33,7 @@ class JournalEntries:
         self.found, self.ran = len(journal.done), 0
 
     def of(self, pool: Pool) -> Pool:
-        """The same pool, which is asked for a case once only."""
+        """Return a pool that runs only the cases that the journal lacks, each of them once."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
             setup = _digest([toml, span])
@@ -60,9 +59,17 @@ class JournalEntries:
 
 @contextmanager
 def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
-    """The finished cases of a command in FOLDER/NAME-DIGEST.partial, where the digest is that of
-    `header`: all that decides which cases are asked for, and their bits. The file goes when the
-    work is done. Raises JournalError, OSError."""
+    """Open the journal of a search, FOLDER/NAME-DIGEST.partial; remove it when the work is done.
+
+    Args:
+        folder: Folder of the journal.
+        name: Name of the work.
+        header: All that decides which cases are asked for, and their bits; the digest is of this.
+
+    Raises:
+        JournalError: the journal is in use, or damaged.
+        OSError: the journal cannot be written.
+    """
     path = folder / f"{name}-{_digest(header)[:8]}.partial"
     with Journal(path, header) as journal:
         yield JournalEntries(journal)
@@ -74,28 +81,30 @@ def _digest(what: Any) -> str:
 
 
 class JournalError(ValueError):
-    """The journal found is of other work, in use, or damaged; the message says which."""
+    """The journal belongs to other work, is in use, or is damaged. The message says which."""
 
     exit_status = 2
 
 
 class Journal:
-    """An open journal: a header line that names the work, then a line a finished case.
+    """An open journal: a header line that names the work, then a line for each finished case.
 
-    `damaged`: numbers of the lines found that are not as they were written; their cases are not
-    among those `done`.
+    Attributes:
+        path: The file.
+        done: Finished cases by the "case" of their row.
+        damaged: Numbers of damaged lines, whose cases are not in `done`.
     """
 
     def __init__(self, path: Path, header: dict[str, Any]) -> None:
-        """Open or go on with `path`. Raises JournalError, or OSError."""
+        """Open a journal, or continue it. Raises JournalError or OSError."""
         self.path = path
-        self.done: dict[Any, dict[str, Any]] = {}  # by the "case" of a row
+        self.done: dict[Any, dict[str, Any]] = {}
         self.damaged: list[int] = []
         self._file = path.open("a+b")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             whole = self._read(header)
-            # A line that a kill has torn is dropped; its case is not finished.
+            # A line that a kill has cut off is dropped; its case is not finished.
             self._file.truncate(whole)
             if not whole:
                 self._write(header)
@@ -109,7 +118,7 @@ class Journal:
             raise
 
     def _read(self, header: dict[str, Any]) -> int:
-        """Take over the finished cases; the length of the whole lines in bytes."""
+        """Read the finished cases; return the length of all complete lines, bytes."""
         whole = 0
         self._file.seek(0)
         for number, line in enumerate(self._file, 1):
@@ -139,7 +148,7 @@ class Journal:
                 )
 
     def add(self, row: dict[str, Any]) -> None:
-        """Note a finished case; it is with the operating system when this returns."""
+        """Write a finished case; the operating system has it when this returns."""
         self.done[row["case"]] = row
         self._write(row)
 
@@ -164,7 +173,7 @@ def _sealed(row: dict[str, Any]) -> bytes:
 
 
 def _unsealed(line: bytes) -> dict[str, Any] | None:
-    """The row of a line; None if it is not as it was written."""
+    """Return the row of a line; None if it is damaged."""
     text, _, rest = line.rpartition(_SEAL)
     if rest != f'{zlib.crc32(text):08x}"}}\n'.encode():
         return None

@@ -18,13 +18,13 @@ _FEW = 5
 
 
 def phases(count: int = _FEW) -> tuple[float, ...]:
-    """Phases spread evenly over a step, its middle among an odd number of them."""
+    """Return phases spread evenly over a step; an odd number of them includes the middle."""
     return tuple(round((i + 0.5) / count, 6) for i in range(count))
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, least and largest value of a metric; nan where a phase has none."""
+    """Mean, least and largest value of a metric; nan if a phase has none."""
 
     mean: float
     least: float
@@ -35,21 +35,21 @@ class Spread:
 
 
 def spread_of(values: Any) -> Spread:
-    """Of one metric at all phases."""
+    """Return the spread of the values of a metric over the phases."""
     found = np.asarray(values, dtype=float)
     with np.errstate(invalid="ignore"):
         return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
 
 
 def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
-    """A case at every phase."""
+    """Return a case at every phase."""
     return [case | {KEY: phase} for phase in phases(count)]
 
 
 def spread_over(
     pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], metrics: tuple[str, ...]
 ) -> list[dict[str, Spread]]:
-    """The spread of some metrics of cases."""
+    """Return the spread of some metrics, one dictionary for each case."""
     rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case)])
     groups = [rows[i : i + _FEW] for i in range(0, len(rows), _FEW)]
     return [_spreads(group, metrics) for group in groups]
@@ -63,8 +63,8 @@ def _spreads(rows: Rows, metrics: tuple[str, ...]) -> dict[str, Spread]:
 
 
 def grouped(rows: Rows, keys: list[str], metrics: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Rows of a sweep that differ in phase only, taken together: the other `keys`, and the spread
-    of `metrics`, in the order in which they come."""
+    """Return one dictionary for all rows that differ in their phase only: the other `keys`, and the
+    spread of `metrics`, in the order of the rows."""
     others = [key for key in keys if key != KEY]
     found: dict[str, Rows] = {}
     for row in rows:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 
 def svg(sheet: Figure) -> str:
-    """The figure as an SVG element, without the document around it."""
+    """Return a figure as an SVG element, without the document around it."""
     text = io.StringIO()
     sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     whole = text.getvalue()
@@ -17,7 +17,7 @@ def svg(sheet: Figure) -> str:
 
 
 def template(name: str) -> jinja2.Template:
-    """One of the templates beside this file; a word that it lacks is an error."""
+    """Return one of the templates beside this file; a missing value is an error."""
     settings = jinja2.Environment(
         loader=jinja2.PackageLoader("hertzloop.studies.pages", ""),
         autoescape=True,
@@ -37,7 +37,7 @@ class ResultChart:
 
 @dataclass(frozen=True)
 class ResultTable:
-    """A table on a page of results; `sorts`: by a click on a heading."""
+    """A table on a page of results; `sorts`: whether a click on a heading sorts it."""
 
     title: str
     headings: Sequence[str]

@@ -15,8 +15,10 @@ _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear l
 
 
 def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
-    """Return rows with the column `growth_per_s`: growth of the linear loop in flight, 1/s; 0 if
-    it is stable, nan if undecided, None without a linear loop."""
+    """Return rows with the column `growth_per_s`: the growth of the linear loop in flight, 1/s.
+
+    It is 0 for a stable loop, nan if undecided, and None without a linear loop.
+    """
     known: dict[str, float | None] = {}
     without: dict[str, bool] = {}  # laws without a loop
     varied = [key for key in keys if key not in _NOT_OF_LOOP]
@@ -36,7 +38,7 @@ def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
                 known[name] = None if found is None else math.nan if undecided else found.per_s
             except SceneError:
                 known[name] = None
-            except Exception:  # whatever the analysis lacks, the cases are done
+            except Exception:  # an error of the analysis must not cost the finished cases
                 known[name] = math.nan
         return known[name]
 

@@ -22,8 +22,8 @@ _MOST_DOTS = 4000  # a panel
 
 
 def telling_metrics(rows: Rows) -> tuple[list[str], list[str]]:
-    """The metrics that differ between cases, all that have a value if none does, and sentences on
-    those that are left out."""
+    """Return the metrics that differ between cases, or all with a value if none differs, and
+    sentences on the other metrics."""
     there = [metric for metric in SHOWN if known(rows, metric)]
     shown = {metric: {_digits(row[metric]) for row in known(rows, metric)} for metric in there}
     differing = [metric for metric in there if len(shown[metric]) > 1] or there
@@ -42,13 +42,13 @@ def _digits(value: float) -> str:
 
 
 def shown_metrics(rows: Rows) -> list[str]:
-    """Those that differ between cases, the first few; the first one if none does."""
+    """Return the first few metrics that differ between cases."""
     return telling_metrics(rows)[0][:_MOST_METRICS]
 
 
 def over_keys(rows: Rows, keys: list[str]) -> Figure:
-    """A row a metric, a column a key: every case a dot, the mean over the other keys a line where
-    values repeat."""
+    """Draw each metric (rows) over each key (columns). Every case is a dot. A line is the mean over
+    the other keys, if values repeat."""
     metrics, keys = shown_metrics(rows), keys[:_MOST_KEYS]
     sheet, axes = pictures.sheet(len(metrics), len(keys), width=10.0, height=2.5)
     for line, metric in enumerate(metrics):
@@ -87,7 +87,7 @@ def _draw(ax: Any, rows: Rows, key: str, metric: str) -> None:
 
 
 def map_keys(rows: Rows, keys: list[str], kind: str) -> tuple[str, str] | None:
-    """The two keys of a grid of numbers, if that is what a sweep is."""
+    """Return the two keys of a sweep over a grid of numbers; None for another sweep."""
     if kind != "grid" or len(keys) != 2:
         return None
     x, y = keys
@@ -101,7 +101,7 @@ def map_keys(rows: Rows, keys: list[str], kind: str) -> tuple[str, str] | None:
 
 
 def maps(rows: Rows, x: str, y: str) -> Figure:
-    """A map a metric over two keys, no change in the middle of its colours; grey: no metric."""
+    """Draw a map of each metric over two keys. Grey: no metric."""
     metrics = shown_metrics(rows)
     sheet, axes = pictures.sheet(1, len(metrics), width=10.0, height=3.2)
     across, up = (sorted({row[key] for row in rows}) for key in (x, y))

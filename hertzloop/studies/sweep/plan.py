@@ -10,7 +10,8 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.design import Design, DesignError, as_axis, axes_from, design_of
 from hertzloop.studies.cases.identity import code_version, laws_of
 from hertzloop.studies.cases.touch_phases import KEY, phases
-from hertzloop.studies.cases.uncertain import read_uncertain, with_draws
+from hertzloop.studies.cases.uncertain import with_draws
+from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest
 
 

@@ -1,4 +1,4 @@
-"""Cases of a sweep once more as processes over the bus: are the samples the same bytes?"""
+"""Run cases of a sweep again over a transport, and compare the bytes of their samples."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from hertzloop.studies.cases.design import keys_of
 
 @dataclass(frozen=True)
 class RepeatedCase:
-    """A case that was to run again: whether its bytes are the same, or why it could not be run."""
+    """A repeated case: whether its bytes are the same, or why it could not be run."""
 
     case: int
     same: bool
@@ -34,8 +34,8 @@ class RepeatedCase:
 def replay_cases(
     rows: list[dict[str, Any]], header: dict[str, Any], count: int, transport: str, seed: int
 ) -> Iterator[RepeatedCase]:
-    """Run `count` random cases of a sweep's results again. Raises SceneError if the results hold
-    no scene."""
+    """Run `count` random cases of a sweep's results again. Raises SceneError for a scene in the
+    results that is invalid."""
     keys = keys_of(header["design"])
     setup = parse(header["scene_toml"])
     good = [row for row in rows if not row["status"]]
@@ -54,7 +54,7 @@ def replay_cases(
 def _digest(
     setup: Setup, row: dict[str, Any], keys: list[str], transport: str, folder: Path
 ) -> str:
-    """Digest of a row's case, run once more. Raises what a run raises."""
+    """Return the digest of a row's case, run again. Raises the errors of a run."""
     varied = setup.vary({key: row[key] for key in keys})
     case = varied.with_plate_model(row["plate_model"]).with_steps(int(row["steps"]))
     path = folder / "case.mcap"

@@ -12,8 +12,14 @@ from hertzloop.studies.pages.words import short
 
 @dataclass(frozen=True)
 class SweepResult:
-    """How a sweep went: all rows in the order of the cases, how many were run just now, in what
-    time, and which lines of an earlier journal were damaged, so that their cases ran again."""
+    """What a sweep found.
+
+    Attributes:
+        rows: Varied keys and metrics of each case, in the order of the cases.
+        ran: Number of cases that were run now, and not in an earlier start.
+        wall_s: Wall time of these, s.
+        damaged: Numbers of damaged lines of the journal, whose cases were run again.
+    """
 
     rows: list[dict[str, Any]]
     ran: int
@@ -42,19 +48,19 @@ class SweepResult:
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:
-    """How many cases have each of the names in a column of `CaseMetrics`."""
+    """Return how many cases have each of the names in a column of `CaseMetrics`."""
     names = (name for row in rows for name in (row[column] or "").split(", ") if name)
     return dict(Counter(names).most_common())
 
 
 def known(rows: Rows, metric: str) -> Rows:
-    """The cases that have a metric."""
+    """Return the rows that have a metric."""
     return [row for row in rows if row[metric] is not None and row[metric] == row[metric]]
 
 
 def extremes(rows: Rows, keys: list[str], metrics: Sequence[str] = SHOWN) -> list[list[str]]:
-    """Where each metric is least and largest: its name, the least, its keys, the largest, its
-    keys, in words."""
+    """Return where each metric is least and largest, in words: its name, the least value and its
+    keys, the largest value and its keys."""
     found = []
     for metric in metrics:
         having = known(rows, metric)

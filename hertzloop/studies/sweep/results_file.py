@@ -18,7 +18,7 @@ from hertzloop.studies.cases.evaluate import older_state
 
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
-    """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
+    """Write a Parquet file with `header` in its metadata, or a CSV file with `header` beside it in
     NAME.csv.json. Raises NotWritten."""
     keys = keys_of(header["design"])
     alike = _one_type_a_column(rows, keys, out.suffix)
@@ -37,8 +37,8 @@ _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
 
 
 def column_of(values: list[Any]) -> pa.Array:
-    """A column of a table. Numbers and texts are given as memory, since `pa.array` imports pandas
-    if it is installed, which takes longer than a hundred cases."""
+    """Return a column of a table. Numbers and texts are passed as buffers, since `pa.array` imports
+    pandas if it is installed, which takes longer than a hundred cases."""
     kinds = {type(value) for value in values if value is not None}
     if not kinds:
         return pa.nulls(len(values))
@@ -59,15 +59,15 @@ def column_of(values: list[Any]) -> pa.Array:
 
 
 def _beside(out: Path) -> Path:
-    """Header of results in CSV."""
+    """Return the file with the header of results in CSV."""
     return out.with_name(out.name + ".json")
 
 
 def _one_type_a_column(
     rows: list[dict[str, Any]], keys: list[str], suffix: str
 ) -> list[dict[str, Any]]:
-    """Rows with numbers of one type, and values as TOML text for keys that have values of several
-    types, or lists in CSV."""
+    """Return rows with numbers of one type in a column. Keys that have values of several types, or
+    lists in CSV, become TOML text."""
     for key in keys:
         if {type(row[key]) for row in rows} == {int, float}:
             rows = [row | {key: float(row[key])} for row in rows]
@@ -83,7 +83,7 @@ def _one_type_a_column(
 
 
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
+    """Return rows and header of a file of results. Raises ValueError for another kind of file."""
     if path.suffix == ".partial":
         raise ValueError(f"{path}: is unfinished. Run the command that started it again.")
     if not os.path.isfile(path):
@@ -103,7 +103,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         names = ["case", *keys, *CASE_METRICS, "status", "state", "growth_per_s"]
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
-        # A version before may not have had a metric, but every case has its keys.
+        # An earlier version may lack a metric, but every case has its keys.
         later = {*CASE_METRICS} - {*table.column_names}
         columns = [name for name in names if name in table.column_names or name in keys]
         rows = [

@@ -183,7 +183,7 @@ def test_an_expected_record_that_no_instrument_makes_is_refused(text: str) -> No
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
     from hertzloop.identification.fit.report import fitted_scene
-    from hertzloop.studies.cases.uncertain import read_uncertain
+    from hertzloop.studies.cases.uncertain_file import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
     path = tmp_path / "rig.toml"

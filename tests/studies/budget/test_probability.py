@@ -13,12 +13,8 @@ from hertzloop.studies.budget.goal import METRICS, parse_goal
 from hertzloop.studies.budget.probability import FIRST, Draws, probability, sobol_indices, wilson
 from hertzloop.studies.cases.design import Axis, Design
 from hertzloop.studies.cases.evaluate import evaluate
-from hertzloop.studies.cases.uncertain import (
-    UncertainInput,
-    read_uncertain,
-    uncertain_of,
-    with_draws,
-)
+from hertzloop.studies.cases.uncertain import UncertainInput, with_draws
+from hertzloop.studies.cases.uncertain_file import read_uncertain, uncertain_of
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.results_file import read_results
 from hertzloop.studies.sweep.sweep import sweep

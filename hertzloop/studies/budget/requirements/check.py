@@ -20,7 +20,7 @@ from hertzloop.studies.budget.search import search_of
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
-from hertzloop.studies.cases.uncertain import read_uncertain
+from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
 
 _WITHIN = 0.01  # half the width of the interval of a required probability
