@@ -20,7 +20,7 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
 )
 from hertzloop.studies.budget.stability import linear_margin, tolerated
-from hertzloop.studies.budget.worst_sequence import WorstLimit, worst_limit
+from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
 from hertzloop.studies.margin.margin import Margin
 from hertzloop.studies.requests import BudgetRequest
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
