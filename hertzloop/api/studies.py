@@ -44,6 +44,7 @@ def sweep(
     cases: int = 256,
     span: Literal["impact", "run"] = "impact",
     workers: int | None = None,
+    worst: str | None = None,
 ) -> "xr.Dataset":
     """Compute the metrics of a scene over ranges of its keys. Needs the extra `python`.
 
@@ -54,25 +55,33 @@ def sweep(
         cases: number of spread points.
         span: "impact" for the first impact, "run" for all contacts.
         workers: number of processes; None for one per core.
+        worst: name of a metric whose worst value over all latencies within the jitter is searched
+            in every case.
 
     Returns:
         Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
         the names of the metrics end in their units (see `CaseMetrics`). A metric that a case does
-        not have is nan; `state` and `status` say why.
+        not have is nan; `state` and `status` say why. With `worst` there are the variables
+        `worst_METRIC` (inf if the loop is unstable), `worst_cases`, the number of cases of the
+        search, and `worst_latencies_us` of shape (cases, samples), as in
+        `controller.latency_trace`.
 
     Raises:
-        DesignError: the ranges cannot be used.
+        DesignError: the ranges cannot be used, or `worst` does not fit the scene.
         SceneError: the scene cannot be simulated.
         SweepFailed: a worker process was lost.
     """
     from hertzloop.studies.sweeps.design import as_axis, design_of
     from hertzloop.studies.sweeps.evaluate import evaluate
     from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.sweeps.worst_design import with_worst
 
     views = labelled_arrays()  # before the work, since a package may be missing
     axes = [as_axis(key, values) for key, values in over.items()]
     setup = resolved(scene)
     planned = design_of(setup, axes, design, cases, setup.seed)
+    if worst is not None:
+        planned = with_worst(setup, planned, worst)
     with local_pool(workers) as pool:
         rows = evaluate(pool, setup, span, planned.cases())
     return views.cases_of(rows, list(over), {"scene": setup.scene.name, "span": span})

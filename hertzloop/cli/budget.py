@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, outputs, prepare, worst_latencies
 from hertzloop.cli.budget_text import (
     effect_lines,
     print_budget,
@@ -20,7 +20,7 @@ from hertzloop.cli.budget_text import (
 from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.common.atomic_files import atomic_write
+from hertzloop.cli.worst_latencies import run_command
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget
     from hertzloop.studies.budget.page import Map
 
-_WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -230,9 +229,7 @@ def _checked(arguments: BudgetArguments) -> BudgetStudy:
             )
     if request.worst:
         _check_worst(request, setup)
-        path = _worst_file(arguments, setup.name)
-        if not outputs.is_replaceable(path, _WORST_HEADING):
-            fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
+        worst_latencies.check_file(_worst_file(arguments, setup.name))
     file = arguments.uncertain_file
     uncertain = read_uncertain(file, setup) if file else None
     sobol = request.sobol
@@ -328,7 +325,7 @@ def _print_result(
         _report_worst(arguments, result.budget, study.setup.seed)
     likely = result.probability
     if likely:
-        command = _run_command(arguments.scene, arguments.settings, study.setup.seed, likely.worst)
+        command = run_command(arguments.scene, arguments.settings, study.setup.seed, likely.worst)
         print_probability(likely, result.indices, command)
         data["probability"] = {
             **{key: value for key, value in asdict(likely).items() if key != "drawn"},
@@ -347,28 +344,14 @@ def _report_worst(arguments: BudgetArguments, found: "Budget", seed: int) -> Non
     if limit.worst is None:
         return
     path = _worst_file(arguments, found.scene)
-    lines = [_WORST_HEADING, "latency_us", *(f"{value:.12g}" for value in limit.worst.latencies_us)]
-    atomic_write(path, "\n".join(lines) + "\n")
-    case = {
-        "controller.latency_us": 0,
-        "controller.latency_trace": path,
-        "run.touch_phase": limit.worst.touch_phase,
-    }
-    command = _run_command(arguments.scene, arguments.settings, seed, case)
-    out.say(f"written: {path}. See it: {command}")
+    case = worst_latencies.replayed(path, limit.worst.touch_phase)
+    command = run_command(arguments.scene, arguments.settings, seed, case)
+    worst_latencies.write_file(path, limit.worst.latencies_us, command)
 
 
 def _worst_file(arguments: BudgetArguments, scene: str) -> Path:
     """Return the file that takes the worst latencies of a scene."""
     return (arguments.folder or Path()) / f"{scene}-worst-latencies.csv"
-
-
-def _run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:
-    """Return the command that runs a case again."""
-    changes = [*settings, *(f"{key}={value}" for key, value in case.items())]
-    words = [word for change in changes for word in ("--set", change)]
-    seeded = [] if "run.seed" in case else ["--seed", str(seed)]
-    return shlex.join(["hertzloop", "run", scene, *words, *seeded])
 
 
 def _write_page(

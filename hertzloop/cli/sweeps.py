@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, outputs, prepare, worst_latencies
 from hertzloop.cli.many_cases import end_if_failed
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
+from hertzloop.cli.worst_latencies import replayed, run_command
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
@@ -24,9 +25,11 @@ from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps import sweep as sweep_study
 from hertzloop.studies.sweeps.design import KEY as PHASE
 from hertzloop.studies.sweeps.design import Design, grouped, planned_by
-from hertzloop.studies.sweeps.evaluate import run_case
-from hertzloop.studies.sweeps.sweep import SweepResults, counted, known
+from hertzloop.studies.sweeps.evaluate import Rows, run_case
+from hertzloop.studies.sweeps.sweep import SweepResults, counted, known, short, worst_row
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
+from hertzloop.studies.sweeps.worst_design import with_worst
+from hertzloop.studies.worst.of_case import worst_columns
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 from hertzloop.warmup import CASES
@@ -68,6 +71,14 @@ DaskOption = Annotated[
     str | None,
     typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
 ]
+WorstOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRIC",
+        help="Search the latencies within the jitter of each case for the largest value of this "
+        "metric, and write those of the worst case as a trace; up to 2000 cases each.",
+    ),
+]
 OutOption = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
@@ -107,6 +118,7 @@ def sweep(
     phases: PhasesOption = None,
     uncertain: UncertainOption = None,
     dask: DaskOption = None,
+    worst: WorstOption = None,
     scene: options.SceneArgument = DEFAULT,
     out_file: OutOption = None,
     seed: options.SeedOption = None,
@@ -120,7 +132,7 @@ def sweep(
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
-    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask)
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
     arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     if verify is not None:
         count = 10 if cases is None else cases
@@ -134,6 +146,8 @@ def sweep(
         results = study.finished
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
     data = _print_results(study, results, request)
+    if request.worst is not None:
+        data["worst"] = _report_worst(arguments, study, results.rows, request.worst)
     outputs.write_json(json_file, data)
     without_metrics = _count_without_metrics(results) == study.total
     if without_metrics:
@@ -153,6 +167,11 @@ class PlannedSweep:
     total: int  # number of cases
     finished: SweepResults | None
 
+    @property
+    def worst_file(self) -> Path:
+        """The file that takes the latencies of the worst case."""
+        return self.results_file.with_name(f"{self.results_file.stem}-worst-latencies.csv")
+
 
 def _planned(arguments: SweepArguments) -> PlannedSweep:
     """Return the sweep to run; end the command if it cannot be run or written."""
@@ -168,6 +187,8 @@ def _planned(arguments: SweepArguments) -> PlannedSweep:
     if request.uncertain is not None:
         inputs = read_uncertain(request.uncertain, setup)
         design = with_draws(setup, design, inputs, request.points)
+    if request.worst is not None:
+        design = with_worst(setup, design, request.worst)
     for axis in design.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             prepare.check_law(setup.vary({"controller.law": law}))
@@ -180,8 +201,11 @@ def _planned(arguments: SweepArguments) -> PlannedSweep:
     )
     outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
-    outputs.check_json(arguments.json_file, target, *of_results)
-    return PlannedSweep(setup, design, target, len(design.cases()), finished)
+    study = PlannedSweep(setup, design, target, len(design.cases()), finished)
+    if request.worst is not None:
+        worst_latencies.check_file(study.worst_file)
+    outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
+    return study
 
 
 def _run(study: PlannedSweep, request: SweepRequest) -> SweepResults:
@@ -272,6 +296,39 @@ def _print_best(study: PlannedSweep, results: SweepResults, request: SweepReques
         f"--span {other_span} sweeps the other.",
     ):
         out.say(f"At the least plate energy: {sentence}")
+
+
+def _report_worst(
+    arguments: SweepArguments, study: PlannedSweep, rows: Rows, metric: str
+) -> dict[str, Any] | None:
+    """Print the worst value of all cases, write its latencies as a trace, and return both."""
+    row = worst_row(rows, metric)
+    if row is None:
+        out.say(f"Worst latencies: no case with jitter has a value of {metric}.")
+        return None
+    column, cases, latencies = worst_columns(metric)
+    total = sum(one[cases] or 0 for one in rows)
+    keys = {key: row[key] for key in study.design.keys}
+    where = ", ".join(f"{key.split('.')[-1]} {short(value)}" for key, value in keys.items())
+    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
+    words = "unknown, as the loop is unstable" if math.isinf(row[column]) else f"{row[column]:.4g}"
+    out.say(
+        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {total} cases). No "
+        "search proves that there are no worse latencies."
+    )
+    phase = study.setup.vary(keys).touch_phase
+    case = keys | {"controller.jitter_us": 0} | replayed(study.worst_file, phase)
+    seed = study.setup.seed
+    command = run_command(arguments.scene, arguments.settings, seed, case)
+    worst_latencies.write_file(study.worst_file, row[latencies], command)
+    return {
+        "metric": metric,
+        "value": row[column],
+        "drawn": row[metric],
+        "case": row["case"],
+        "cases": total,
+        "latencies": str(study.worst_file),
+    }
 
 
 def _print_warnings(results: SweepResults, total: int, out_of_range: dict[str, int]) -> None:

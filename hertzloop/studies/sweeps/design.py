@@ -17,6 +17,7 @@ from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import toml_value
 from hertzloop.studies.requests import SweepRequest
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.worst.of_case import WORST_OF
 
 Kind = Literal["grid", "lhs", "sobol"]
 _MOST_CASES = 10_000_000
@@ -133,7 +134,8 @@ def _items(text: str) -> list[str]:
 @dataclass(frozen=True)
 class Design:
     """A sweep's cases: all combinations of the axes, or `count` points spread over them, each with
-    every row of `drawn`, values of `drawn_keys`."""
+    every row of `drawn`, values of `drawn_keys`. `worst`: the metric whose worst latencies each
+    case searches; "" for none."""
 
     axes: tuple[Axis, ...]
     kind: Kind = "grid"
@@ -141,6 +143,7 @@ class Design:
     seed: int = 1
     drawn_keys: tuple[str, ...] = ()
     drawn: tuple[tuple[float, ...], ...] = ()
+    worst: str = ""
 
     @property
     def keys(self) -> list[str]:
@@ -150,12 +153,11 @@ class Design:
     def cases(self) -> list[dict[str, Any]]:
         """One {key: value} a case, always in the same order; draws, then the last axis run
         fastest."""
-        if not self.drawn:
-            return self._of_axes()
+        searched = {WORST_OF: self.worst} if self.worst else {}
         return [
-            case | dict(zip(self.drawn_keys, row, strict=True))
+            case | dict(zip(self.drawn_keys, row, strict=True)) | searched
             for case in self._of_axes()
-            for row in self.drawn
+            for row in self.drawn or [()]
         ]
 
     def _of_axes(self) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from hertzloop.results.cases import (
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
+from hertzloop.studies.worst.of_case import WORST_OF, worst_columns, worst_of_case
 
 _CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
@@ -42,7 +43,10 @@ def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
 
 def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
     """Rows of cases as they come: their number, the varied keys, the metrics, `status`, a sentence
-    on why there are none, empty if all is well, and `state`, as in `CaseState`."""
+    on why there are none, empty if all is well, and `state`, as in `CaseState`.
+
+    The values of a case are scene keys. With a metric under `WORST_OF` among them its row has the
+    columns of `worst_of_case`, too."""
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
     some = _CHUNK if alike else 1  # plants of several cases would not all be kept
     for at in range(0, len(numbered), some):
@@ -52,15 +56,23 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str
 def _row(
     setup: Setup, span: Span, number: int, values: dict[str, Any]
 ) -> Generator[None, None, dict[str, Any]]:
-    row: dict[str, Any] = {"case": number, **values}
+    keys = {key: value for key, value in values.items() if key != WORST_OF}
+    row: dict[str, Any] = {"case": number, **keys}
     try:
-        metrics = yield from case_in_parts(setup.vary(values), span)
-        return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
+        metrics = yield from case_in_parts(setup.vary(keys), span)
+        row |= vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
-        why = {"status": status, "state": state.value}
-        return row | dict.fromkeys(CASE_METRICS) | why
+        row |= dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
+    if WORST_OF not in values:
+        return row
+    if row["state"] == CaseState.NOT_RUN:
+        return row | dict.fromkeys(worst_columns(values[WORST_OF]))
+    varied = setup.vary(keys)
+    return row | worst_of_case(
+        varied, values[WORST_OF], lambda cases: list(run_cases(varied, span, [*enumerate(cases)]))
+    )
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
@@ -101,8 +113,10 @@ class CaseTally:
 
 
 def chunked(numbered: Numbered) -> list[Numbered]:
-    """Cases in the portions that travel together."""
-    return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
+    """Cases in the portions that travel together; those with a search, which takes seconds, each
+    by itself."""
+    some = 1 if any(WORST_OF in values for _, values in numbered) else _CHUNK
+    return [numbered[i : i + some] for i in range(0, len(numbered), some)]
 
 
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:

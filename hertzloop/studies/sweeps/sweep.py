@@ -43,6 +43,7 @@ from hertzloop.studies.sweeps.evaluate import (
 )
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
+from hertzloop.studies.worst.of_case import LATENCIES, worst_columns
 
 _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same
 _PACKAGES = ("hertzloop", "numpy", "numba")
@@ -369,9 +370,14 @@ def _one_type_a_column(
         if len({type(row[key]) for row in rows}) > 1
         or (suffix != ".parquet" and isinstance(rows[0][key], list))
     ]
+    if LATENCIES in rows[0] and suffix != ".parquet":
+        text.append(LATENCIES)
     if not text:
         return rows
-    return [row | {key: toml_text(row[key]) for key in text} for row in rows]
+    return [
+        row | {key: None if row[key] is None else toml_text(row[key]) for key in text}
+        for row in rows
+    ]
 
 
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -392,7 +398,9 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        names = ["case", *keys, *CASE_METRICS, "status", "state", "growth_per_s"]
+        searched = header["design"].get("worst")
+        worst = worst_columns(searched) if searched else ()
+        names = ["case", *keys, *CASE_METRICS, "status", "state", *worst, "growth_per_s"]
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # A version before may not have had a metric, but every case has its keys.
@@ -408,12 +416,18 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
     except (pa.ArrowException, ValueError, TypeError, OSError) as error:
         raise ValueError(f"{path} holds no results of a sweep: {error}") from error
-    for key in keys:
+    for key in [*keys, LATENCIES] if searched else keys:
         for row in rows:
             if isinstance(row[key], str):
                 # pyrefly: ignore[bad-argument-type]
-                row[key] = toml_value(row[key])
+                row[key] = toml_value(row[key]) if row[key] else None
     return rows, header
+
+
+def worst_row(rows: Rows, metric: str) -> dict[str, Any] | None:
+    """The row with the worst value that the search of the worst latencies found; None without."""
+    name = worst_columns(metric)[0]
+    return max(known(rows, name), key=lambda row: row[name], default=None)
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:
