@@ -14,10 +14,10 @@ from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import load
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
-from hertzloop.studies.worst.search import Objective, WorstSearch
+from hertzloop.studies.worst.search import WorstSearch, largest
 
 _CHUNK = 2000  # draws that are held at once
-_OBJECTIVE = Objective.largest("plate_energy_db")
+_OBJECTIVE = largest("plate_energy_db")
 
 
 @dataclass(frozen=True)

@@ -344,9 +344,9 @@ def _report_worst(arguments: BudgetArguments, found: "Budget", seed: int) -> Non
     if limit.worst is None:
         return
     path = _worst_file(arguments, found.scene)
-    case = worst_latencies.replayed(path, limit.worst.touch_phase)
-    command = run_command(arguments.scene, arguments.settings, seed, case)
-    worst_latencies.write_file(path, limit.worst.latencies_us, command)
+    case = {"run.touch_phase": limit.worst.touch_phase}
+    scene, settings = arguments.scene, arguments.settings
+    worst_latencies.write_file(path, limit.worst.latencies_us, scene, settings, seed, case)
 
 
 def _worst_file(arguments: BudgetArguments, scene: str) -> Path:

@@ -13,7 +13,6 @@ from hertzloop.cli.many_cases import end_if_failed
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
-from hertzloop.cli.worst_latencies import replayed, run_command
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
@@ -29,7 +28,7 @@ from hertzloop.studies.sweeps.evaluate import Rows, run_case
 from hertzloop.studies.sweeps.sweep import SweepResults, counted, known, short, worst_row
 from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 from hertzloop.studies.sweeps.worst_design import with_worst
-from hertzloop.studies.worst.of_case import worst_columns
+from hertzloop.studies.worst.of_case import WORST_CASES, worst_columns
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 from hertzloop.warmup import CASES
@@ -306,29 +305,33 @@ def _report_worst(
     if row is None:
         out.say(f"Worst latencies: no case with jitter has a value of {metric}.")
         return None
-    column, cases, latencies = worst_columns(metric)
-    total = sum(one[cases] or 0 for one in rows)
+    value, _, latencies_us = (row[name] for name in worst_columns(metric))
     keys = {key: row[key] for key in study.design.keys}
-    where = ", ".join(f"{key.split('.')[-1]} {short(value)}" for key, value in keys.items())
-    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
-    words = "unknown, as the loop is unstable" if math.isinf(row[column]) else f"{row[column]:.4g}"
-    out.say(
-        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {total} cases). No "
-        "search proves that there are no worse latencies."
-    )
-    phase = study.setup.vary(keys).touch_phase
-    case = keys | {"controller.jitter_us": 0} | replayed(study.worst_file, phase)
-    seed = study.setup.seed
-    command = run_command(arguments.scene, arguments.settings, seed, case)
-    worst_latencies.write_file(study.worst_file, row[latencies], command)
-    return {
+    data = {
         "metric": metric,
-        "value": row[column],
+        "value": value,
         "drawn": row[metric],
         "case": row["case"],
-        "cases": total,
+        "cases": sum(one[WORST_CASES] or 0 for one in rows),
         "latencies": str(study.worst_file),
     }
+    where = ", ".join(f"{key.split('.')[-1]} {short(key_value)}" for key, key_value in keys.items())
+    words = "unknown, as the loop is unstable" if math.isinf(value) else f"{value:.4g}"
+    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
+    out.say(
+        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {data['cases']} cases). "
+        "No search proves that there are no worse latencies."
+    )
+    phase = {PHASE: study.setup.vary(keys).touch_phase}
+    worst_latencies.write_file(
+        study.worst_file,
+        latencies_us,
+        arguments.scene,
+        arguments.settings,
+        study.setup.seed,
+        keys | phase | {"controller.jitter_us": 0},
+    )
+    return data
 
 
 def _print_warnings(results: SweepResults, total: int, out_of_range: dict[str, int]) -> None:

@@ -19,12 +19,20 @@ def check_file(path: Path) -> None:
         fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
 
 
-def write_file(path: Path, latencies_us: Sequence[float], replayed_by: str) -> None:
-    """Write latencies by sample, us, as `controller.latency_trace` reads them; name the command
-    that replays them."""
+def write_file(
+    path: Path,
+    latencies_us: Sequence[float],
+    scene: str,
+    settings: list[str],
+    seed: int,
+    case: Mapping[str, Any],
+) -> None:
+    """Write latencies by sample, us, as `controller.latency_trace` reads them, and name the command
+    that replays them; the other arguments are those of `run_command`."""
     lines = [_HEADING, "latency_us", *(f"{value:.12g}" for value in latencies_us)]
     atomic_write(path, "\n".join(lines) + "\n")
-    out.say(f"written: {path}. See it: {replayed_by}")
+    replayed = {**case, "controller.latency_us": 0, "controller.latency_trace": path}
+    out.say(f"written: {path}. See it: {run_command(scene, settings, seed, replayed)}")
 
 
 def run_command(scene: str, settings: list[str], seed: int, case: Mapping[str, Any]) -> str:
@@ -36,20 +44,13 @@ def run_command(scene: str, settings: list[str], seed: int, case: Mapping[str, A
         seed: Random seed, unless the case has its own.
         case: Values of scene keys.
     """
-    changes = [*settings, *(f"{key}={_text(value)}" for key, value in case.items())]
+    changes = [
+        *settings,
+        *(
+            f"{key}={toml_text(value) if isinstance(value, list) else value}"
+            for key, value in case.items()
+        ),
+    ]
     words = [word for change in changes for word in ("--set", change)]
     seeded = [] if "run.seed" in case else ["--seed", str(seed)]
     return shlex.join(["hertzloop", "run", scene, *words, *seeded])
-
-
-def replayed(path: Path, touch_phase: float) -> dict[str, Any]:
-    """Return the values of scene keys that replay a file of latencies."""
-    return {
-        "controller.latency_us": 0,
-        "controller.latency_trace": path,
-        "run.touch_phase": touch_phase,
-    }
-
-
-def _text(value: Any) -> str:
-    return toml_text(value) if isinstance(value, bool | list) else str(value)

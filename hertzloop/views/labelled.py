@@ -1,6 +1,7 @@
 """Streams of a run as labelled arrays with units, for notebooks and scripts."""
 
 from collections.abc import Mapping
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -51,13 +52,10 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
 
 def _variable(values: list[Any]) -> tuple[Any, Any]:
     """Return the dimensions and the values of a variable of `cases_of`."""
-    lists = [value for value in values if isinstance(value, list)]
-    if not lists:
+    if not any(isinstance(value, list) for value in values):
         return "case", [np.nan if value is None else value for value in values]
-    found = np.full((len(values), max(map(len, lists))), np.nan)
-    for row, value in zip(found, values, strict=True):
-        row[: len(value or ())] = value or ()
-    return ("case", "sample"), found
+    by_sample = zip_longest(*(value or () for value in values), fillvalue=np.nan)
+    return ("case", "sample"), np.array(list(by_sample)).T
 
 
 def modes_of(table: ModeTable) -> xr.Dataset:

@@ -1,6 +1,5 @@
 """Which sweeps can search the worst latencies of their cases."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,33 +23,25 @@ def with_worst(setup: Setup, design: Design, metric: str) -> Design:
         raise DesignError(
             f"--worst = {shown(metric)}: unknown metric. Use one of {', '.join(OBJECTIVES)}."
         )
-    if set(_values(setup, design, "law")) == {NO_CONTROL}:
+    cases, own = design.cases(), setup.scene.controller
+
+    def values(name: str) -> list[Any]:
+        return [case.get(f"controller.{name}", getattr(own, name)) for case in cases]
+
+    if set(values("law")) == {NO_CONTROL}:
         raise DesignError(
             f"controller.law = '{NO_CONTROL}': latencies have no effect. Name a law, or leave out "
             "--worst."
         )
-    if not any(_values(setup, design, "jitter_us")):
+    if not any(values("jitter_us")):
         raise DesignError(
             "controller.jitter_us = 0: --worst searches the latencies within the jitter. Add for "
             "example --set controller.jitter_us=5."
         )
-    for key in _OTHER_LATENCIES:
-        given = next((value for value in _values(setup, design, key) if value), None)
-        if given is not None:
+    for name in _OTHER_LATENCIES:
+        for value in filter(None, values(name)):
             raise DesignError(
-                f"controller.{key} = {shortened(str(given))}: --worst searches all latencies. "
+                f"controller.{name} = {shortened(str(value))}: --worst searches all latencies. "
                 "Remove the key."
             )
     return replace(design, worst=metric)
-
-
-def _values(setup: Setup, design: Design, name: str) -> Sequence[Any]:
-    """Return the values that a key of the controller has in the cases; the ends of a range."""
-    key = f"controller.{name}"
-    for axis in design.axes:
-        if axis.key == key:
-            return axis.values or (axis.low, axis.high)
-    if key in design.drawn_keys:
-        place = design.drawn_keys.index(key)
-        return [row[place] for row in design.drawn]
-    return [getattr(setup.scene.controller, name)]

@@ -7,16 +7,16 @@ import numpy as np
 
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.worst.search import Objective, Run, WorstSearch
+from hertzloop.studies.worst.search import Run, WorstSearch, largest
 
 # Among the values of a case, beside its scene keys: the metric to search.
 WORST_OF = "worst"
-CASES, LATENCIES = "worst_cases", "worst_latencies_us"
+WORST_CASES, LATENCIES = "worst_cases", "worst_latencies_us"
 
 
 def worst_columns(metric: str) -> tuple[str, str, str]:
     """Return the columns of a row: worst value, number of cases, and latency by sample, us."""
-    return f"worst_{metric}", CASES, LATENCIES
+    return f"worst_{metric}", WORST_CASES, LATENCIES
 
 
 def worst_of_case(setup: Setup, metric: str, run: Run) -> dict[str, Any]:
@@ -37,8 +37,8 @@ def worst_of_case(setup: Setup, metric: str, run: Run) -> dict[str, Any]:
         return dict.fromkeys(names)
     drawn_us = latencies_us(setup) - control.latency_us
     drawn = np.round(drawn_us * 1000 / setup.step_ns).astype(np.int32)
-    search = WorstSearch(setup, Objective.largest(metric), [setup.touch_phase], run)
+    search = WorstSearch(setup, largest(metric), [setup.touch_phase], run)
     found = search.within(most_steps, also=[drawn])
     if found.excess == -math.inf:
-        return dict.fromkeys(names) | {CASES: found.cases}
+        return dict.fromkeys(names) | {WORST_CASES: found.cases}
     return dict(zip(names, (found.excess, found.cases, list(found.latencies_us)), strict=True))

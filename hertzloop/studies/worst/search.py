@@ -10,7 +10,7 @@ result is a bound from below: no search proves that there is no worse sequence.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Any
 
@@ -30,7 +30,6 @@ Row = dict[str, Any]
 Run = Callable[[list[dict[str, Any]]], list[Row]]
 # Additional latency of each sample's command from the start of the run, steps, shape (samples,).
 Delays = np.ndarray
-Block = tuple[int, int, int]  # first sample, end, and the additional latency that they take
 
 
 @dataclass(frozen=True)
@@ -45,19 +44,19 @@ class Objective:
 
     metrics: tuple[str, ...]
     excess: Callable[[Row], float]
-    missed: Callable[[Row], bool]
+    missed: Callable[[Row], bool] = lambda row: False
 
-    @classmethod
-    def largest(cls, metric: str) -> "Objective":
-        """Return the objective under which the largest value of a metric is the worst."""
 
-        def excess(row: Row) -> float:
-            if row["state"] == CaseState.UNSTABLE:
-                return math.inf
-            value = row[metric]
-            return -math.inf if value is None or math.isnan(value) else float(value)
+def largest(metric: str) -> Objective:
+    """Return the objective under which the largest value of a metric is the worst."""
 
-        return cls((metric,), excess, lambda row: False)
+    def excess(row: Row) -> float:
+        if row["state"] == CaseState.UNSTABLE:
+            return math.inf
+        value = row[metric]
+        return -math.inf if value is None or math.isnan(value) else float(value)
+
+    return Objective((metric,), excess)
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class WorstSequence:
         missed: Whether the objective calls it missed.
         excess: How bad it is by the objective; infinite for a loop that is unstable.
         metrics: Value of each metric of the objective; None without one.
-        cases: Number of cases that were simulated for this range.
+        cases: Number of cases that were simulated for this range, with the nominal one.
     """
 
     range_us: float
@@ -84,20 +83,17 @@ class WorstSequence:
     cases: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class _Rated:
-    """How bad a sequence is: what a `WorstSequence` says of it."""
+    """How bad a sequence is at a touch phase: what a `WorstSequence` says of it."""
 
     missed: bool
     excess: float
-    metrics: dict[str, float | None]
-
-    def is_worse(self, other: "_Rated | None") -> bool:
-        return other is None or (self.missed, self.excess) > (other.missed, other.excess)
+    metrics: dict[str, float | None] = field(compare=False)
 
 
 class WorstSearch:
-    """Search a scene, within one range of latencies or several; no case is simulated twice.
+    """Search a scene, within one range of latencies after another; no case is simulated twice.
 
     Args:
         setup: The scene. Its jitter does not count, and it has no latency trace.
@@ -114,11 +110,11 @@ class WorstSearch:
         self, setup: Setup, objective: Objective, phases: Sequence[float], run: Run
     ) -> None:
         self.setup, self.objective, self.phases, self.run = setup, objective, phases, run
-        self.cases = 0
-        self._known: dict[bytes, _Rated] = {}
         (self.nominal,) = run([case_of([setup.scene.controller.latency_us], phases[0])])
-        window = window_of(setup, 0, self.nominal)
-        self._add(phases[0], np.zeros(window.end, np.int32), self.nominal)
+        self.cases = 1
+        without = np.zeros(window_of(setup, 0, self.nominal).end, np.int32)
+        self._nominal = self._rated(self.nominal), phases[0], without
+        self._known = {_name(phases[0], without): self._nominal[0]}
 
     def within(
         self, most_steps: int, to_first_miss: bool = False, also: Iterable[Delays] = ()
@@ -130,134 +126,79 @@ class WorstSearch:
             to_first_miss: Stop at the first sequence that the objective calls missed.
             also: Sequences within the range that are tried first, at the first phase.
         """
-        search = _RangeSearch(self, most_steps, to_first_miss)
-        search.go(also)
-        assert search.worst is not None
-        rated, phase, delays = search.worst
-        return WorstSequence(
-            range_us=most_steps * self.setup.step_ns / 1000.0,
-            latencies_us=tuple(self.latencies_us(delays)),
-            touch_phase=phase,
-            missed=rated.missed,
-            excess=rated.excess,
-            metrics=rated.metrics,
-            cases=search.cases,
-        )
-
-    def latencies_us(self, delays: Delays) -> list[float]:
-        """Return the latencies of all samples, us."""
-        least_us, step_us = self.setup.scene.controller.latency_us, self.setup.step_ns / 1000.0
-        values = {int(delay): least_us + step_us * int(delay) for delay in np.unique(delays)}
-        return [values[delay] for delay in delays.tolist()]
-
-    def rate(self, phase: float, tried: Iterable[Delays], most_new: int) -> list[_Rated | None]:
-        """Return how bad sequences are at a touch phase; None of those that are not simulated,
-        since there are `most_new` others before them."""
-        names: list[bytes] = []
-        new: dict[bytes, Delays] = {}
-        for delays in tried:
-            names.append(_name(phase, delays))
-            if names[-1] not in self._known and len(new) < most_new:
-                new[names[-1]] = delays
-        rows = self.run([case_of(self.latencies_us(delays), phase) for delays in new.values()])
-        for delays, row in zip(new.values(), rows, strict=True):
-            self._add(phase, delays, row)
-        return [self._known.get(name) for name in names]
-
-    def _add(self, phase: float, delays: Delays, row: Row) -> None:
-        metrics = {name: row[name] for name in self.objective.metrics}
-        rated = _Rated(self.objective.missed(row), self.objective.excess(row), metrics)
-        self._known[_name(phase, delays)] = rated
-        self.cases += 1
-
-
-class _RangeSearch:
-    """The search within one range: `worst` sequence so far, with its rating and touch phase."""
-
-    def __init__(self, search: WorstSearch, most_steps: int, to_first_miss: bool) -> None:
-        self.search, self.most, self.to_first_miss = search, most_steps, to_first_miss
-        self.window = window_of(search.setup, most_steps, search.nominal)
-        # The case without additional latency belongs to the first range.
-        self.cases_before = 0 if search.cases == 1 else search.cases
-        self.worst: tuple[_Rated, float, Delays] | None = None
-
-    @property
-    def cases(self) -> int:
-        """Number of cases that were simulated for this range."""
-        return self.search.cases - self.cases_before
-
-    @property
-    def done(self) -> bool:
-        """Whether no case is left, or no worse sequence is wanted or possible."""
-        if self.worst is None:
-            return False
-        rated = self.worst[0]
-        enough = (rated.missed and self.to_first_miss) or rated.excess == math.inf
-        return enough or self.cases >= MOST_CASES
-
-    def go(self, also: Iterable[Delays]) -> None:
-        """Try simple sequences, then exchange blocks of the worst of them."""
-        window, phases = self.window, self.search.phases
-        self.rate(phases[0], [np.resize(delays, window.end) for delays in also])
-        simple = list(_simple_sequences(window, self.most))
+        self._worst, self._last = self._nominal, self.cases + MOST_CASES - 1
+        self._to_first_miss, before = to_first_miss, self.cases - 1
+        window = window_of(self.setup, most_steps, self.nominal)
+        self._rate(self.phases[0], [np.resize(delays, window.end) for delays in also])
+        simple = list(_simple_sequences(window, most_steps))
         starts: list[tuple[float, float, Delays]] = []
-        for phase in phases:
-            if self.done:
-                break
-            found = self.rate(phase, simple)
-            starts += [(excess, phase, one) for excess, one in zip(found, simple, strict=True)]
+        for phase in self.phases:
+            if not self._done:
+                found = self._rate(phase, simple)
+                starts += [(excess, phase, one) for excess, one in zip(found, simple, strict=True)]
         starts.sort(key=lambda start: -start[0])
         for excess, phase, delays in starts[:_STARTS]:
-            self._exchange(phase, delays, excess)
+            self._exchange(window, most_steps, phase, delays, excess)
+        rated, phase, delays = self._worst
+        return WorstSequence(
+            range_us=most_steps * self.setup.step_ns / 1000.0,
+            latencies_us=tuple(self._latencies_us(delays)),
+            touch_phase=phase,
+            **vars(rated),
+            cases=self.cases - before,
+        )
 
-    def rate(self, phase: float, tried: Iterable[Delays]) -> list[float]:
-        """Return the excess of sequences; -inf of those for which no case is left. `tried` is
-        iterated twice."""
-        found = self.search.rate(phase, tried, MOST_CASES - self.cases)
+    @property
+    def _done(self) -> bool:
+        """Whether no case is left, or no worse sequence is wanted or possible."""
+        rated = self._worst[0]
+        enough = (rated.missed and self._to_first_miss) or rated.excess == math.inf
+        return enough or self.cases >= self._last
+
+    def _rate(self, phase: float, tried: Sequence[Delays]) -> list[float]:
+        """Return the excess of sequences; -inf of those for which no case is left."""
+        names = [_name(phase, delays) for delays in tried]
+        new = {n: one for n, one in zip(names, tried, strict=True) if n not in self._known}
+        new = dict(list(new.items())[: self._last - self.cases])
+        rows = self.run([case_of(self._latencies_us(delays), phase) for delays in new.values()])
+        self._known |= {n: self._rated(row) for n, row in zip(new, rows, strict=True)}
+        self.cases += len(new)
+        found = [self._known.get(name) for name in names]
         for rated, delays in zip(found, tried, strict=True):
-            if rated is not None and rated.is_worse(self.worst and self.worst[0]):
-                self.worst = rated, phase, delays
-        return [-math.inf if rated is None else rated.excess for rated in found]
+            if rated and rated > self._worst[0]:
+                self._worst = rated, phase, delays
+        return [rated.excess if rated else -math.inf for rated in found]
 
-    def _exchange(self, phase: float, delays: Delays, excess: float) -> None:
-        """Exchange blocks for the ends and the middle of the range while that is worse."""
-        count, values = _FEWEST_BLOCKS, sorted({0, self.most // 2, self.most})
-        while not self.done:
-            one_block = _Changes(
-                delays, [(*block, value) for block in self.window.blocks(count) for value in values]
-            )
-            found = self.rate(phase, one_block)
-            better = [int(i) for i in np.argsort(found)[::-1] if found[i] > excess]
+    def _rated(self, row: Row) -> _Rated:
+        metrics = {name: row[name] for name in self.objective.metrics}
+        return _Rated(self.objective.missed(row), self.objective.excess(row), metrics)
+
+    def _latencies_us(self, delays: Delays) -> list[float]:
+        """Return the latencies of all samples, us."""
+        least_us, step_us = self.setup.scene.controller.latency_us, self.setup.step_ns / 1000.0
+        values = [least_us + step_us * delay for delay in range(delays.max() + 1)]
+        return [values[delay] for delay in delays]
+
+    def _exchange(
+        self, window: LatencyWindow, most: int, phase: float, delays: Delays, excess: float
+    ) -> None:
+        """Exchange blocks of samples for the ends and the middle of the range while that is
+        worse."""
+        count, values = _FEWEST_BLOCKS, sorted({0, most // 2, most})
+        while not self._done:
+            blocks = [(*block, value) for block in window.blocks(count) for value in values]
+            new = [block for block in blocks if (delays[block[0] : block[1]] != block[2]).any()]
+            tried = [_changed(delays, *block) for block in new[: self._last - self.cases]]
+            found = self._rate(phase, tried)
+            better = [tried[i] for i in np.argsort(found)[::-1] if found[i] > excess]
             if better:
-                blocks = [one_block.blocks[i] for i in better[:_CHANGES]]
-                several = _Changes(delays, blocks, together=True)
-                after = self.rate(phase, several)
-                candidates = zip(after, several, strict=True)
+                merged = _merged(delays, better[:_CHANGES])
+                candidates = zip(self._rate(phase, merged), merged, strict=True)
                 excess, delays = max(candidates, key=lambda one: one[0])
-            elif count >= 2 * self.window.count:  # all blocks in contact are single samples
+            elif count >= 2 * window.count:  # all blocks in contact are single samples
                 return
             else:
                 count *= 2
-
-
-@dataclass(frozen=True)
-class _Changes:
-    """Sequences made when needed, as each may be long: each with another block changed, or, if
-    `together`, with the first one, two, three, ... blocks changed."""
-
-    delays: Delays
-    blocks: list[Block]
-    together: bool = False
-
-    def __iter__(self) -> Iterator[Delays]:
-        changed = self.delays.copy()
-        for first, end, value in self.blocks:
-            if not self.together:
-                changed = self.delays.copy()
-            # Where the value is not new, an earlier change stays.
-            is_new = self.delays[first:end] != value
-            changed[first:end][is_new] = value
-            yield changed.copy()
 
 
 def case_of(latencies_us: Sequence[float], touch_phase: float) -> dict[str, Any]:
@@ -277,9 +218,23 @@ def _name(phase: float, delays: Delays) -> bytes:
 
 def _simple_sequences(window: LatencyWindow, most: int) -> Iterator[Delays]:
     """Yield constant sequences, and those that change once between the ends of the range."""
-    sample = np.arange(window.end)
     for value in np.linspace(0, most, min(_CONSTANTS, most + 1)).round():
         yield np.full(window.end, value, np.int32)
     for at, _ in window.blocks(_CHANGES)[1:]:
-        yield np.where(sample < at, 0, most).astype(np.int32)
-        yield np.where(sample < at, most, 0).astype(np.int32)
+        for before, after in ((0, most), (most, 0)):
+            yield _changed(np.full(window.end, before, np.int32), at, window.end, after)
+
+
+def _changed(delays: Delays, first: int, end: int, value: int) -> Delays:
+    """Return a copy of a sequence with another value in a block of samples."""
+    changed = delays.copy()
+    changed[first:end] = value
+    return changed
+
+
+def _merged(delays: Delays, better: Sequence[Delays]) -> list[Delays]:
+    """Return the sequences with the first one, two, three, ... of several changes together."""
+    merged = [delays]
+    for one in better:
+        merged.append(np.where(one != delays, one, merged[-1]))
+    return merged[1:]
