@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, outputs, prepare, worst_latencies
 from hertzloop.cli.budget_text import (
     effect_lines,
     print_budget,
@@ -20,6 +20,7 @@ from hertzloop.cli.budget_text import (
 from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.cli.worst_latencies import run_command
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
@@ -29,7 +30,6 @@ from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.result import BudgetResult
 from hertzloop.warmup import CASES
 
-_WORST_HEADING = "# Worst latencies found by hertzloop budget --worst"
 GoalOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -172,9 +172,7 @@ def budget(
     setup = prepare.scene_from(scene, arguments.settings, seed)
     plan = plan_budget(setup, request)
     if worst:
-        path = _worst_file(arguments, setup.name)
-        if not outputs.is_replaceable(path, _WORST_HEADING):
-            fail(f"{path}: exists, and is not a file of worst latencies. Move it away")
+        worst_latencies.check_file(_worst_file(arguments, setup.name))
     if folder is not None:
         need("matplotlib", "jinja2")
     outputs.make_folder(folder or Path())  # for unfinished work, too
@@ -215,7 +213,7 @@ def _print_result(
         _report_worst(arguments, result, plan.setup.seed)
     likely = result.probability
     if likely:
-        command = _run_command(arguments.scene, arguments.settings, plan.setup.seed, likely.worst)
+        command = run_command(arguments.scene, arguments.settings, plan.setup.seed, likely.worst)
         print_probability(likely, result.sensitivities, command)
         data["probability"]["worst_command"] = command
     return data
@@ -229,28 +227,14 @@ def _report_worst(arguments: BudgetArguments, found: BudgetResult, seed: int) ->
     if limit.worst is None:
         return
     path = _worst_file(arguments, found.scene)
-    lines = [_WORST_HEADING, "latency_us", *(f"{value:.12g}" for value in limit.worst.latencies_us)]
-    atomic_write(path, "\n".join(lines) + "\n")
-    case = {
-        "controller.latency_us": 0,
-        "controller.latency_trace": path,
-        "run.touch_phase": limit.worst.touch_phase,
-    }
-    command = _run_command(arguments.scene, arguments.settings, seed, case)
-    out.say(f"written: {path}. See it: {command}")
+    case = {"run.touch_phase": limit.worst.touch_phase}
+    scene, settings = arguments.scene, arguments.settings
+    worst_latencies.write_file(path, limit.worst.latencies_us, scene, settings, seed, case)
 
 
 def _worst_file(arguments: BudgetArguments, scene: str) -> Path:
     """Return the file that takes the worst latencies of a scene."""
     return (arguments.folder or Path()) / f"{scene}-worst-latencies.csv"
-
-
-def _run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:
-    """Return the command that runs a case again."""
-    changes = [*settings, *(f"{key}={value}" for key, value in case.items())]
-    words = [word for change in changes for word in ("--set", change)]
-    seeded = [] if "run.seed" in case else ["--seed", str(seed)]
-    return shlex.join(["hertzloop", "run", scene, *words, *seeded])
 
 
 def _write_page(

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, outputs, prepare, worst_latencies
 from hertzloop.cli.many_cases import cases_are_kept, end_if_failed
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
@@ -18,13 +18,15 @@ from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.evaluate import run_case
+from hertzloop.studies.cases.evaluate import Rows, run_case
 from hertzloop.studies.cases.touch_phases import KEY as PHASE
 from hertzloop.studies.cases.touch_phases import grouped
+from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.result import SweepResult, counted, known
+from hertzloop.studies.sweep.result import SweepResult, counted, known, worst_row
+from hertzloop.studies.worst.of_case import WORST_CASES, worst_columns
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 from hertzloop.warmup import CASES
@@ -66,6 +68,14 @@ DaskOption = Annotated[
     str | None,
     typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
 ]
+WorstOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRIC",
+        help="Search the latencies within the jitter of each case for the largest value of this "
+        "metric, and write those of the worst case as a trace; up to 2000 cases each.",
+    ),
+]
 OutOption = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
@@ -105,6 +115,7 @@ def sweep(
     phases: PhasesOption = None,
     uncertain: UncertainOption = None,
     dask: DaskOption = None,
+    worst: WorstOption = None,
     scene: options.SceneArgument = DEFAULT,
     out_file: OutOption = None,
     seed: options.SeedOption = None,
@@ -118,7 +129,7 @@ def sweep(
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
-    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask)
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
     arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     if verify is not None:
         count = 10 if cases is None else cases
@@ -132,6 +143,8 @@ def sweep(
         results = study.finished
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
     data = _print_results(study, results, request)
+    if request.worst is not None:
+        data["worst"] = _report_worst(arguments, study, results.rows, request.worst)
     outputs.write_json(json_file, data)
     without_metrics = _count_without_metrics(results) == study.total
     if without_metrics:
@@ -153,6 +166,11 @@ class _Study:
     def total(self) -> int:
         """Number of cases."""
         return len(self.plan.cases)
+
+    @property
+    def worst_file(self) -> Path:
+        """The file that takes the latencies of the worst case."""
+        return self.results_file.with_name(f"{self.results_file.stem}-worst-latencies.csv")
 
 
 def _checked(arguments: SweepArguments) -> _Study:
@@ -177,8 +195,11 @@ def _checked(arguments: SweepArguments) -> _Study:
     )
     outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
-    outputs.check_json(arguments.json_file, target, *of_results)
-    return _Study(plan, target, finished)
+    study = _Study(plan, target, finished)
+    if request.worst is not None:
+        worst_latencies.check_file(study.worst_file)
+    outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
+    return study
 
 
 def _run(study: _Study) -> SweepResult:
@@ -260,6 +281,43 @@ def _print_best(study: _Study, results: SweepResult, request: SweepRequest) -> N
         f"--span {other_span} sweeps the other.",
     ):
         out.say(f"At the least plate energy: {sentence}")
+
+
+def _report_worst(
+    arguments: SweepArguments, study: _Study, rows: Rows, metric: str
+) -> dict[str, Any] | None:
+    """Print the worst value of all cases, write its latencies as a trace, and return both."""
+    row = worst_row(rows, metric)
+    if row is None:
+        out.say(f"Worst latencies: no case with jitter has a value of {metric}.")
+        return None
+    value, _, latencies_us = (row[name] for name in worst_columns(metric))
+    keys = {key: row[key] for key in study.plan.design.keys}
+    data = {
+        "metric": metric,
+        "value": value,
+        "drawn": row[metric],
+        "case": row["case"],
+        "cases": sum(one[WORST_CASES] or 0 for one in rows),
+        "latencies": str(study.worst_file),
+    }
+    where = ", ".join(f"{key.split('.')[-1]} {short(key_value)}" for key, key_value in keys.items())
+    words = "unknown, as the loop is unstable" if math.isinf(value) else f"{value:.4g}"
+    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
+    out.say(
+        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {data['cases']} cases). "
+        "No search proves that there are no worse latencies."
+    )
+    phase = {PHASE: study.plan.setup.vary(keys).touch_phase}
+    worst_latencies.write_file(
+        study.worst_file,
+        latencies_us,
+        arguments.scene,
+        arguments.settings,
+        study.plan.setup.seed,
+        keys | phase | {"controller.jitter_us": 0},
+    )
+    return data
 
 
 def _print_warnings(results: SweepResult, total: int, out_of_range: dict[str, int]) -> None:

@@ -1,6 +1,7 @@
 """Streams of a run as labelled arrays with units, for notebooks and scripts."""
 
 from collections.abc import Mapping
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -40,15 +41,21 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
     """Return the results of a sweep as a Dataset over `case`; varied scene keys are coordinates.
 
     A metric that a case does not have is nan; `state` names the reason and `status` explains it.
-    Units are in the names, as in the file of the sweep.
+    Units are in the names, as in the file of the sweep. Lists become rows over `sample`, with nan
+    after their end.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
-    data = {
-        name: ("case", [np.nan if row[name] is None else row[name] for row in rows])
-        for name in names
-    }
+    data = {name: _variable([row[name] for row in rows]) for name in names}
     coords = {key: ("case", [row[key] for row in rows]) for key in keys}
     return xr.Dataset(data, coords, attrs=dict(header))
+
+
+def _variable(values: list[Any]) -> tuple[Any, Any]:
+    """Return the dimensions and the values of a variable of `cases_of`."""
+    if not any(isinstance(value, list) for value in values):
+        return "case", [np.nan if value is None else value for value in values]
+    by_sample = zip_longest(*(value or () for value in values), fillvalue=np.nan)
+    return ("case", "sample"), np.array(list(by_sample)).T
 
 
 def modes_of(table: ModeTable) -> xr.Dataset:

@@ -30,6 +30,7 @@ CONCLUSIONS = {
     "benchmarks.solid_law": r"The error of the first impact is at most the stated one in",
     "benchmarks.held_force": r"The error of the first impact is as expected, or announced",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
+    "benchmarks.jitter_cost": r"The costs differ by [\d.]+e[+-]\d+ at most",
     "benchmarks.jitter_margin": r"In 0 of 21 loops a latency below the jitter margin is unstable",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",

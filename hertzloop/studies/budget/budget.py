@@ -15,7 +15,7 @@ from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
 from hertzloop.studies.budget.search import Search, search_of
 from hertzloop.studies.budget.stability import linear_margin, stable_under
-from hertzloop.studies.budget.worst_sequence import WorstLimit, worst_limit
+from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
 from hertzloop.studies.cases.evaluate import Case, CaseTally, Pool, Rows, Run, evaluate
 from hertzloop.studies.cases.journal import JournalEntries
 from hertzloop.studies.cases.pool import local_pool

@@ -14,6 +14,7 @@ import scipy
 from hertzloop.scene.errors import SceneError, shortened, shown
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import toml_value
+from hertzloop.studies.worst.of_case import WORST_OF
 
 Kind = Literal["grid", "lhs", "sobol"]
 Range = str | Iterable[Any]  # "low:high:step", "low:high", "a,b,c", or values
@@ -145,6 +146,7 @@ class Design:
         seed: Random seed of the spread points.
         drawn_keys: Scene keys that are drawn.
         drawn: Values of these keys, shape (draws, keys).
+        worst: Metric whose worst latencies each case searches; "" for none.
     """
 
     axes: tuple[Axis, ...]
@@ -153,6 +155,7 @@ class Design:
     seed: int = 1
     drawn_keys: tuple[str, ...] = ()
     drawn: tuple[tuple[float, ...], ...] = ()
+    worst: str = ""
 
     @property
     def keys(self) -> list[str]:
@@ -162,12 +165,11 @@ class Design:
     def cases(self) -> list[dict[str, Any]]:
         """Return values by scene key, one dictionary for each case, always in the same order: the
         draws change fastest, then the last axis."""
-        if not self.drawn:
-            return self._of_axes()
+        searched = {WORST_OF: self.worst} if self.worst else {}
         return [
-            case | dict(zip(self.drawn_keys, row, strict=True))
+            case | dict(zip(self.drawn_keys, row, strict=True)) | searched
             for case in self._of_axes()
-            for row in self.drawn
+            for row in self.drawn or [()]
         ]
 
     def _of_axes(self) -> list[dict[str, Any]]:

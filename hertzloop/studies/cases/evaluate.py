@@ -16,6 +16,7 @@ from hertzloop.results.cases import (
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
+from hertzloop.studies.worst.of_case import WORST_OF, worst_columns, worst_of_case
 
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
@@ -48,7 +49,8 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str
 
     A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
     `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
-    sentence, and the others go on.
+    sentence, and the others go on. The values of a case are scene keys; with a metric under
+    `WORST_OF` among them, its row has the columns of `worst_of_case`, too.
     """
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
     some = _CHUNK if alike else 1  # the plants of many cases do not fit into the caches
@@ -59,15 +61,23 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str
 def _row(
     setup: Setup, span: Span, number: int, values: dict[str, Any]
 ) -> Generator[None, None, dict[str, Any]]:
-    row: dict[str, Any] = {"case": number, **values}
+    keys = {key: value for key, value in values.items() if key != WORST_OF}
+    row: dict[str, Any] = {"case": number, **keys}
     try:
-        metrics = yield from case_in_parts(setup.vary(values), span)
-        return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
+        metrics = yield from case_in_parts(setup.vary(keys), span)
+        row |= vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
-        why = {"status": status, "state": state.value}
-        return row | dict.fromkeys(CASE_METRICS) | why
+        row |= dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
+    if WORST_OF not in values:
+        return row
+    if row["state"] == CaseState.NOT_RUN:
+        return row | dict.fromkeys(worst_columns(values[WORST_OF]))
+    varied = setup.vary(keys)
+    return row | worst_of_case(
+        varied, values[WORST_OF], lambda cases: list(run_cases(varied, span, [*enumerate(cases)]))
+    )
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
@@ -108,8 +118,9 @@ class CaseTally:
 
 
 def chunked(numbered: Numbered) -> list[Numbered]:
-    """Return the chunks of cases."""
-    return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
+    """Return the chunks of cases. A case with a search takes seconds, and is a chunk by itself."""
+    some = 1 if any(WORST_OF in values for _, values in numbered) else _CHUNK
+    return [numbered[i : i + some] for i in range(0, len(numbered), some)]
 
 
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:

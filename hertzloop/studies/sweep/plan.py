@@ -13,6 +13,7 @@ from hertzloop.studies.cases.touch_phases import KEY, phases
 from hertzloop.studies.cases.uncertain import with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest
+from hertzloop.studies.sweep.worst_design import with_worst
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ def plan_sweep(setup: Setup, request: SweepRequest) -> SweepPlan:
     if request.uncertain is not None:
         inputs = read_uncertain(request.uncertain, setup)
         design = with_draws(setup, design, inputs, request.points)
+    if request.worst is not None:
+        design = with_worst(setup, design, request.worst)
     return SweepPlan(setup, design, request)
 
 

@@ -23,6 +23,8 @@ class SweepRequest:
         phases: Number of touch phases of every case; None: that of the scene alone.
         uncertain: File or scene with distributions that every case draws from.
         dask: Address of a Dask scheduler that runs the cases.
+        worst: Metric whose worst latencies within the jitter are searched in every case; None: no
+            search.
     """
 
     over: Mapping[str, Range] | Sequence[str] = ()
@@ -33,6 +35,7 @@ class SweepRequest:
     phases: int | None = None
     uncertain: Path | None = None
     dask: str | None = None
+    worst: str | None = None
 
     @property
     def points(self) -> int:

@@ -15,6 +15,7 @@ from hertzloop.results.cases import CASE_METRICS
 from hertzloop.scene.toml import toml_value
 from hertzloop.studies.cases.design import keys_of, toml_text
 from hertzloop.studies.cases.evaluate import older_state
+from hertzloop.studies.worst.of_case import LATENCIES, worst_columns
 
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
@@ -77,9 +78,14 @@ def _one_type_a_column(
         if len({type(row[key]) for row in rows}) > 1
         or (suffix != ".parquet" and isinstance(rows[0][key], list))
     ]
+    if LATENCIES in rows[0] and suffix != ".parquet":
+        text.append(LATENCIES)
     if not text:
         return rows
-    return [row | {key: toml_text(row[key]) for key in text} for row in rows]
+    return [
+        row | {key: None if row[key] is None else toml_text(row[key]) for key in text}
+        for row in rows
+    ]
 
 
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -100,7 +106,9 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        names = ["case", *keys, *CASE_METRICS, "status", "state", "growth_per_s"]
+        searched = header["design"].get("worst")
+        worst = worst_columns(searched) if searched else ()
+        names = ["case", *keys, *CASE_METRICS, "status", "state", *worst, "growth_per_s"]
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # An earlier version may lack a metric, but every case has its keys.
@@ -116,9 +124,9 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
     except (pa.ArrowException, ValueError, TypeError, OSError) as error:
         raise ValueError(f"{path} holds no results of a sweep: {error}") from error
-    for key in keys:
+    for key in [*keys, LATENCIES] if searched else keys:
         for row in rows:
             if isinstance(row[key], str):
                 # pyrefly: ignore[bad-argument-type]
-                row[key] = toml_value(row[key])
+                row[key] = toml_value(row[key]) if row[key] else None
     return rows, header

@@ -1,0 +1,1 @@
+"""The worst sequence of latencies of a scene, within a range."""
