@@ -10,7 +10,7 @@ from hertzloop.identification.modes.response_rows import FLEXIBILITY_M_N, Respon
 from hertzloop.identification.modes.universal_file import RESPONSES
 from hertzloop.identification.modes.vector_fitting import start_poles
 
-LINES = 4000  # most lines of a fit, evenly over the band; lines around peaks are added
+_LINES = 4000  # lines of a fit, evenly over the band; those around peaks are added
 HELD_OUT_EVERY = 5  # every fifth line is held out
 _AROUND_PEAK = 60  # lines on each side of a peak
 _PEAK_LEVELS, _PEAK_HEIGHT = 20.0, 0.05  # least peak, over its noise; 1 dB, as a logarithm
@@ -70,13 +70,13 @@ class FrequencyResponses:
         x2 = (self.hz / self.hz[-1]) ** 2
         low, high = float(self.hz[0]), float(self.hz[-1])
         return ResponseRows(
-            basis,
-            FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]),
-            self.values,
-            self.weights,
-            (low, _ABOVE_BAND * high),
-            (high - low) / _LINES_OF_BAND,
-            self.drive,
+            basis=basis,
+            rest=FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]),
+            values=self.values,
+            weights=self.weights,
+            band_hz=(low, _ABOVE_BAND * high),
+            resolution_hz=(high - low) / _LINES_OF_BAND,
+            drive=self.drive,
         )
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ class FrequencyResponses:
         by = s**self.order
         return start_poles(s, self.values / by, np.abs(by) * self.weights, count)
 
-    def thinned(self, most: int = LINES) -> "FrequencyResponses":
+    def thinned(self, most: int = _LINES) -> "FrequencyResponses":
         """Return the responses at so many lines over the band, and at all lines around peaks."""
         step = -(-len(self.hz) // most)
         kept = np.zeros(len(self.hz), bool)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.identification.modes.errors import ModalDataError
+from hertzloop.identification.records.readers.universal_file import data_sets
 
 SUFFIXES = (".uff", ".unv", ".uf", ".bunv", ".ufb")
 DIRECTIONS = ("x", "y", "z")
@@ -59,17 +60,14 @@ def read_sets(path: Path, option: str = "--from") -> list[dict[str, Any]]:
     Raises:
         ModalDataError: there is no such file, or it cannot be read.
     """
-    import pyuff  # An extra installs it.
-
     if not path.is_file():
         raise ModalDataError(f"{option} = {path}: there is no such file. Give the path of a file.")
     try:
-        found = pyuff.UFF(str(path)).read_sets()
+        found = data_sets(path)
     except Exception as error:  # pyuff raises plain exceptions for damaged files.
         raise ModalDataError(
             f"{option} = {path}: cannot be read as a universal file: {error}. Write it again."
         ) from error
-    found = found if isinstance(found, list) else [found]
     if not found:
         raise ModalDataError(
             f"{option} = {path}: holds no data set. Give a universal file (UFF, UNV)."

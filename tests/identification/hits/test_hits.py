@@ -15,10 +15,16 @@ from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import load
 from tests.identification.hits.trains import RATE_HZ, train
 
-HAMMER_SCENE = load("aluminium-20mm", [
-    "controller.law=off", "hammer.mass_kg=0.1", "hammer.speed_m_s=0.5", "hammer.tip_stiffness=2e6",
-    "hammer.tip_exponent=1",
-])  # fmt: skip
+HAMMER_SCENE = load(
+    "aluminium-20mm",
+    [
+        "controller.law=off",
+        "hammer.mass_kg=0.1",
+        "hammer.speed_m_s=0.5",
+        "hammer.tip_stiffness=2e6",
+        "hammer.tip_exponent=1",
+    ],
+)
 
 
 def judged(force: Record, rules: HitRules, others: Sequence[Record] = ()) -> list[Hit]:

@@ -93,6 +93,26 @@ def test_kinds_units_and_signs() -> None:
     assert np.allclose(known.values[0], receptance)
 
 
+def test_units_of_labels_are_those_of_records() -> None:
+    straight = taken(two_sets()[:1], Points(1))
+    for label, force, factor in (
+        ("(m/s^2)/N", "kN", 1e-3),
+        ("MM/S^2", "N", 1e-3),
+        ("ft/s^2", "LBF", 0.3048 / 4.4482216152605),
+    ):
+        one = data_set(
+            1,
+            straight.values[0],
+            straight.hz,
+            ordinate_axis_units_lab=label,
+            orddenom_axis_units_lab=force,
+        )
+        assert np.allclose(taken([one], Points(1)).values, factor * straight.values, rtol=1e-12)
+    unclear = data_set(1, straight.values[0], straight.hz, orddenom_axis_units_lab="MN")
+    with pytest.raises(ModalDataError, match="no labels of units that are known"):
+        taken([unclear], Points(1))
+
+
 @pytest.mark.parametrize(
     ("change", "points", "sentence"),
     [
