@@ -16,8 +16,8 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.modes.hits import hits_of_records
-from hertzloop.identification.modes.modes import modes_of_hits
+from hertzloop.identification.modes.from_hits import modes_of_hits
+from hertzloop.identification.modes.hit_responses import hits_of_records
 from hertzloop.identification.records.reading import read_record
 from hertzloop.identification.records.record import Record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes

@@ -15,11 +15,12 @@ import numpy as np
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, results_in
 from hertzloop.cli.options import JsonOption
-from hertzloop.identification.modes.hits import hits_of_records
-from hertzloop.identification.modes.identify import real_rows
-from hertzloop.identification.modes.modes import modes_of_hits, modes_of_responses
-from hertzloop.identification.modes.responses import FrequencyResponses, noise_weights
-from hertzloop.identification.modes.universal import RESPONSES, Points
+from hertzloop.identification.modes.frequency_responses import FrequencyResponses, noise_weights
+from hertzloop.identification.modes.from_hits import modes_of_hits
+from hertzloop.identification.modes.from_responses import modes_of_responses
+from hertzloop.identification.modes.hit_responses import hits_of_records
+from hertzloop.identification.modes.response_rows import real_rows
+from hertzloop.identification.modes.universal_file import RESPONSES, Points
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.results.deflection import modes_of_scene

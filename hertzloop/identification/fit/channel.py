@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.discrepancy import Discrepancy
+from hertzloop.identification.records.quantities import GAP_QUANTITIES
 from hertzloop.identification.records.record import Record
 
 _FASTEST_HZ = 300e3  # of a filter that makes an acceleration converge
@@ -79,7 +80,7 @@ class Channel:
     @property
     def is_gap(self) -> bool:
         """Whether the values are distances from the plate, which are not zero at rest."""
-        return self.record.quantity in ("xi", "xi_s")
+        return self.record.quantity in GAP_QUANTITIES
 
     @property
     def away_from_contact(self) -> bool:

@@ -11,9 +11,11 @@ from hertzloop.identification.fit.channel import ENOUGH_QUIET, Channel, is_unfil
 from hertzloop.identification.fit.noise import autoregressive_noise, noise_below_converter_step
 from hertzloop.identification.records.converter import clipped_samples, converter_step
 from hertzloop.identification.records.errors import RecordError
-from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.identification.records.quantities import GAP_QUANTITIES, QUANTITIES
 from hertzloop.identification.records.record import Record
+from hertzloop.identification.records.statistics import robust_deviation
 
+_THIRD_DIFFERENCE = 20.0  # variance of the third differences of white noise, over its own
 _STEADY = 7  # samples, most of which have to have left it
 _REST = 3  # lengths of the contacts in a force, after which it rests
 _FEWEST_QUIET = 12  # samples before the impact, for an estimate of the noise
@@ -86,7 +88,7 @@ def prepare_channel(record: Record) -> Channel:
 
 
 def _is_gap(record: Record) -> bool:
-    return record.quantity in ("xi", "xi_s")
+    return record.quantity in GAP_QUANTITIES
 
 
 class _Shape(NamedTuple):
@@ -122,8 +124,8 @@ def _find_shape(record: Record, good: np.ndarray) -> _Shape:
     start = max(_FEWEST_QUIET // 2, min(len(values) // 50, 500))
     baseline = float(np.median(values[:start]))
     # A record that begins in the contact has no quiet start; its third differences are quiet.
-    spread = 1.4826 * float(np.median(np.abs(values[:start] - baseline)))
-    rough = 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20.0)
+    spread = robust_deviation(values[:start] - baseline)
+    rough = robust_deviation(np.diff(values, 3)) / math.sqrt(_THIRD_DIFFERENCE)
     spread = max(min(spread, 3.0 * max(rough, 1e-3 * spread)), 0.3 * step)
     if is_gap:
         baseline = 0.0
@@ -165,7 +167,7 @@ def _estimate_noise(record: Record, shape: _Shape, good: np.ndarray) -> _Noise:
     if not shape.quiet_start:
         if _is_gap(record):
             third = np.diff(record.value[good], 3)
-            found.size = float(np.std(third)) / math.sqrt(20.0)
+            found.size = float(np.std(third)) / math.sqrt(_THIRD_DIFFERENCE)
             found.source, found.quiet = "differences", len(third) // 4
         return found
     margin = 3 + onset // 20
@@ -176,7 +178,7 @@ def _estimate_noise(record: Record, shape: _Shape, good: np.ndarray) -> _Noise:
     if len(after) >= ENOUGH_QUIET:
         before = np.concatenate([before, after - np.median(after)])
         found.end = end
-    sd = 1.4826 * float(np.median(np.abs(before))) or float(np.std(before))
+    sd = robust_deviation(before) or float(np.std(before))
     calm = before[np.abs(before) <= _SPIKE * max(sd, 0.5 * step, 1e-300)]
     if len(calm) < _FEWEST_QUIET:
         return found

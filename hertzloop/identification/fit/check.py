@@ -8,7 +8,6 @@ from dataclasses import replace
 from hertzloop.identification.fit.assessment import ModelAssessment
 from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
 from hertzloop.identification.fit.hit_speeds import add_hit_speeds
-from hertzloop.identification.fit.hits import split_hits
 from hertzloop.identification.fit.intervals import add_whole_step_estimate, estimate_from_covariance
 from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.residuals import impact_speeds
@@ -22,6 +21,7 @@ from hertzloop.identification.fit.summary import (
 from hertzloop.identification.fit.uncertainty import key_uncertainty
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.fit.whole_steps import expected_profile
+from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from hertzloop.identification.fit.controlled_records import refuse_incomparable, refuse_unknown_loop
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.hits import LONGEST_S
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.hits.find import LASTING_S
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.record import Record
@@ -49,10 +49,10 @@ def expected_record(
     step_s = 1e-6 / _positive_number(text, match["mhz"] or "2")
     quiet_s = max(250 * step_s, 0.2e-3)
     samples = (duration_s + quiet_s) / step_s
-    if duration_s > LONGEST_S or samples > _MOST_EXPECTED:
+    if duration_s > LASTING_S or samples > _MOST_EXPECTED:
         raise FitError(
             f"--expect {text}: is a record of {1e3 * duration_s:.3g} ms with {samples:.3g} "
-            f"samples. Suppose at most {1e3 * LONGEST_S:g} ms and {_MOST_EXPECTED:g} samples."
+            f"samples. Suppose at most {1e3 * LASTING_S:g} ms and {_MOST_EXPECTED:g} samples."
         )
     quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.hits import describe_hits, find_hits
+from hertzloop.identification.hits.find import HAMMER, find_hits
+from hertzloop.identification.hits.judge import describe_hits, judge_hits
 from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.reading import read_records
 from hertzloop.identification.records.record import Record
@@ -24,7 +25,7 @@ def describe_file(
     found = [line for one in records for line in _describe_record(one, samples)]
     for force in (one for one in records if one.quantity == "contact_force"):
         others = [one for one in records if one is not force and one.time_s is force.time_s]
-        hits = find_hits(force, True, others)
+        hits = judge_hits(find_hits(force, HAMMER), force, others, HAMMER)
         found += describe_hits(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
     return found
 

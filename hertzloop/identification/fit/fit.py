@@ -14,7 +14,6 @@ from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
 from hertzloop.identification.fit.frozen_models import refreeze
 from hertzloop.identification.fit.hit_speeds import add_hit_speeds
-from hertzloop.identification.fit.hits import split_hits
 from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
 from hertzloop.identification.fit.intervals import add_whole_step_estimate, estimate_keys
 from hertzloop.identification.fit.minimise import minimise
@@ -42,6 +41,7 @@ from hertzloop.identification.fit.uncertainty import (
 )
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.fit.whole_steps import search_whole_steps
+from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.chain_keys import is_chain_key
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup

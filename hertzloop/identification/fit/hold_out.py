@@ -9,12 +9,12 @@ import numpy as np
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey
 from hertzloop.identification.fit.hit_speeds import hit_speed_keys
-from hertzloop.identification.fit.hits import split_hits
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.residuals import describe_nuisances, independent_samples
 from hertzloop.identification.fit.solution import solve_with_model_errors
 from hertzloop.identification.fit.whole_steps import search_whole_steps
+from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.records.statistics import robust_deviation
 
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
@@ -25,7 +26,7 @@ def reject_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> in
         used = c.kept & (tau <= until_s)
         if np.count_nonzero(used) < 20:
             continue
-        sd = 1.4826 * float(np.median(np.abs(residual[used])))
+        sd = robust_deviation(residual[used])
         sd = max(sd, c.noise if c.noise_from == "quiet" else 0.0, 0.5 * c.step)
         far = used & (np.abs(residual) > _OUTLIER * sd)
         contact = (tau > -0.5 * problem.models[index].contact_s) & (

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.hits import LONGEST_S
+from hertzloop.identification.hits.find import LASTING_S
 
 _UNKNOWN_CONTACTS = 1.6
 _LONG_RUN = 8  # samples on one level, more than a slope makes
@@ -61,7 +61,7 @@ def exclude_contact(channel: Channel, contact_s: float) -> None:
 
 def cut_late_samples(channel: Channel) -> None:
     """Leave out samples later after the impact than a simulation is worth."""
-    late = channel.time_s > channel.onset_s + LONGEST_S
+    late = channel.time_s > channel.onset_s + LASTING_S
     if np.any(late):
         channel.kept = channel.kept & ~late
         keep = ~late
@@ -69,5 +69,5 @@ def cut_late_samples(channel: Channel) -> None:
         channel.kept = channel.kept[keep]
         channel.notes.append(
             f"{channel.record.name}: {np.count_nonzero(late)} samples later than "
-            f"{1e3 * LONGEST_S:g} ms after the impact are not used."
+            f"{1e3 * LASTING_S:g} ms after the impact are not used."
         )

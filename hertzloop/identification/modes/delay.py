@@ -11,36 +11,41 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from hertzloop.identification.modes.hits import Hit, rows_of_hits
-from hertzloop.identification.modes.identify import (
-    FittedModes,
-    ResponseRows,
-    add_modes,
-    refine_modes,
-    remove_weak_modes,
-)
-from hertzloop.identification.modes.universal import ModalDataError
+from hertzloop.identification.modes.errors import ModalDataError
+from hertzloop.identification.modes.hit_responses import HitResponse
+from hertzloop.identification.modes.hit_rows import rows_of_hits
+from hertzloop.identification.modes.identify import add_modes, refine_modes, remove_weak_modes
+from hertzloop.identification.modes.response_rows import FittedModes, ResponseRows
 
-_REACH, _STEP = 6.0, 0.5  # samples: how far a delay is looked for, and in which steps
-_ROUGH_S, _FINE_S = 0.02, 0.04  # after the hit, that the search and the estimate use
-_HITS = 3  # that are used: all have one delay
-_FIRST, _ROUNDS = 2, 10  # rounds that add modes: of the search, and the most of an estimate
+_REACH, _STEP = 6.0, 0.5  # largest delay of the search and its steps, samples
+_SEARCH_S, _ESTIMATE_S = 0.02, 0.04  # time after a hit that search and estimate use
+_MOST_HITS = 3  # hits that are used: all have one delay
+_SEARCH_ROUNDS, _MOST_ROUNDS = 2, 10  # rounds that add modes, of the search and of an estimate
 _REFINED = 3  # steps of a fit at each delay that is tried
-_BASINS, _HOPELESS = 3, 9.0  # of the search: how many are followed; square, over the least
-_NEAR, _TOLERANCE = 0.4, 0.005  # samples: around the present estimate, and its accuracy
-_GAIN, _PATIENCE = 0.1, 2  # share of the square that more modes explain, and rounds without
-_PER_MODE = 3.0  # of ln(rows) over the rows: share of the square that a mode has to explain
-_LEAST = 0.1  # samples: less is no delay
-_WORTH = 0.05  # share of the square that a delay has to explain
-# Errors: below, nothing else is looked for; above, a delay has to halve it; above, it is not told.
-_GOOD, _POOR, _LOST = 0.05, 0.1, 0.3
-_HALF, _ALIKE = 0.25, 1.1  # ratios of squares: half the error; two delays that fit as well
+_MOST_MINIMA = 3  # minima of the search that are followed
+_HOPELESS = 9.0  # square of a minimum, over the least one, from which it is not followed
+_NEAR, _TOLERANCE = 0.4, 0.005  # reach around an estimate, and its accuracy, samples
+_GAIN, _PATIENCE = 0.1, 2  # share of the square that more modes explain; rounds without
+_PER_MODE = 3.0  # share of the square that a mode has to explain, times the rows over ln(rows)
+_LEAST_DELAY = 0.1  # samples
+_LEAST_SHARE = 0.05  # share of the square that a delay has to explain
+_SMALL_ERROR = 0.05  # error below which no further delay is searched
+_LARGE_ERROR = 0.1  # error above which a delay has to halve the error
+_MOST_ERROR = 0.3  # error above which a delay is not trusted
+_HALF, _ALIKE = 0.25, 1.1  # ratios of squares: of half the error; of two delays that fit as well
+_REMEDY = "Record both with a converter that samples them at the same time, or shift the response."
 
 
 @dataclass(frozen=True)
 class _Estimate:
-    """A delay, the square of the error of a few modes with it, relative, that with none, and the
-    first one with a share for each mode, by which delays are compared."""
+    """A delay, and how well a few modes explain the hits with it.
+
+    Args:
+        samples: the delay.
+        square: square of the relative error.
+        without: square of the relative error of these modes without a delay.
+        score: the square, larger for each mode, by which delays are compared.
+    """
 
     samples: float
     square: float
@@ -49,17 +54,17 @@ class _Estimate:
 
     @property
     def error(self) -> float:
-        """Rms over rms."""
+        """Relative error, root mean square."""
         return math.sqrt(self.square)
 
     @property
     def late(self) -> bool:
         """Whether there is a delay, and it explains something."""
-        explains = self.square < (1.0 - _WORTH) * self.without
-        return abs(self.samples) >= _LEAST and explains
+        explains = self.square < (1.0 - _LEAST_SHARE) * self.without
+        return abs(self.samples) >= _LEAST_DELAY and explains
 
 
-def delay_force(hit: Hit, samples: float) -> Hit:
+def delay_force(hit: HitResponse, samples: float) -> HitResponse:
     """Return a hit whose force is moved by the delay of its response, in samples.
 
     The response stays: it does not end within the record, as the force does.
@@ -71,56 +76,66 @@ def delay_force(hit: Hit, samples: float) -> Hit:
     return replace(hit, force_n=force[: len(hit.force_n)], first=first)
 
 
-def correct_delay(hits: Sequence[Hit], others: Sequence[Hit]) -> tuple[list[Hit], list[Hit], float]:
-    """Return hits without the delay of their responses, others that share it, and the delay in
-    samples. Of hits with a window, the force has it or not, whichever explains them better.
+def correct_delay(
+    hits: Sequence[HitResponse], others: Sequence[HitResponse]
+) -> tuple[list[HitResponse], list[HitResponse], float]:
+    """Correct the delay of the responses of hits.
+
+    Args:
+        hits: the hits that give the delay. If they have a window, their forces are taken with it or
+            without it, whichever a few modes explain better.
+        others: hits of the same recorder.
+
+    Returns:
+        Hits and others without the delay, and the delay in samples.
 
     Raises:
         ModalDataError: there is a delay, but the hits do not tell it.
     """
     late = delay_of(hits)
-    windowed = [hit.of_windowed_force() for hit in hits]
+    windowed = [hit.with_force_before_window() for hit in hits]
     if hits[0].window_s is not None and _estimate_near(_first_hits(windowed), late).score < (
         _estimate_near(_first_hits(hits), late).score
     ):
-        hits, others = windowed, [hit.of_windowed_force() for hit in others]
+        hits, others = windowed, [hit.with_force_before_window() for hit in others]
         late = delay_of(hits)
     if late:
         hits, others = ([delay_force(hit, late) for hit in some] for some in (hits, others))
     return list(hits), list(others), late
 
 
-def _first_hits(hits: Sequence[Hit], seconds: float = _FINE_S) -> list[Hit]:
-    """Some of the hits, for so long after each hit."""
-    ends = [hit.first + round(seconds / hit.interval_s) for hit in hits[:_HITS]]
+def _first_hits(hits: Sequence[HitResponse], seconds: float = _ESTIMATE_S) -> list[HitResponse]:
+    """Return some of the hits, each up to a time after it, s."""
+    ends = [hit.first + round(seconds / hit.interval_s) for hit in hits[:_MOST_HITS]]
     return [
         replace(hit, force_n=hit.force_n[:end], response=hit.response[:end])
         for hit, end in zip(hits, ends, strict=False)
     ]
 
 
-def delay_of(hits: Sequence[Hit]) -> float:
-    """Return by how many samples the responses are late against the forces; 0.0 if that explains
-    nothing, and where the modes do not explain the hits at any delay.
+def delay_of(hits: Sequence[HitResponse]) -> float:
+    """Return by how many samples the responses are late against the forces.
+
+    It is 0.0 if a delay explains nothing, or if modes do not explain the hits at any delay.
 
     Raises:
         ModalDataError: there is a delay, but the hits do not tell it.
     """
     fine = _first_hits(hits)
     at_once = _estimate_near(fine, 0.0)
-    if abs(at_once.samples) < _LEAST and at_once.error < _GOOD:
+    if abs(at_once.samples) < _LEAST_DELAY and at_once.error < _SMALL_ERROR:
         return 0.0
-    basins = _basins(_first_hits(hits, _ROUGH_S))
-    found = [at_once, *(_estimate_near(fine, start) for start in basins)]
+    minima = _search_minima(_first_hits(hits, _SEARCH_S))
+    found = [at_once, *(_estimate_near(fine, start) for start in minima)]
     best = min(found, key=lambda one: one.score)
     if not best.late:
         return 0.0
     best = _estimate_near(fine, best.samples, _PATIENCE)
     if not best.late:
         return 0.0
-    if best.error > _POOR and best.square > _HALF * best.without:
+    if best.error > _LARGE_ERROR and best.square > _HALF * best.without:
         return 0.0
-    if best.error > _LOST:
+    if best.error > _MOST_ERROR:
         raise ModalDataError(
             "--from: the response is not simultaneous with the force, and the hits do not tell its "
             f"delay. A delay of {best.samples:.2f} samples fits best, with an error of "
@@ -136,11 +151,9 @@ def delay_of(hits: Sequence[Hit]) -> float:
     return best.samples
 
 
-_REMEDY = "Record both with a converter that samples them at the same time, or shift the response."
-
-
-def _observed(hits: Sequence[Hit], samples: float) -> ResponseRows:
-    """Hits at a delay. Residues have any sign: positive ones could be had by a wrong delay."""
+def _observed(hits: Sequence[HitResponse], samples: float) -> ResponseRows:
+    """Return the rows of hits at a delay. Residues have any sign: if they had to be positive, a
+    wrong delay could make them so."""
     moved = [delay_force(hit, samples) if samples else hit for hit in hits]
     return replace(rows_of_hits(moved, True), drive=None)
 
@@ -153,29 +166,29 @@ def _with_more_modes(observed: ResponseRows, modes: FittedModes) -> FittedModes:
     return remove_weak_modes(observed, refine_modes(observed, *add_modes(observed, modes)))
 
 
-def _basins(hits: Sequence[Hit]) -> list[float]:
-    """The delays around which few modes fit best, samples."""
+def _search_minima(hits: Sequence[HitResponse]) -> list[float]:
+    """Return the delays around which few modes fit best, samples."""
     tried = np.arange(-_REACH, _REACH + _STEP, _STEP)
     squares = []
     for samples in tried:
         observed = _observed(hits, float(samples))
         modes = _no_modes(observed)
-        for _ in range(_FIRST):
+        for _ in range(_SEARCH_ROUNDS):
             modes = _with_more_modes(observed, modes)
         squares.append(modes.square)
     beside = np.pad(squares, 1, constant_values=np.inf)
     lowest = (beside[1:-1] <= beside[:-2]) & (beside[1:-1] <= beside[2:])
     lowest &= np.array(squares) < _HOPELESS * min(squares)
     order = sorted(np.flatnonzero(lowest), key=lambda i: squares[i])
-    return [float(tried[i]) for i in order[:_BASINS]]
+    return [float(tried[i]) for i in order[:_MOST_MINIMA]]
 
 
-def _estimate_near(hits: Sequence[Hit], start: float, patience: int = 1) -> _Estimate:
-    """The delay near another one, with as many modes as explain more."""
+def _estimate_near(hits: Sequence[HitResponse], start: float, patience: int = 1) -> _Estimate:
+    """Return the delay near another one, with as many modes as explain more."""
     samples, observed = start, _observed(hits, start)
     best = modes = _no_modes(observed)
     at, least, since = start, math.inf, 0
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         grown = _with_more_modes(observed, modes)
 
         def square(x: float, grown: FittedModes = grown) -> float:

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.identification.modes.modes import MeasuredModes
+from hertzloop.identification.modes.measured_modes import MeasuredModes
 from hertzloop.studies.pages import pictures
 
 
 def draw(found: MeasuredModes, path: Path) -> None:
-    """Draw measured and modelled responses of what was held out. Raises NotWritten."""
+    """Draw measured and modelled responses of the data that were held out. Raises NotWritten."""
     metric, axes = pictures.sheet(len(found.held_out), 1)
     for one, ax in zip(found.held_out, axes[:, 0], strict=True):
         of_lines = np.iscomplexobj(one.measured)

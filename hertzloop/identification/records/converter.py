@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hertzloop.identification.records.quantities import GAP_QUANTITIES
 from hertzloop.identification.records.record import Record
 from hertzloop.identification.records.series_units import si_factor
 from hertzloop.sensors.acquisition import converter_step as adc_step
@@ -32,7 +33,7 @@ def clipped_samples(record: Record) -> np.ndarray:
     if largest == 0.0:
         return found
     # A long contact may take most of the record; then the usual value is not that at rest.
-    rest = 0.0 if record.quantity in ("xi", "xi_s") else _AT_REST * float(np.nanmax(np.abs(value)))
+    rest = 0.0 if record.quantity in GAP_QUANTITIES else _AT_REST * float(np.nanmax(np.abs(value)))
     for extreme in (np.nanmin(value), np.nanmax(value)):
         if abs(extreme - usual) < 0.3 * largest or abs(extreme) < rest:
             continue

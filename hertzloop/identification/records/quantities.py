@@ -38,6 +38,7 @@ NAMES = {q: q for q in QUANTITIES} | {
     "sphere_position": "xi_s",
     "f_a": "actuator_force",
 }
+GAP_QUANTITIES = ("xi", "xi_s")  # distances from the plate, which are not zero at rest
 PLATE_QUANTITIES = ("v_p", "acceleration", "xi_p")  # quantities with a measuring point
 
 

@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.identification.modes import universal
-from hertzloop.identification.modes.modes import modes_of_responses
-from hertzloop.identification.modes.responses import responses_of_sets
+from hertzloop.identification.modes.errors import ModalDataError
+from hertzloop.identification.modes.file_units import units_given, units_of
+from hertzloop.identification.modes.from_responses import modes_of_responses
+from hertzloop.identification.modes.response_sets import responses_of_sets
+from hertzloop.identification.modes.universal_file import Points, holds_modes
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.setup import load
@@ -25,7 +27,7 @@ from tests.identification.modes.known import (
 )
 
 FILE = Path("test.uff")
-SI = universal.units_given("m,N")
+SI = units_given("m,N")
 
 
 def data_set(node: int, values: np.ndarray, hz: np.ndarray, **changes: Any) -> dict[str, Any]:
@@ -44,14 +46,14 @@ def two_sets(**changes: Any) -> list[dict[str, Any]]:
     ]
 
 
-def taken(sets: list[dict[str, Any]], points: universal.Points, **options: Any) -> Any:
+def taken(sets: list[dict[str, Any]], points: Points, **options: Any) -> Any:
     return responses_of_sets(
         sets, FILE, points, options.get("units"), options.get("kind"), options.get("reference")
     )
 
 
 def test_exact_responses_give_the_very_modes() -> None:
-    points = universal.Points(contact=1, actuator=2, sensor=2)
+    points = Points(contact=1, actuator=2, sensor=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
     table = found.table
     assert np.allclose(table.omega_rad_s, KNOWN.omega_rad_s, rtol=1e-9)
@@ -66,14 +68,14 @@ def test_exact_responses_give_the_very_modes() -> None:
 
 def test_a_reference_elsewhere_scales_by_its_own_response() -> None:
     """The force was at node 1; contact and actuator are at node 2."""
-    points = universal.Points(contact=2)
+    points = Points(contact=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
     assert np.allclose(found.table.shape_contact, OTHER, rtol=1e-6)
     assert found.table.residual_flexibility_m_n is None
 
 
 def test_kinds_units_and_signs() -> None:
-    points = universal.Points(contact=1)
+    points = Points(contact=1)
     straight = taken(two_sets()[:1], points)
     hz = straight.hz
     in_g = data_set(1, straight.values[0] / 9.80665, hz, ordinate_axis_units_lab="g")
@@ -81,7 +83,7 @@ def test_kinds_units_and_signs() -> None:
     turned = data_set(1, -straight.values[0], hz, rsp_dir=-3)
     assert np.allclose(taken([turned], points).values, straight.values, rtol=1e-12)
     in_mm = data_set(1, 1e3 * straight.values[0], hz, ordinate_axis_units_lab="")
-    units = universal.units_given("mm,N")
+    units = units_given("mm,N")
     assert np.allclose(taken([in_mm], points, units=units).values, straight.values, rtol=1e-12)
     receptance = response(KNOWN, hz, CONTACT, 0)
     unsaid = data_set(1, receptance, hz, ordinate_spec_data_type=0, orddenom_spec_data_type=0,
@@ -91,52 +93,64 @@ def test_kinds_units_and_signs() -> None:
     assert np.allclose(known.values[0], receptance)
 
 
+def test_units_of_labels_are_those_of_records() -> None:
+    straight = taken(two_sets()[:1], Points(1))
+    for label, force, factor in (
+        ("(m/s^2)/N", "kN", 1e-3),
+        ("MM/S^2", "N", 1e-3),
+        ("ft/s^2", "LBF", 0.3048 / 4.4482216152605),
+    ):
+        one = data_set(
+            1,
+            straight.values[0],
+            straight.hz,
+            ordinate_axis_units_lab=label,
+            orddenom_axis_units_lab=force,
+        )
+        assert np.allclose(taken([one], Points(1)).values, factor * straight.values, rtol=1e-12)
+    unclear = data_set(1, straight.values[0], straight.hz, orddenom_axis_units_lab="MN")
+    with pytest.raises(ModalDataError, match="no labels of units that are known"):
+        taken([unclear], Points(1))
+
+
 @pytest.mark.parametrize(
     ("change", "points", "sentence"),
     [
-        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, universal.Points(1),
+        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, Points(1),
          "does not say whether .* Give --kind receptance, mobility, accelerance"),
-        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, universal.Points(1),
+        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, Points(1),
          "no data set 164 and no labels .* Give --units m,N"),
-        ({"ordinate_axis_units_lab": "m/s"}, universal.Points(1),
+        ({"ordinate_axis_units_lab": "m/s"}, Points(1),
          "of accelerance by its type, but"),
-        ({"rsp_dir": 4}, universal.Points(1), "no response along the direction of its force"),
-        ({}, universal.Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
-        ({"ref_node": 9}, universal.Points(1),
+        ({"rsp_dir": 4}, Points(1), "no response along the direction of its force"),
+        ({}, Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
+        ({"ref_node": 9}, Points(1),
          "--reference = 9: .* no response of this node itself"),
     ],
 )  # fmt: skip
-def test_responses_that_are_refused(
-    change: dict[str, Any], points: universal.Points, sentence: str
-) -> None:
-    with pytest.raises(universal.ModalDataError, match=sentence):
+def test_responses_that_are_refused(change: dict[str, Any], points: Points, sentence: str) -> None:
+    with pytest.raises(ModalDataError, match=sentence):
         taken(two_sets(**change), points)
 
 
 def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
     sets = two_sets()
     along_x = data_set(1, sets[0]["data"], sets[0]["x"], rsp_dir=1, ref_dir=1)
-    with pytest.raises(
-        universal.ModalDataError, match=r"--direction: is missing, .* directions x, z"
-    ):
-        taken([*sets, along_x], universal.Points(1))
+    with pytest.raises(ModalDataError, match=r"--direction: is missing, .* directions x, z"):
+        taken([*sets, along_x], Points(1))
     other = data_set(2, sets[1]["data"], sets[1]["x"], ref_node=2)
-    with pytest.raises(universal.ModalDataError, match=r"--reference: is missing, .* nodes 1, 2"):
-        taken([*sets, other], universal.Points(1))
-    assert taken([*sets, other], universal.Points(1), reference=1).nodes == (1,)
-    with pytest.raises(universal.ModalDataError, match="several responses of node 1"):
-        taken([*sets, sets[0]], universal.Points(1))
-    inch = universal.units_of(
+    with pytest.raises(ModalDataError, match=r"--reference: is missing, .* nodes 1, 2"):
+        taken([*sets, other], Points(1))
+    assert taken([*sets, other], Points(1), reference=1).nodes == (1,)
+    with pytest.raises(ModalDataError, match="several responses of node 1"):
+        taken([*sets, sets[0]], Points(1))
+    inch = units_of(
         [{"type": 164, "units_code": 7, "length": 39.37007874, "force": 0.2248089431}], FILE, None
     )
-    with pytest.raises(
-        universal.ModalDataError, match="but a response has the labels m/s\\^2 and N"
-    ):
-        taken(sets, universal.Points(1), units=inch)
-    with pytest.raises(
-        universal.ModalDataError, match=r"--kind: is missing, .* modes and frequency"
-    ):
-        universal.holds_modes([{"type": 55}, *sets], None, FILE)
+    with pytest.raises(ModalDataError, match="but a response has the labels m/s\\^2 and N"):
+        taken(sets, Points(1), units=inch)
+    with pytest.raises(ModalDataError, match=r"--kind: is missing, .* modes and frequency"):
+        holds_modes([{"type": 55}, *sets], None, FILE)
 
 
 def test_everything_that_is_missing_is_named_at_once() -> None:
@@ -148,8 +162,8 @@ def test_everything_that_is_missing_is_named_at_once() -> None:
         ([*unsaid, along_x, other], ["--direction", "--reference", "--kind", "--units m,N"]),
         (unsaid, ["--kind", "--units m,N"]),
     ]:
-        with pytest.raises(universal.ModalDataError) as refused:
-            taken(some, universal.Points(1))
+        with pytest.raises(ModalDataError) as refused:
+            taken(some, Points(1))
         assert all(part in str(refused.value) for part in parts)
 
 

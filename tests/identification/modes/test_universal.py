@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.identification.modes import universal
+from hertzloop.identification.modes.errors import ModalDataError
+from hertzloop.identification.modes.file_units import units_given, units_of
+from hertzloop.identification.modes.universal_file import Points
+from hertzloop.identification.modes.universal_modes import modes_of_sets
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
 from hertzloop.results.deflection import modes_of_scene
@@ -17,8 +20,8 @@ from tests.commands import as_options, invoke
 FILE = Path("test.unv")
 HZ, MASS, LOSS = np.array([120.0, 310.0, 705.0]), np.array([0.2, 1.0, 0.7]), 0.004
 SHAPES = np.array([[0.5, 0.3, 0.1], [1.0, -0.2, 0.4], [-0.8, 0.6, 0.9]])  # modes, nodes 7, 9, 12
-SI = universal.units_given("m,N")
-POINTS = universal.Points(contact=7, actuator=9, sensor=12)
+SI = units_given("m,N")
+POINTS = Points(contact=7, actuator=9, sensor=12)
 
 
 def normal(mode: int, **changes: Any) -> dict[str, Any]:
@@ -31,8 +34,8 @@ def normal(mode: int, **changes: Any) -> dict[str, Any]:
     } | changes  # fmt: skip
 
 
-def modes(sets: list[dict[str, Any]], points: universal.Points = POINTS, **options: Any) -> Any:
-    return universal.modes_of_sets(sets, FILE, points, options.pop("units", SI), **options)
+def modes(sets: list[dict[str, Any]], points: Points = POINTS, **options: Any) -> Any:
+    return modes_of_sets(sets, FILE, points, options.pop("units", SI), **options)
 
 
 def test_normal_modes_come_as_they_are() -> None:
@@ -54,32 +57,28 @@ def test_the_units_of_the_file_are_converted(
     code: int, length: float, force: float, mass_kg: float
 ) -> None:
     stated = {"type": 164, "units_code": code, "length": length, "force": force}
-    units = universal.units_of([stated], FILE, None)
+    units = units_of([stated], FILE, None)
     assert units.mass_kg == pytest.approx(mass_kg, rel=1e-6)
     heavier = modes([normal(0)], units=units).table.per_modal_mass_1_kg
     assert heavier[0] == pytest.approx(1 / (MASS[0] * mass_kg), rel=1e-6)
 
 
 def test_units_that_cannot_be_known_are_refused() -> None:
-    assert universal.units_of([normal(0)], FILE, None) is None
-    with pytest.raises(universal.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
+    assert units_of([normal(0)], FILE, None) is None
+    with pytest.raises(ModalDataError, match=r"no data set 164, .* Give --units m,N"):
         modes([normal(0)], units=None)
-    with pytest.raises(universal.ModalDataError) as refused:
+    with pytest.raises(ModalDataError) as refused:
         modes([normal(0, modal_m=0.0, r1=SHAPES[0])], units=None)
     for part in ("--units m,N", "--direction: is missing", "--unit-modal-mass"):
         assert part in str(refused.value)
     # The example in pyuff's documentation: the code of SI with the factors of foot and pound.
     foot = {"type": 164, "units_code": 1, "length": 3.28083989501312, "force": 0.224808943}
-    with pytest.raises(
-        universal.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"
-    ):
-        universal.units_of([foot], FILE, None)
-    slug = universal.units_of([foot], FILE, "ft,lbf")
+    with pytest.raises(ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"):
+        units_of([foot], FILE, None)
+    slug = units_of([foot], FILE, "ft,lbf")
     assert slug.mass_kg == pytest.approx(14.5939, rel=1e-5)
-    with pytest.raises(
-        universal.ModalDataError, match="--units = metric: must be a length and a force"
-    ):
-        universal.units_of([], FILE, "metric")
+    with pytest.raises(ModalDataError, match="--units = metric: must be a length and a force"):
+        units_of([], FILE, "metric")
 
 
 def test_complex_modes_are_those_normal_modes() -> None:
@@ -110,7 +109,7 @@ def test_how_near_to_real_is_told_and_far_is_refused() -> None:
     assert np.allclose(
         np.abs(near.table.shape_contact) / np.sqrt(MASS[0]), 0.5 / MASS[0], rtol=1e-2
     )
-    with pytest.raises(universal.ModalDataError, match=r"mode 1 \(120 Hz\) is far from a real one"):
+    with pytest.raises(ModalDataError, match=r"mode 1 \(120 Hz\) is far from a real one"):
         modes([normal(0, r3=SHAPES[0] * np.array([1, 1j, 1]))])
 
 
@@ -122,7 +121,7 @@ def test_modes_of_a_finite_element_program() -> None:
                                                         np.array([0, 0, 0.3, 0, 0, 0])],
         "record12_field2": 120.0, "record12_field4": 0.2, "record12_field6": LOSS,
     }  # fmt: skip
-    table = modes([one], universal.Points(7, 9)).table
+    table = modes([one], Points(7, 9)).table
     assert table.shape_contact[0] == 0.5
     assert table.shape_actuator[0] == 0.3
     assert table.per_modal_mass_1_kg[0] == 5.0
@@ -136,7 +135,7 @@ def test_modes_of_a_finite_element_program() -> None:
         ([], POINTS, {}, "holds no modes at nodes"),
         (
             [normal(0)],
-            universal.Points(8),
+            Points(8),
             {},
             "--contact = 8: not a node .* Its nodes are 7, 9, 12",
         ),
@@ -147,9 +146,9 @@ def test_modes_of_a_finite_element_program() -> None:
     ],
 )
 def test_what_is_refused(
-    sets: list[dict[str, Any]], points: universal.Points, options: dict[str, Any], sentence: str
+    sets: list[dict[str, Any]], points: Points, options: dict[str, Any], sentence: str
 ) -> None:
-    with pytest.raises(universal.ModalDataError, match=sentence):
+    with pytest.raises(ModalDataError, match=sentence):
         modes(sets, points, **options)
 
 
@@ -160,7 +159,7 @@ def test_what_an_option_settles() -> None:
     assert modes([undamped]).undamped
     assert modes([undamped], loss_factor=0.01).table.loss_factor[0] == 0.01
     skewed = normal(0, r1=2 * SHAPES[0])
-    x = modes([skewed], universal.Points(7, direction="x")).table
+    x = modes([skewed], Points(7, direction="x")).table
     assert x.shape_contact[0] == 2 * SHAPES[0, 0]
 
 

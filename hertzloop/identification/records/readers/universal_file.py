@@ -1,6 +1,7 @@
 """Read time records in data sets 58 of universal files."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,18 @@ _OTHER_FUNCTIONS = {
 }
 
 
+def data_sets(path: Path) -> list[dict[str, Any]]:
+    """Return all data sets of a universal file; pyuff raises plain exceptions for damaged files."""
+    import pyuff  # An extra installs it.
+
+    found = pyuff.UFF(str(path)).read_sets()
+    return found if isinstance(found, list) else [found]
+
+
 def read_uff(path: Path) -> FileContents:
     """Read the data sets 58 of a universal file that are functions of time."""
-    import pyuff
-
     found = FileContents([], kind="data set")
-    sets = pyuff.UFF(str(path)).read_sets()
-    for number, data in enumerate(sets if isinstance(sets, list) else [sets], 1):
+    for number, data in enumerate(data_sets(path), 1):
         if data.get("type") != 58:
             continue
         name = str(data.get("id1") or "").strip().replace("NONE", "") or f"data set {number}"

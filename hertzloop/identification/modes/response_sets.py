@@ -1,142 +1,27 @@
-"""Frequency responses of universal files (data set 58, function type 4) as observed responses."""
+"""Frequency responses of universal files in SI units: data sets 58 of function type 4."""
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
-from hertzloop.identification.modes.identify import FLEXIBILITY_M_N, ResponseRows, start_poles
-from hertzloop.identification.modes.universal import (
+from hertzloop.identification.modes.errors import ModalDataError
+from hertzloop.identification.modes.file_units import FileUnits, same_factor
+from hertzloop.identification.modes.frequency_responses import FrequencyResponses, noise_weights
+from hertzloop.identification.modes.universal_file import (
     DIRECTIONS,
     RESPONSES,
-    FileUnits,
-    ModalDataError,
     Points,
     choose_direction,
     list_nodes,
 )
+from hertzloop.identification.records.units import unit_of
 
-_SENSED = {8: "receptance", 11: "mobility", 12: "accelerance"}  # specific data types
-_FORCES = (9, 13)
-# Labels of units: the kind of response, and how many are one SI unit.
-_LABELS = {
-    "m": ("receptance", 1.0),
-    "mm": ("receptance", 1e3),
-    "um": ("receptance", 1e6),
-    "m/s": ("mobility", 1.0),
-    "mm/s": ("mobility", 1e3),
-    "in/s": ("mobility", 1 / 0.0254),
-    "m/s^2": ("accelerance", 1.0),
-    "m/s2": ("accelerance", 1.0),
-    "m/s**2": ("accelerance", 1.0),
-    "mm/s^2": ("accelerance", 1e3),
-    "g": ("accelerance", 1 / 9.80665),
-    "n": ("force", 1.0),
-    "lbf": ("force", 1 / 4.4482216152605),
-    "kn": ("force", 1e-3),
-}
-_SAME = 1e-3
-_LINES = 4000  # taken evenly over the band; those around peaks come on top
-_AROUND = 60  # lines on each side of a peak
-_OVER_NOISE = 20.0  # of a peak
-_BINS = 16  # of lines by the size of the value
-_LEAST_SHARE = 1e-12  # noise of a value, squared: 1e-6
-EVERY = 5  # every so many lines are held out
-
-
-@dataclass(frozen=True)
-class FrequencyResponses:
-    """Frequency responses of several points to a force at one.
-
-    `hz`: (lines,). `values`: per unit of force, SI units, (points, lines), and their `weights`.
-    `order`: power of s from the receptance: 0, 1 or 2. `nodes`: of the points. `reference`: node of
-    the force.
-    """
-
-    hz: np.ndarray
-    values: np.ndarray
-    weights: np.ndarray
-    order: int
-    nodes: tuple[int, ...]
-    reference: int
-    direction: str
-
-    @property
-    def kind(self) -> str:
-        """Such as "accelerance"."""
-        return next(name for name, order in RESPONSES.items() if order == self.order)
-
-    def at(self, lines: np.ndarray) -> "FrequencyResponses":
-        """The same at some lines, by their numbers or a mask."""
-        return replace(
-            self, hz=self.hz[lines], values=self.values[:, lines], weights=self.weights[:, lines]
-        )
-
-    @property
-    def drive(self) -> int | None:
-        """Which of the points is that of the force; None if none is."""
-        return self.nodes.index(self.reference) if self.reference in self.nodes else None
-
-    def observed(self) -> ResponseRows:
-        """As what modes are fitted to."""
-        s = 2j * np.pi * self.hz
-        by = s**self.order
-
-        def basis(omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
-            return by / (omega[:, None] ** 2 + s * (s + (loss * omega)[:, None]))
-
-        x2 = (self.hz / self.hz[-1]) ** 2
-        low, high = float(self.hz[0]), float(self.hz[-1])
-        return ResponseRows(
-            basis,
-            FLEXIBILITY_M_N * np.array([by, by * x2, by * x2**2]),
-            self.values,
-            self.weights,
-            (low, 1.1 * high),
-            (high - low) / 600,
-            self.drive,
-        )
-
-    def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies (rad/s) and loss factors to begin with."""
-        s = 2j * np.pi * self.hz
-        count = 4 + max(map(len, map(_peaks, self.values, self.weights)))
-        by = s**self.order
-        return start_poles(s, self.values / by, np.abs(by) * self.weights, count)
-
-    def thinned(self, most: int = _LINES) -> "FrequencyResponses":
-        """The same at `most` lines, evenly over the band, and all around the peaks."""
-        step = -(-len(self.hz) // most)
-        kept = np.zeros(len(self.hz), bool)
-        kept[::step] = True
-        for pair in zip(self.values, self.weights, strict=True) if step > 1 else ():
-            for peak in _peaks(*pair):
-                kept[max(0, peak - _AROUND) : peak + _AROUND + 1] = True
-        return self.at(kept)
-
-
-def noise_weights(values: np.ndarray) -> np.ndarray:
-    """Weights of a response, (lines,): one over the noise, which is a floor and a share of the
-    value, by how far each line is from the line between its neighbours."""
-    size = np.abs(values[1:-1]) ** 2
-    apart = np.abs(values[:-2] - 2.0 * values[1:-1] + values[2:]) ** 2 / (6.0 * math.log(2.0))
-    bins = np.array_split(np.argsort(size), _BINS)
-    noise = np.array([max(np.median(apart[some]), 1e-30 * np.mean(size)) for some in bins])
-    of_size = np.array([np.median(size[some]) for some in bins])
-    share, floor = scipy.optimize.nnls(
-        np.stack([of_size, np.ones(_BINS)], 1) / noise[:, None], np.ones(_BINS)
-    )[0]
-    return 1.0 / np.sqrt(max(share, _LEAST_SHARE) * np.abs(values) ** 2 + floor)
-
-
-def _peaks(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Lines at which a response has a peak, of at least 1 dB and well above its noise."""
-    found = scipy.signal.find_peaks(np.log10(np.abs(values)), prominence=0.05)[0]
-    return np.asarray(found[np.abs(values[found]) * weights[found] > _OVER_NOISE])
+_KINDS = {8: "receptance", 11: "mobility", 12: "accelerance"}  # by the specific data type
+_FORCES = (9, 13)  # specific data types of a force
+_KINDS_BY_UNIT = {"m": "receptance", "m/s": "mobility", "m/s^2": "accelerance", "N": "force"}
+_FEWEST_LINES = 16
 
 
 def responses_of_sets(
@@ -183,8 +68,10 @@ def responses_of_sets(
         raise ModalDataError(f"{path}: its responses are of several kinds. Give those of one kind.")
     values = np.array([one for one, _ in scaled])
     good = (hz > 0.0) & np.all(np.isfinite(values) & (values != 0.0), axis=0)
-    if np.count_nonzero(good) < 16:
-        raise ModalDataError(f"{path}: has fewer than 16 lines above 0 Hz. Measure a wider band.")
+    if np.count_nonzero(good) < _FEWEST_LINES:
+        raise ModalDataError(
+            f"{path}: has fewer than {_FEWEST_LINES} lines above 0 Hz. Measure a wider band."
+        )
     weights = np.array([noise_weights(one) for one in values[:, good]])
     return FrequencyResponses(
         hz[good], values[:, good], weights, orders.pop(), tuple(nodes), reference, direction
@@ -283,48 +170,75 @@ def _axis(code: int) -> str:
 def _in_si(
     one: Mapping[str, Any], path: Path, units: FileUnits | None, kind: str | None
 ) -> tuple[np.ndarray, int]:
-    """A response in SI units, positive along its axis, and its order."""
-    said, force = one.get("ordinate_spec_data_type"), one.get("orddenom_spec_data_type")
-    label = _label(one, "ordinate_axis_units_lab")
-    below = _label(one, "orddenom_axis_units_lab")
-    known = kind or _SENSED.get(said or 0) or (label[0] if label else None)
+    """Return a response in SI units, positive along its axis, and its time derivative.
+
+    Args:
+        one: the data set.
+        path: of the file, for messages.
+        units: those given, or of data set 164.
+        kind: "receptance", "mobility" or "accelerance"; None: as the file says.
+
+    Raises:
+        ModalDataError: kind or units are unknown, or the file contradicts itself.
+    """
+    motion = _stated_unit(one, "ordinate_axis_units_lab")
+    force = _stated_unit(one, "orddenom_axis_units_lab")
+    by_type = _KINDS.get(one.get("ordinate_spec_data_type") or 0)
+    known = kind or by_type or (motion[0] if motion else None)
+    per_force = kind or force or one.get("orddenom_spec_data_type") in _FORCES
     missing = []
-    if known not in RESPONSES or (force not in _FORCES and not below and kind is None):
+    if known not in RESPONSES or not per_force:
         missing.append(
             f"{path}: does not say whether its responses are of displacement, velocity or "
             f"acceleration per force. Give --kind {', '.join(RESPONSES)}."
         )
-    if units is None and not (label and below):
+    if units is None and not (motion and force):
         missing.append(
             f"{path}: has no data set 164 and no labels of units that are known, so its units are "
             "unknown. Give --units m,N, or another length and force."
         )
     if missing:
         raise ModalDataError(" ".join(missing))
-    if units is not None and units.given:
-        label = None  # what was given holds
-    if label and label[0] != known:
+    assert known is not None
+    if motion and not (units and units.given) and motion[0] != known:
         raise ModalDataError(
-            f"{path}: a response is of {known} by its type, but has the unit of {label[0]}. Give "
+            f"{path}: a response is of {known} by its type, but has the unit of {motion[0]}. Give "
             "--kind and --units."
         )
-    factor = None if units is None else units.force / units.length
-    if label and below:
-        by_label = below[1] / label[1]
-        if factor is not None and abs(by_label / factor - 1.0) > _SAME:
-            assert units is not None
-            raise ModalDataError(
-                f"{path}: data set 164 has {units.name}, but a response has the "
-                f"labels {one['ordinate_axis_units_lab'].strip()} and "
-                f"{one['orddenom_axis_units_lab'].strip()}. Give --units, such as m,N or g,N."
-            )
-        factor = factor or by_label
-    assert known is not None
-    assert factor is not None
     sign = np.sign(one["rsp_dir"]) * np.sign(one["ref_dir"])
-    return np.asarray(one["data"]) * factor * sign, RESPONSES[known]
+    return np.asarray(one["data"]) * _factor(one, path, units) * sign, RESPONSES[known]
 
 
-def _label(one: Mapping[str, Any], key: str) -> tuple[str, float] | None:
-    text = str(one.get(key) or "").strip().lower().replace("²", "^2").strip("()")
-    return _LABELS.get(text.partition("/n")[0].strip("()") if text.endswith("/n") else text)
+def _factor(one: Mapping[str, Any], path: Path, units: FileUnits | None) -> float:
+    """Return the factor from the values of a response to SI units. Units that the user gives hold
+    before labels. Raises ModalDataError if labels and data set 164 differ."""
+    motion = _stated_unit(one, "ordinate_axis_units_lab")
+    force = _stated_unit(one, "orddenom_axis_units_lab")
+    by_units = None if units is None else units.force / units.length
+    by_labels = force[1] / motion[1] if motion and force else None
+    if units is None or by_units is None:
+        assert by_labels is not None
+        return by_labels
+    if by_labels is None or units.given or same_factor(by_labels, by_units):
+        return by_units
+    raise ModalDataError(
+        f"{path}: data set 164 has {units.name}, but a response has the labels "
+        f"{one['ordinate_axis_units_lab'].strip()} and {one['orddenom_axis_units_lab'].strip()}. "
+        "Give --units, such as m,N or g,N."
+    )
+
+
+def _stated_unit(one: Mapping[str, Any], key: str) -> tuple[str, float] | None:
+    """Return the kind of response that the label of a unit means, "force" of a force, and how many
+    such units are one SI unit; None of a label that is not known."""
+    text = str(one.get(key) or "").strip().strip("()")
+    if text.lower().endswith("/n"):  # The label of an ordinate may have the force below it.
+        text = text[:-2].strip("()")
+    unit = unit_of(text)
+    if unit is None and text.isupper():
+        # Some programs write all labels in capitals. MN may be milli- or meganewtons.
+        small = unit_of(text.lower())
+        unit = small if small is not None and small.si != "N" else None
+    if unit is None or unit.si not in _KINDS_BY_UNIT:
+        return None
+    return _KINDS_BY_UNIT[unit.si], 1.0 / unit.size

@@ -1,0 +1,1 @@
+"""Hits in measured records: found, judged, and split from each other."""
