@@ -39,7 +39,7 @@ def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> No
 
 
 @pytest.mark.parametrize("runtime", ["set", "unset"])
-@pytest.mark.parametrize("name", ["x" * 100, "a#b", "\udce4"])
+@pytest.mark.parametrize("name", ["x" * 100, "a#b"])
 def test_a_folder_that_cannot_hold_sockets_is_passed_over(
     temporary: Path, monkeypatch: pytest.MonkeyPatch, name: str, runtime: str
 ) -> None:

@@ -199,14 +199,6 @@ class TestPresence:
 class TestLargeMessages:
     """They are sent in a thread of their own."""
 
-    def test_all_come_in_order(self, zenoh: dict[str, ZenohPort]) -> None:
-        sent = [bytes([i]) * size for i, size in enumerate([3_000_000, 10, 3_000_000, 5, 100_000])]
-        for payload in sent:
-            zenoh[PLANT].publish(Envelope("truth", payload))
-        zenoh[PLANT].publish(Envelope("end/plant", b"end", 0))
-        got = [zenoh[RECORDER].receive(PATIENCE_S, "truth") for _ in range(len(sent) + 1)]
-        assert [envelope.payload for envelope in got] == [*sent, b"end"]
-
     def test_what_was_published_before_the_port_is_closed_is_sent(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:

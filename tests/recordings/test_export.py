@@ -224,7 +224,7 @@ def test_a_span_without_samples_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-@each_format
+@pytest.mark.parametrize("ending", ["csv", "mcap"])
 def test_samples_whose_times_contradict_their_steps_are_refused(
     file: Path, tmp_path: Path, ending: str
 ) -> None:
@@ -254,15 +254,14 @@ def test_what_is_missing_in_a_recording_is_missing_in_the_table(file: Path, tmp_
     assert table["command_n"].null_count == 0
 
 
-@pytest.mark.parametrize("command", ["inspect", "replay", "repair"])
-def test_an_export_is_told_from_a_recording(file: Path, tmp_path: Path, command: str) -> None:
+def test_an_export_is_told_from_a_recording(file: Path, tmp_path: Path) -> None:
     assert call("export", file, "-o", tmp_path / "x.mcap").exit_code == 0
     assert call("export", file, "-o", tmp_path / "x.csv").exit_code == 0
     for name, sentence in (
         ("x.mcap", "is an export of a recording, with one message a sample. Give the recording"),
         ("x.csv", "is not an MCAP recording of hertzloop. Its exports cannot be read back"),
     ):
-        result = call(command, tmp_path / name)
+        result = call("inspect", tmp_path / name)
         assert result.exit_code == 2
         assert f"{tmp_path / name}" in result.output
         assert sentence in result.output

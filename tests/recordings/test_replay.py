@@ -51,17 +51,8 @@ def entities(rrd: Path) -> dict[str, int]:
     """Chunks by entity of the data, without those of the dashboard."""
     listed = rerun("rrd", "stats", rrd).split("Num chunks per entity")[1].split("\n\n")[0]
     found = {name: int(count) for name, count in re.findall(r"^(/\S+): (\d+)$", listed, re.M)}
-    roots = (
-        "/scene",
-        "/overview",
-        "/zoom",
-        "/spectrum",
-        "/contacts",
-        "/events",
-        "/states",
-        "/about",
-    )
-    return {name: count for name, count in found.items() if name.startswith(roots)}
+    roots = "scene", "overview", "zoom", "spectrum", "contacts", "events", "states", "about"
+    return {name: count for name, count in found.items() if name.split("/")[1] in roots}
 
 
 ENTITIES = {
@@ -102,17 +93,6 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     result = call("replay", file, "--save", rrd, "--alone", "--overwrite")
     assert result.exit_code == 0, result.output
     assert set(entities(rrd)) == ENTITIES | FROM_LABELS
-
-
-@pytest.mark.full
-def test_the_file_of_the_default_run_is_small(tmp_path: Path) -> None:
-    record_in_process(load("aluminium-20mm"), tmp_path / "run.mcap", compiled=True)
-    assert read(tmp_path / "run.mcap").truth.samples == 60_000
-    rrd = tmp_path / "run.rrd"
-    result = call("replay", tmp_path / "run.mcap", "--save", rrd)
-    assert result.exit_code == 0, result.output
-    assert rrd.stat().st_size < 10e6
-    assert "make_active: true" in rerun("rrd", "print", rrd)
 
 
 def test_a_run_lies_over_its_reference_from_the_contact_on(file: Path, tmp_path: Path) -> None:
@@ -186,20 +166,6 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     assert re.findall(r"(PT?[\d.]+[SD]) .*\[(apart|in contact)\]", printed) == [
         ("P0D", "apart"), ("PT0.333333337S", "in contact"), ("PT0.666666674S", "apart"),
     ]  # fmt: skip
-
-
-def test_a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(writer, "_FLUSH_EVERY_S", 0.0)
-    whole, cut, rrd = (tmp_path / name for name in ("whole.mcap", "cut.mcap", "cut.rrd"))
-    record_in_process(load("aluminium-3mm", SCENE), whole, compiled=True)
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 3])
-    assert 0 < read(cut).truth.samples < read(whole).truth.samples
-    result = call("replay", cut, "--save", rrd)
-    assert result.exit_code == 0, result.output
-    assert "cut off" in result.output
-    rerun("rrd", "verify", rrd)
 
 
 def test_a_recording_without_a_step_says_so(file: Path, tmp_path: Path) -> None:
