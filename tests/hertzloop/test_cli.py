@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -244,18 +242,3 @@ def test_what_cannot_be_written_is_said_before_work_starts(
     folder = words.endswith(" F")  # that would have to be made
     sentence = "cannot create the folder" if folder else "cannot write to the folder /proc"
     refused(sentence, *words.replace("F", "/proc/no").split())
-
-
-@pytest.mark.full
-def test_a_compiled_run_imports_neither_network_nor_pictures_nor_published_plant(
-    here: Path,
-) -> None:
-    script = (
-        "import sys; from tests.commands import succeed;"
-        f"succeed(*{['run', 'aluminium-3mm', *SHORT]!r});"
-        "print([name for name in sys.modules if name in ('zenoh', 'hertzloop.bus.liveliness',"
-        " 'hertzloop.plant.schemes.thesis2008', 'rerun', 'matplotlib')"
-        " or name.startswith('hertzloop.studies.margin')])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=here)
-    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout + done.stderr

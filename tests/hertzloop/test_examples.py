@@ -141,21 +141,6 @@ def test_modes_of_a_scene_run_again(here: Path) -> None:
     refused("Use an .npz", "scene", "modes", "-o", "other.csv", "--grid")
 
 
-def test_a_wrong_file_ends_the_command_with_a_sentence(here: Path) -> None:
-    copied(here, "beam.toml", "beam_modes.py")
-    lines = (here / "beam.csv").read_text().splitlines()
-    cells = [line.split(",") for line in lines[2:]]
-    kilohertz = [",".join([repr(float(row[0]) / 1e3), *row[1:]]) for row in cells]
-    for rows, words in (
-        (kilohertz, "too low for an impact"),
-        ([*lines[3:], lines[2]], "frequencies must rise"),
-        ([lines[2].replace(cells[0][2], "0"), *lines[3:]], "modal_mass_kg of mode 1 is 0"),
-    ):
-        (here / "beam.csv").write_text("\n".join([*lines[:2], *rows]))
-        refused(words, "run", "beam.toml", "--out", "wrong.mcap")
-        assert not (here / "wrong.mcap").exists()
-
-
 @pytest.mark.full
 def test_a_sweep_over_edges_materials_and_files_of_modes(here: Path) -> None:
     coarse = as_options(["run.accuracy=0.05"])

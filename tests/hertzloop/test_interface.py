@@ -42,7 +42,7 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
     assert seen.samples["time_s"].values[1] == pytest.approx(5e-6)
 
 
-@pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
+@pytest.mark.parametrize("transport", ["zenoh", "compiled"])
 def test_every_transport_gives_the_same_run(
     scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.runs.TransportName"
 ) -> None:

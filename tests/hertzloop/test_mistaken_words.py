@@ -122,23 +122,3 @@ def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -
     assert result.exit_code == 2
     assert f"{Path(words[-1])}: is an input of this command" in said(result)
     assert {path: path.read_bytes() for path in here.iterdir()} == before
-
-
-LONG = 300 * "x"  # no file has such a name
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        f"run {LONG}",
-        f"run --set controller.law={LONG}.py",
-        f"run --repeat {LONG}.mcap",
-        f"report a.mcap -o {LONG}",
-        f"sweep --over sensors.bits=4,5 -o {LONG}.csv",
-        f"law new {LONG}.py",
-    ],
-)
-def test_a_name_too_long_for_a_file(words: str, here: Path) -> None:
-    result = call(*words.split())  # which lets no other exception pass
-    assert result.exit_code == 2
-    assert "error: " in said(result)

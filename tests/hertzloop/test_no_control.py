@@ -37,19 +37,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("field", ["injected_j"])
-def test_books_that_are_not_finite_are_told_of(
-    whole: Path, tmp_path: Path, field: str, value: float
-) -> None:
+def test_a_balance_that_is_not_finite_is_told_of(whole: Path, tmp_path: Path) -> None:
     def change(sent: Sent) -> None:
         if sent.stream == "balance":
-            setattr(sent.header, field, value)
+            sent.header.injected_j = math.nan
 
     path = rewrite(whole, tmp_path / "b.mcap", change)
     done = call("inspect", str(path), "--json", str(tmp_path / "b.json"))
     assert done.exit_code == 1
-    said = f"the energy balance holds {field} = {value:g}"
+    said = "the energy balance holds injected_j = nan"
     assert said in " ".join(done.stdout.split())
     found = json.loads((tmp_path / "b.json").read_text())
     assert not found["complete"]

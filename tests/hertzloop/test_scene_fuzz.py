@@ -71,14 +71,6 @@ def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
     toml_value(text)
 
 
-def test_what_python_itself_refuses() -> None:
-    for value in ("[" * 3000 + "]" * 3000, "9" * 5000):
-        assert scene_or_sentence(f'name = "a"\n[run]\nseed = {value}') is None
-    with pytest.raises(SceneError) as caught:
-        load("nowhere/" + "x" * 15000)
-    assert len(str(caught.value)) < LONGEST_SENTENCE
-
-
 def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
     """The bounds of a key, and what lies between; or its words."""
     field = TABLES[table].model_fields[key]

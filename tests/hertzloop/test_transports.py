@@ -184,7 +184,7 @@ IN_THREADS = {"default", "own clock", "converters", "velocity feedback", "predic
 WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
     "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
     "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, SOME, set()),
-    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, VARIANTS, set()),
+    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, SOME, set()),
     "zenoh": (record, {}, VARIANTS, {"default", "infinite plate", "own clock"}),
     "zenoh, horizon 1": (record, {"horizon": 1}, SOME, {"converters"}),
     "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),

@@ -3,16 +3,15 @@
 import shutil
 from pathlib import Path
 
-import pytest
-
-from tests.hertzloop.test_cli import call, here, said
+from tests.commands import call, refused, said
+from tests.hertzloop.test_cli import here
 
 __all__ = ["here"]  # the fixture
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("name", ["a[/y].mcap", "[red]b.mcap"])
-def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
+def test_markup_in_a_file_name_means_nothing(here: Path) -> None:
+    name = "a[/y].mcap"
     for file in (name, f"new{name}"):
         (here / file).parent.mkdir(exist_ok=True)
     shutil.copy(next((ROOT / "recordings" / "golden").glob("*.mcap")), name)
@@ -26,8 +25,5 @@ def test_markup_in_a_file_name_means_nothing(name: str, here: Path) -> None:
     assert f"new{name}" in done.output
 
 
-@pytest.mark.parametrize("value", ["[/y]", "[red]x"])
-def test_markup_in_a_refused_value(value: str) -> None:
-    done = call("run", "--set", f"plate.material={value}")
-    assert done.exit_code == 2
-    assert value in said(done)
+def test_markup_in_a_refused_value() -> None:
+    refused("[/y]", "run", "--set", "plate.material=[/y]")

@@ -90,8 +90,10 @@ def test_an_isotropic_material_said_in_four_numbers_gives_the_same_plate(edges: 
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("material", ["spruce", "birch_plywood"])
-@pytest.mark.parametrize("edges", ["ffff", "cfff", "csff", "cccc"])
+@pytest.mark.parametrize(
+    ("material", "edges"),
+    [("birch_plywood", "csff"), *(("spruce", e) for e in ("ffff", "cfff", "csff", "cccc"))],
+)
 def test_finite_elements_have_the_same_frequencies(edges: str, material: str) -> None:
     pytest.importorskip("skfem")
     from tests.plant.structures.argyris import plate_squared
