@@ -105,7 +105,7 @@ def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
 
 
 @given(SEQUENCES, THRESHOLDS, LEVELS, st.sampled_from([0.8, -0.4]))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_slope_threshold_against_plain_python(
     samples: list[float], v_thr: float, level: float, kappa: float
 ) -> None:
@@ -124,7 +124,7 @@ def test_slope_threshold_against_plain_python(
 
 
 @given(SEQUENCES, PROFILES, LEVELS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_profile_against_plain_python(
     samples: list[float], forces: tuple[float, ...], level: float
 ) -> None:

@@ -23,7 +23,7 @@ def newest_command(forces: np.ndarray) -> np.ndarray:
 
 
 @given(LAWS, LINES, SEQUENCES, st.integers(1, 20), EVERY_STEPS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_latency_is_a_pure_shift(
     law: LawSpec, line: SignalPath, samples: list[float], latency: int, every_steps: int
 ) -> None:
@@ -36,7 +36,7 @@ def test_latency_is_a_pure_shift(
 
 
 @given(LAWS, SEQUENCES, LATENCIES, EVERY_STEPS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_sample_k_acts_from_the_step_after_it_plus_latency(
     law: LawSpec, samples: list[float], latency: int, every_steps: int
 ) -> None:

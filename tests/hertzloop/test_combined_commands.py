@@ -18,8 +18,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.limits import quantities_of
 from tests.commands import as_options, succeed
-from tests.hertzloop.interop import needs_cc
-from tests.hertzloop.own_laws import write_law
+from tests.hertzloop.own_laws import needs_cc, write_law
 
 HAMMER = ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.5"]
 ELSEWHERE = ["sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p",
@@ -27,6 +26,7 @@ ELSEWHERE = ["sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p",
 FEATURES = {
     "metal tip": [*HAMMER, "hammer.tip_radius_m=0.006"],
     "soft tip": [*HAMMER, "hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.2"],
+    "mass and speed": ["sphere.mass_kg=0.002", "sphere.speed_m_s=0.7"],
     "orthotropic": ["plate.material=spruce", "plate.size_m=[0.5,0.4]"],
     "sensor mass": [*ELSEWHERE, "sensors.mass_kg=0.002"],
     "modes from a file": ["plate.modes=MODES", "sensors.quantity=v_p",
@@ -58,7 +58,7 @@ def settings_of(name: str, modes: Path) -> list[str]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["metal tip", "orthotropic", "modes from a file"])
+@pytest.mark.parametrize("name", FEATURES)
 def test_run_sweep_report_and_export_have_the_same_numbers(
     name: str, modes: Path, tmp_path: Path
 ) -> None:

@@ -19,7 +19,6 @@ from tests.hertzloop.processes import hertzloop
 from tests.ports import free_ports
 
 PLACES = "--name {name} --listen {listen} --connect {connect}"
-OURS = f"{sys.executable} -m hertzloop node controller {PLACES}"
 EXAMPLE = f"{sys.executable} {EXAMPLES / 'own_controller.py'} {PLACES}"
 BROKEN = f"{sys.executable} {ROOT / 'tests' / 'hertzloop' / 'broken_controller.py'}"
 
@@ -44,13 +43,6 @@ def checked(*words: str, code: int = 0) -> str:
     assert "Traceback" not in done.stderr
     assert done.returncode == code, done.stderr
     return words_of(done.stdout + done.stderr)
-
-
-@pytest.mark.full
-def test_our_own_controller_conforms() -> None:
-    said = checked("--controller", OURS, "--law", "velocity_feedback")
-    assert "conforms: 4 runs, 10,000 forces" in said
-    assert "its law: velocity_feedback" in said
 
 
 def test_the_example_conforms() -> None:

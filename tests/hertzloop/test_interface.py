@@ -71,6 +71,7 @@ def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
     assert hertzloop.sweep(source, over).equals(hertzloop.sweep(run.scene, over))
 
 
+@pytest.mark.full
 def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
     """Late forces are numbered in the rows of truth, so that these name all that acted."""
     path = tmp_path / "a.mcap"

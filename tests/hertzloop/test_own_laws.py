@@ -20,20 +20,12 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
+from tests.commands import call, refused, said, succeed
 from tests.hertzloop.lanes import Pair
-from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
+from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, needs_cc, write_law
 from tests.hertzloop.processes import hertzloop
-from tests.hertzloop.test_cli import call, said
 
 LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
-needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return tmp_path
 
 
 def record(scene: Setup, path: Path, transport: str = "compiled") -> Recording:
@@ -110,26 +102,22 @@ def test_sweep_check_and_tune(here: Path) -> None:
     shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
     fixed = ["aluminium-3mm", "--set", "controller.law=mine.py", "--set", SHORT]
     over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
-    done = call("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2")
-    assert done.exit_code == 0, done.output
+    succeed("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2")
     header = json.loads((here / "r.csv.json").read_text())
     (about,) = header["laws"].values()
     assert about["source"] == (here / "mine.py").read_text()
-    done = call("sweep", "--verify", "r.csv", "--cases", "2")
-    assert done.exit_code == 0, done.output
-    assert "2 of 2 cases: the same bytes over zenoh" in said(done)
+    assert "2 of 2 cases: the same bytes over zenoh" in succeed(
+        "sweep", "--verify", "r.csv", "--cases", "2"
+    )
     tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT]
     small = ["--generations", "2", "--population", "4", "--json", "t.json"]
-    done = call(*tuned, "--minimise", "plate_energy_db", *small)
-    assert done.exit_code == 0, done.output
+    succeed(*tuned, "--minimise", "plate_energy_db", *small)
     (best,) = json.loads((here / "t.json").read_text())["front"]
     assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
     # Another text is another law, for what was begun and for what is to be checked.
     with (here / "mine.py").open("a") as file:
         file.write("\n# changed\n")
-    done = call("sweep", "--verify", "r.csv", "--cases", "1")
-    assert done.exit_code == 2
-    assert "Copy the same file to both sides" in said(done)
+    refused("Copy the same file to both sides", "sweep", "--verify", "r.csv", "--cases", "1")
 
 
 @pytest.mark.full
@@ -209,16 +197,12 @@ def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
 
 def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
     for kind, name in (("law", "mine.py"), ("scene", "a scene.toml")):
-        done = call(kind, "new", name)
-        assert done.exit_code == 0, done.output
+        succeed(kind, "new", name)
     run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
-    done = call(*run, "--set", "controller.law=mine.py")
-    assert done.exit_code == 0, done.output
+    succeed(*run, "--set", "controller.law=mine.py")
     recording = read(here / "a-scene.mcap")
     assert recording.force.arrays["force_n"].any()
-    again = call("law", "new", "mine.py")
-    assert again.exit_code == 2
-    assert "mine.py exists" in said(again)
+    refused("mine.py exists", "law", "new", "mine.py")
     assert call("law", "new", "mine.txt").exit_code == 2
     # The same start in C.
     if shutil.which("cc"):
@@ -232,8 +216,7 @@ def test_a_recording_outlives_its_law(here: Path) -> None:
     path = write_law(here)
     record(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), here / "a.mcap")
     path.unlink()
-    done = call("inspect", "a.mcap", "--json", "i.json")
-    assert done.exit_code == 0, done.output
+    succeed("inspect", "a.mcap", "--json", "i.json")
     data = json.loads((here / "i.json").read_text())
     assert data["complete"]
     assert len(data["impacts"]) == 1

@@ -49,7 +49,7 @@ def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | No
     return None
 
 
-@settings(max_examples=300, suppress_health_check=list(HealthCheck))
+@settings(max_examples=120, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
        st.dictionaries(WORDS, VALUES, max_size=2))  # fmt: skip
 def test_any_values_make_a_scene_or_a_sentence(
@@ -63,7 +63,7 @@ def test_any_values_make_a_scene_or_a_sentence(
     scene_or_sentence(base, [f"{t}.{k}={v}" for (t, k), v in changes.items() if v not in ("", {})])
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(st.text() | st.binary().map(lambda b: b.decode("latin-1")), st.text(max_size=30))
 def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
     scene_or_sentence(text, [setting])

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import call
 from tests.hertzloop.processes import hertzloop
-from tests.hertzloop.test_cli import call
 from tests.tiers import default
 
 SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.002", "--set", "controller.law=force_feedback"]

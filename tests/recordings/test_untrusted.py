@@ -205,7 +205,7 @@ def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, path = read(whole), tmp_path_factory.mktemp("evil") / "evil.mcap"
     writer = RecordingWriter(path)
     toml = "".join(f"\\u{ord(c):04x}" for c in EVIL)
-    words = dict.fromkeys(("scene", "run_id", "hertzloop", "host", "python"), EVIL)
+    words = dict.fromkeys(("scene", "run_id", "hertzloop", "host", "python", "note"), EVIL)
     writer.scene(
         f'title = "{toml}"\n' + source.scene_toml.replace('"steel"', f'"steel{toml}"'),
         {**source.metadata, **words},

@@ -62,15 +62,6 @@ class TestByTheMcapLibrary:
         encodings = {i[1].message_encoding for items in decoded.values() for i in items}
         assert encodings == {"protobuf"}
 
-    def test_announced_counts(self, decoded: dict[str, list[Any]]) -> None:
-        announced = {c.stream: c.messages for i in decoded["/end"] for c in i[3].count}
-        events = announced.pop("events/plant") + announced.pop("events/controller")
-        assert len(decoded["/events"]) == events
-        assert announced.pop("pacing") == 0  # of a paced run only
-        assert announced.pop("scene") == 0  # of a scene with files only
-        assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
-        assert set(announced) == {"hello", "law", "daq", "force", "truth", "balance"}
-
     def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
         for topic, items in decoded.items():
             for _, _, message, content in items:
@@ -139,12 +130,6 @@ class TestByTheMcapLibrary:
         kinds = [type(r) for r in found]
         assert kinds.index(Attachment) < kinds.index(Chunk)
 
-    def test_topics_by_index(self, whole: Path) -> None:
-        with whole.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        assert summary.statistics.message_count == len(messages(whole))
-        assert summary.statistics.message_end_time == STEPS * STEP_NS
-
 
 def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     kept = read(whole)
@@ -207,10 +192,6 @@ class TestWriter:
         writer.finish({})
         assert path.read_bytes().startswith(b"\x89MCAP")
 
-    def test_no_such_folder(self, tmp_path: Path) -> None:
-        with pytest.raises(RecordingError, match=r"cannot create the recording .*No such file"):
-            RecordingWriter(tmp_path / "nowhere" / "run.mcap")
-
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
     @pytest.mark.parametrize("scene_bytes", [10, 1_000_000])
     def test_a_full_disk_gives_a_sentence(self, scene_bytes: int) -> None:
@@ -239,7 +220,7 @@ class TestWriter:
 
 
 class TestFromElsewhere:
-    @pytest.mark.parametrize("content", [b"", b"hello", bytes(10_000), b"\x89MCAP0\r\n"])
+    @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n"])
     def test_no_mcap(self, tmp_path: Path, content: bytes) -> None:
         path = tmp_path / "strange.mcap"
         path.write_bytes(content)
@@ -252,7 +233,7 @@ class TestFromElsewhere:
         with pytest.raises(RecordingError, match=r"cannot read .*: Is a directory"):
             read(tmp_path)
 
-    @pytest.mark.parametrize("topic", ["/imu", "/truth", "/events", "/end"])
+    @pytest.mark.parametrize("topic", ["/imu", "/truth", "/end"])
     def test_an_mcap_without_our_streams(self, tmp_path: Path, topic: str) -> None:
         """Topics may even have our names; what is in them is not ours."""
         path = tmp_path / "drone.mcap"
