@@ -98,7 +98,7 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
 
 
 @pytest.mark.full
-@settings(max_examples=150, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.data())
 def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataObject) -> None:
     keys = data.draw(st.lists(st.sampled_from(KEYS), unique=True, max_size=4))

@@ -61,6 +61,14 @@ def test_a_curve_of_fewer_samples_keeps_within_its_error(count: int, held: bool)
         assert len(kept) < (800 if held else 200)
 
 
+def test_values_without_bound_are_kept_what_is_constant_is_not() -> None:
+    values = np.ones(4097)
+    assert len(enough(np.arange(4097), values, 0.0, held=False)) == 2
+    values[[10, 300, 301, 302]] = np.nan, np.inf, np.inf, -np.inf
+    kept = enough(np.arange(4097), values, 1e-3, held=False)
+    assert {9, 10, 11, 299, 300, 301, 302, 303} <= set(kept.tolist())
+
+
 def test_contacts_are_found_up_to_both_ends() -> None:
     xi = np.array([-1.0, 0.0, -1.0, -1.0, 1.0, -1.0])
     assert contact_spans(xi) == [(0, 1), (2, 4), (5, 6)]
@@ -220,6 +228,21 @@ def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible() -> None:
     assert scene3d.scale(flat_plate(np.array([0])), (0, 0), 0.05).heights == 1.0
     # A span in which nothing moves: what comes later counts.
     assert scene3d.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
+
+
+def test_triangles_face_up_and_normals_agree_with_them() -> None:
+    plate = bent_plate()
+    drawn = scene3d.scale(plate, (0, 2000), 0.003)
+    corners = scene3d.vertices(plate, drawn)[1][scene3d.triangles(plate)]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert len(faces) == 2 * 20 * 12
+    assert np.all(faces[:, 2] > 0.0)
+    assert abs(faces[:, 2].sum() / 2 - 0.5 * 0.3) < 1e-6
+    normals = scene3d.normals(plate, drawn)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-6)
+    at_first_corner = normals[1][scene3d.triangles(plate)[:, 0]]
+    unit = faces / np.linalg.norm(faces, axis=1)[:, None]
+    assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
 
 
 def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
