@@ -59,18 +59,6 @@ class TestContract:
             with pytest.raises(PeerLost):
                 mesh[role].receive(ABSENCE_S, "nothing more")
 
-    def test_question_and_answer(self, mesh: dict[str, Port]) -> None:
-        for i in range(50):
-            mesh[PLANT].publish(Envelope("daq", text(i)))
-            question = mesh[CONTROLLER].receive(PATIENCE_S, "samples")
-            mesh[CONTROLLER].publish(Envelope("force", question.payload[::-1]))
-            assert mesh[PLANT].receive(PATIENCE_S, "forces").payload == text(i)[::-1]
-
-    @pytest.mark.parametrize("stream", ["daq", "events/plant"])
-    def test_an_empty_payload_arrives(self, mesh: dict[str, Port], stream: str) -> None:
-        mesh[PLANT].publish(Envelope(stream, b"", 0))
-        assert mesh[RECORDER].receive(PATIENCE_S, "it").payload == b""
-
     def test_silence_names_who_waits_and_for_what(self, mesh: dict[str, Port]) -> None:
         with pytest.raises(PeerLost, match=r"^plant wait.* for the force for step 7"):
             mesh[PLANT].receive(ABSENCE_S, "the force for step 7")

@@ -1,7 +1,8 @@
-"""Endpoints that only their user can reach."""
+"""Endpoints that only their user can reach; ports that are given to nobody else."""
 
 import fcntl
 import os
+import socket
 import tempfile
 import time
 from collections.abc import Iterator
@@ -10,7 +11,14 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus import sockets
-from hertzloop.bus.sockets import own_endpoints, own_folder, remove_folder_of, too_long
+from hertzloop.bus.sockets import (
+    LOOPBACK,
+    own_endpoints,
+    own_folder,
+    remove_folder_of,
+    reserved_ports,
+    too_long,
+)
 from hertzloop.bus.streams import PLANT
 from hertzloop.bus.zenoh_port import ZenohPort
 
@@ -39,7 +47,7 @@ def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> No
 
 
 @pytest.mark.parametrize("runtime", ["set", "unset"])
-@pytest.mark.parametrize("name", ["x" * 100, "a#b", "\udce4"])
+@pytest.mark.parametrize("name", ["x" * 100, "a#b"])
 def test_a_folder_that_cannot_hold_sockets_is_passed_over(
     temporary: Path, monkeypatch: pytest.MonkeyPatch, name: str, runtime: str
 ) -> None:
@@ -115,3 +123,22 @@ def test_only_an_empty_folder_of_ours_is_removed(temporary: Path) -> None:
     (full / "1").write_text("")
     remove_folder_of([f"{KIND}{folder}/0" for folder in (ours, full, theirs)] + ["tcp/127.0.0.1:1"])
     assert sorted(temporary.iterdir()) == [full, theirs]
+
+
+def test_who_knows_them_listens_on_them_again_and_again() -> None:
+    with reserved_ports(3, in_a_row=True) as ports:
+        assert ports == [ports[0], ports[0] + 1, ports[0] + 2]
+        for number in [*ports, *ports]:
+            with (
+                socket.create_server((LOOPBACK, number)) as server,
+                socket.create_connection((LOOPBACK, number)),
+            ):
+                server.accept()[0].close()
+
+
+def test_a_row_is_held_once() -> None:
+    with reserved_ports(2, in_a_row=True) as one, reserved_ports(2, in_a_row=True) as other:
+        assert not set(one) & set(other)
+        for number in one:
+            with socket.socket() as asking, pytest.raises(OSError, match="in use"):
+                asking.bind((LOOPBACK, number))

@@ -161,20 +161,6 @@ class TestPresence:
             plant.close()
             recorder.close()
 
-    def test_a_role_that_did_not_announce_itself_is_not_there(self) -> None:
-        """A session is no role yet: its subscribers may not exist."""
-        ports = free_ports(2)
-        plant = ZenohPort(PLANT, "early", [url(ports[0])])
-        recorder = ZenohPort(RECORDER, "early", [url(ports[1])], [url(ports[0])])
-        try:
-            with pytest.raises(PeerLost, match="recorder"):
-                plant.liveliness.wait_for([RECORDER], ABSENCE_S)
-            recorder.liveliness.announce()
-            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
-        finally:
-            plant.close()
-            recorder.close()
-
     def test_runs_of_other_names_are_not_heard(self) -> None:
         ports = free_ports(3)
         recorder = ZenohPort(RECORDER, "mine", [url(ports[0])])
@@ -198,14 +184,6 @@ class TestPresence:
 
 class TestLargeMessages:
     """They are sent in a thread of their own."""
-
-    def test_all_come_in_order(self, zenoh: dict[str, ZenohPort]) -> None:
-        sent = [bytes([i]) * size for i, size in enumerate([3_000_000, 10, 3_000_000, 5, 100_000])]
-        for payload in sent:
-            zenoh[PLANT].publish(Envelope("truth", payload))
-        zenoh[PLANT].publish(Envelope("end/plant", b"end", 0))
-        got = [zenoh[RECORDER].receive(PATIENCE_S, "truth") for _ in range(len(sent) + 1)]
-        assert [envelope.payload for envelope in got] == [*sent, b"end"]
 
     def test_what_was_published_before_the_port_is_closed_is_sent(
         self, zenoh: dict[str, ZenohPort]
@@ -290,10 +268,9 @@ class TestEndpoints:
         assert "\n" not in sentence
         assert ".rs" not in sentence  # zenoh adds where it says so in its own source
 
-    @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1", "pigeon/1"])
-    def test_an_endpoint_that_is_none(self, endpoint: str) -> None:
+    def test_an_endpoint_that_is_none(self) -> None:
         with pytest.raises(BusError, match="plant cannot open the bus at"):
-            ZenohPort(PLANT, "wrong", [endpoint])
+            ZenohPort(PLANT, "wrong", ["pigeon/1"])
 
     def test_a_configuration_file_gives_the_endpoints(self, tmp_path: Path) -> None:
         numbers = free_ports(2)

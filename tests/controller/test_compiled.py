@@ -81,18 +81,18 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     assert not heard.names
 
 
-@pytest.mark.parametrize("broken", ["atomic_write", "save", "ensure_cache_path"])
+@pytest.mark.parametrize("broken", ["atomic_write", "save"])
 def test_a_disk_that_takes_nothing_ends_nothing(
     tmp_path: Path, heard: Heard, monkeypatch: pytest.MonkeyPatch, broken: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    """Neither text nor machine code of a law, nor a folder for them: a sentence, once."""
+    """Neither text nor machine code of a law: a sentence, once."""
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    owners = {"save": caching.IndexDataCacheFile, "ensure_cache_path": caching._CacheLocator}
-    monkeypatch.setattr(owners.get(broken, storage), broken, full)
+    owner = storage if broken == "atomic_write" else caching.IndexDataCacheFile
+    monkeypatch.setattr(owner, broken, full)
     monkeypatch.setattr(storage, "_not_written", [])
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     bound = law.bind(law.keys(), LawContext())

@@ -40,21 +40,11 @@ def test_one_force(bits: int, full_scale: float, part: float) -> None:
         assert code == math.copysign(2 ** (bits - 1) - 1, force)
 
 
-@given(BITS, FULL_SCALES, PARTS, PARTS)
-@settings(max_examples=200, deadline=None)
-def test_monotone(bits: int, full_scale: float, one: float, other: float) -> None:
-    line = line_of(bits, full_scale)
-    low, high = sorted((one * full_scale, other * full_scale))
-    assert k.convert_force(line, low) <= k.convert_force(line, high)
-
-
-@pytest.mark.parametrize("bits", range(2, 25))
-def test_zero_stays_zero(bits: int) -> None:
-    line = line_of(bits, 0.7)
-    assert k.convert_force(line, 0.0) == 0.0
-    assert k.convert_force(line, -0.0) == 0.0
-    assert k.convert_force(line, 0.49 * line.lsb_n) == 0.0
-    assert k.convert_force(line, -0.49 * line.lsb_n) == 0.0
+def test_zero_stays_zero() -> None:
+    for bits in range(2, 25):
+        line = line_of(bits, 0.7)
+        for steps in (0.0, -0.0, 0.49, -0.49):
+            assert k.convert_force(line, steps * line.lsb_n) == 0.0, bits
 
 
 def test_two_bits_are_three_levels() -> None:

@@ -24,7 +24,7 @@ def test_what_a_law_lets_pass_is_raised_behind_the_loop(tmp_path: Path) -> None:
     simulate(scene_with(tmp_path, "if i == 5000: raise KeyboardInterrupt", 0.002))
 
 
-@pytest.mark.parametrize("after_ms", [2.0 + 0.685 * k for k in range(8)])
+@pytest.mark.parametrize("after_ms", [2.0, 3.37, 6.8])
 def test_ctrl_c_is_never_lost(after_ms: float, tmp_path: Path) -> None:
     """Also where it comes between two samples: Python hears of it at the start of the next call,
     before anything there can catch it."""

@@ -22,7 +22,7 @@ ONE_BY_ONE = range(1, 200)
 
 
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_forces_granted_ahead_are_those_computed_later(
     law: LawSpec, line: SignalPath, samples: list[float], cuts: list[int], every_steps: int
 ) -> None:
@@ -75,7 +75,7 @@ def test_nothing_is_granted_ahead_unless_asked() -> None:
 
 
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS, st.booleans(), st.data())
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_the_promise_of_no_force_is_kept(
     law: LawSpec,
     line: SignalPath,

@@ -21,7 +21,6 @@ CONSTANT = LawSpec("constant", 1.0, profile_n=(5.0, 5.0))
 
 # name: law, samples (one a second), modes, latched delays, commands
 ROWS = {
-    "never in contact": (SLOPE, [3, 2, 1, 2], "IIII", [0, 0, 0, 0], [0, 0, 0, 0]),
     "one contact": (
         # Latched at the third sample in contact, then the contact again, two samples late.
         SLOPE,
@@ -37,7 +36,6 @@ ROWS = {
         [0, 0, 1, 1, 1, 1, 1, 1, 3, 3, 3, 3, 3],
         [0, 0, 4, 4, 0, 0, 0, 0, 4, 32, 108, 108, 0],
     ),
-    "threshold never crossed": (SLOPE, [1, -1, -4, -9, 1, 1], "IWWWII", [0] * 6, [0] * 6),
     "slope equal to the threshold is not above it": (
         replace(SLOPE, v_thr_m_s=-3.0),
         [2, -1, -4, -6, 1],
@@ -45,34 +43,12 @@ ROWS = {
         [0, 0, 0, 2, 2],
         [0, 0, 0, 4, 32],
     ),
-    "threshold crossed by the first sample in contact": (
-        replace(SLOPE, v_thr_m_s=-5.0),
-        [1, -1, -4, 1, 1],
-        "IAAII",
-        [0] * 5,
-        [0, 4, 32, 0, 0],
-    ),
-    "first sample of the run in contact": (
-        SLOPE,
-        [-1, -4, -4, 1],
-        "WWAA",
-        [0, 0, 2, 2],
-        [0, 0, 4, 32],
-    ),
     "no slope is known at the first sample of the run": (
         replace(SLOPE, v_thr_m_s=-5.0),
         [-1, -4, 1],
         "WAA",
         [0, 1, 1],
         [0, 4, 32],
-    ),
-    "the delay is latched once a contact": (
-        # The slope falls below the threshold and rises above it again: nothing changes.
-        SLOPE,
-        [1, -1, -1, -4, -4, -1, 1, 1],
-        "IWAAAAAI",
-        [0, 0, 1, 1, 1, 1, 1, 1],
-        [0, 0, 4, 4, 32, 32, 4, 0],
     ),
     "new contact while the old one still acts": (
         # Contact is lost at sample 5 and comes back at 6; the delayed samples reach the gap
@@ -90,20 +66,6 @@ ROWS = {
         [0, 0, 1, 1, 1],
         [0, 0, 4, 4, 0],
     ),
-    "no penetration below a positive contact level": (
-        replace(SLOPE, contact_level=1.0),
-        [2, 0.5, 0.5, -4, 2, 2],
-        "IWAAAI",
-        [0, 0, 1, 1, 1, 1],
-        [0, 0, 0, 0, 32, 0],
-    ),
-    "negative gain": (
-        replace(SLOPE, kappa=-0.5),
-        [1, -4, -4, 1, 1],
-        "IWAAI",
-        [0, 0, 1, 1, 1],
-        [0, 0, -32, -32, 0],
-    ),
     "constant force, spent until the contact ends": (
         CONSTANT,
         [1, -1, -1, -1, -1, 1, -1, -1],
@@ -111,26 +73,12 @@ ROWS = {
         [0] * 8,
         [0, 5, 5, 0, 0, 0, 5, 5],
     ),
-    "profile goes on after the contact": (
-        PROFILE,
-        [1, -1, 1, 1, 1, 1],
-        "IAAAII",
-        [0] * 6,
-        [0, 0, 2, -3, 0, 0],
-    ),
     "profile is not started again by a contact that it outlasts": (
         PROFILE,
         [1, -1, 1, -1, -1, 1, -1],
         "IAAASIA",
         [0] * 7,
         [0, 0, 2, -3, 0, 0, 0],
-    ),
-    "a contact right after the end of profile and contact": (
-        PROFILE,
-        [-1, 1, 1, 1, -1, -1],
-        "AAAIAA",
-        [0] * 6,
-        [0, 2, -3, 0, 0, 2],
     ),
     "off": (replace(SLOPE, law="off"), [1, -1, -4, -4, 1], "IIIII", [0] * 5, [0] * 5),
 }
@@ -157,7 +105,7 @@ def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
 
 
 @given(SEQUENCES, THRESHOLDS, LEVELS, st.sampled_from([0.8, -0.4]))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_slope_threshold_against_plain_python(
     samples: list[float], v_thr: float, level: float, kappa: float
 ) -> None:
@@ -176,7 +124,7 @@ def test_slope_threshold_against_plain_python(
 
 
 @given(SEQUENCES, PROFILES, LEVELS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_profile_against_plain_python(
     samples: list[float], forces: tuple[float, ...], level: float
 ) -> None:

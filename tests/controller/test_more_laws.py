@@ -80,7 +80,7 @@ def test_the_force_fades_after_the_contact() -> None:
     assert at_once[:8].tolist() == [0, 0, 0, 4, 0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("lead", [1, 5, 12])
+@pytest.mark.parametrize("lead", [1, 12])
 def test_look_ahead_follows_the_impact_it_models(lead: int) -> None:
     samples = gap()
     constants = replace(IMPACT, lead_samples=lead).constants(STEP_S)
@@ -92,7 +92,7 @@ def test_look_ahead_follows_the_impact_it_models(lead: int) -> None:
         assert slope == pytest.approx(central, abs=0.02 * SPEED)
 
 
-@pytest.mark.parametrize("lead", [1, 4, 10, 20])
+@pytest.mark.parametrize("lead", [1, 20])
 def test_prediction_commands_now_what_is_due_later(lead: int) -> None:
     """The command `lead` samples early is that of a law without dead time, within 2 % of the
     peak; the two-point law without dead time latches one of the same two samples."""

@@ -8,19 +8,6 @@ import pytest
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 
 
-def endless() -> None:
-    with given_up_in_time(0.05):
-        while True:
-            pass
-
-
-def test_a_loop_without_end_is_given_up() -> None:
-    began = time.monotonic()
-    with pytest.raises(LawTimeout):
-        endless()
-    assert time.monotonic() - began < 60.0
-
-
 @pytest.mark.parametrize("late_s", [-1e-4, 0.0])
 def test_at_the_last_moment_it_is_over_or_overdue_once(late_s: float) -> None:
     """Whichever comes first, what follows is not interrupted any more."""

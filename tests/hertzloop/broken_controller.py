@@ -27,11 +27,6 @@ def at(number: int, change: Callable[[Any], object]) -> Callable[[str, Any], Non
     return alter
 
 
-def at_the_end(change: Callable[[Any], object]) -> Callable[[str, Any], None]:
-    """Change the controller's end."""
-    return lambda stream, message: change(message) if stream == "end/controller" else None
-
-
 def next_bit(message: Any) -> None:
     """Another last bit of the first force that is none."""
     for i, force in enumerate(message.force_n):
@@ -47,17 +42,12 @@ def by_its_number(stream: str, message: Any) -> None:
 
 
 ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
-    "no-run-id": at(0, lambda m: m.ClearField("run_id")),
     "gap": at(4, lambda m: setattr(m, "sequence", 6)),
-    "short": at(2, lambda m: m.force_n.pop()),
-    "nan": at(5, lambda m: m.force_n.__setitem__(-1, math.nan)),
     "next-bit": lambda stream, m: next_bit(m) if stream == "force" else None,
     "by-the-cut": by_its_number,
     "late": at(3, lambda m: time.sleep(30)),
     "dies": at(3, lambda m: os._exit(3)),
-    "fault": at_the_end(lambda m: setattr(m, "fault", "out of force")),
-    "no-count-of-events": at_the_end(lambda m: m.count.pop()),
-    "no-role": at_the_end(lambda m: m.ClearField("role")),
+    "fault": lambda stream, m: stream == "end/controller" and setattr(m, "fault", "out of force"),
 }
 
 

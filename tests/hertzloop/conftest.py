@@ -31,3 +31,11 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = ["-m", "grpc_tools.protoc", "-I.", "--python_out=.", "messages.proto"]
     subprocess.run([sys.executable, *words], cwd=folder, check=True)
     return folder
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder: it holds nothing, and processes that start in it find hertzloop."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path

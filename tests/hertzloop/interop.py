@@ -1,11 +1,9 @@
 """An exported plant for tests, on this machine's instructions: compiled once, linked per scene."""
 
 import ctypes
-import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from hertzloop.interop.fmu import VALUES, write_folder
 from hertzloop.interop.image import image
@@ -19,7 +17,6 @@ NOISY = (
     "run.touch_phase=random", "run.seed=77", "sensors.low_pass_hz=400000",
     "sensors.low_pass=bessel", "sensors.low_pass_order=5", "sensors.ac_coupling_hz=1",
 )  # fmt: skip
-needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 
 
 def scene_of(settings: tuple[str, ...]) -> Setup:

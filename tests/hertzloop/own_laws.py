@@ -4,10 +4,13 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 HEADER = ROOT / "controller" / "loading" / "start" / "hertzloop_law.h"
 SHORT = "run.duration_s=0.0016"
+needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 
 # A share of the contact force; `{line}` comes before the command is returned.
 ECHO = """

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,15 +11,7 @@ from hertzloop.recordings.reader import read
 from tests.commands import as_options, call, refused, said, succeed
 from tests.hertzloop.processes import hertzloop
 
-__all__ = ["SHORT", "call", "here", "said"]
-
 SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_first_run_of_a_new_user(here: Path) -> None:
@@ -183,13 +173,9 @@ def test_scenes_are_listed() -> None:
         ("run --json no/such/folder/a.json", "the folder no/such/folder does not exist"),
         ("bench --json folder.json", "folder.json: is a folder"),
         ("run --horizon 0", "Invalid value for '--horizon'"),
-        ("run --timeout 1e300", "Invalid value for '--timeout'"),
         ("inspect none.mcap", "none.mcap"),
-        ("inspect text.mcap", "text.mcap"),
         ("inspect empty.mcap", "empty.mcap"),
-        ("compare none.mcap none.mcap", "none.mcap"),
         ("node plant --zenoh-config none.json5", "does not exist"),
-        ("node plant --set run.seed=-1", "run.seed = -1"),
         ("node controller --listen nonsense", "'nonsense': invalid endpoint. Write it as tcp/"),
         ("node watch --connect tcp/127.0.0.1", "--connect = 'tcp/127.0.0.1': invalid endpoint"),
         ("node controller --zenoh-config text.mcap", "--zenoh-config: text.mcap: is not a zenoh"),
@@ -226,10 +212,9 @@ def test_endpoints_that_zenoh_takes_are_taken() -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "run --out F.mcap", "run --json F.json", "inspect none.mcap --json F.json",
-        "node recorder --out F.mcap", "replay none.mcap --save F.rrd",
-        "replay none.mcap --screenshot F.png", "repair none.mcap --out F.mcap",
-        "sweep --over sensors.bits=4,5 --out F.csv", "tune --out-dir F", "bench --json F.json",
+        "run --out F.mcap", "inspect none.mcap --json F.json", "node recorder --out F.mcap",
+        "replay none.mcap --save F.rrd", "sweep --over sensors.bits=4,5 --out F.csv",
+        "tune --out-dir F",
     ],
 )  # fmt: skip
 def test_what_cannot_be_written_is_said_before_work_starts(
@@ -244,18 +229,3 @@ def test_what_cannot_be_written_is_said_before_work_starts(
     folder = words.endswith(" F")  # that would have to be made
     sentence = "cannot create the folder" if folder else "cannot write to the folder /proc"
     refused(sentence, *words.replace("F", "/proc/no").split())
-
-
-@pytest.mark.full
-def test_a_compiled_run_imports_neither_network_nor_pictures_nor_published_plant(
-    here: Path,
-) -> None:
-    script = (
-        "import sys; from tests.commands import succeed;"
-        f"succeed(*{['run', 'aluminium-3mm', *SHORT]!r});"
-        "print([name for name in sys.modules if name in ('zenoh', 'hertzloop.bus.liveliness',"
-        " 'hertzloop.plant.schemes.thesis2008', 'rerun', 'matplotlib')"
-        " or name.startswith('hertzloop.studies.margin')])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=here)
-    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout + done.stderr

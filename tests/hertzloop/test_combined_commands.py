@@ -18,8 +18,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.quantities import quantities_of
 from tests.commands import as_options, succeed
-from tests.hertzloop.interop import needs_cc
-from tests.hertzloop.own_laws import write_law
+from tests.hertzloop.own_laws import needs_cc, write_law
 
 HAMMER = ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.5"]
 ELSEWHERE = ["sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p",
@@ -96,13 +95,12 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["metal tip", "sensor mass"])
 @needs_cc
-def test_an_exported_plant_steps_as_the_loop(name: str, modes: Path) -> None:
+def test_an_exported_plant_steps_as_the_loop(modes: Path) -> None:
     pytest.importorskip("gymnasium")
     from hertzloop.interop.environment import Impacts
 
-    setup = load("aluminium-3mm", [*settings_of(name, modes), "controller.law=off"])
+    setup = load("aluminium-3mm", [*settings_of("sensor mass", modes), "controller.law=off"])
     loop, impacts = simulate(setup), Impacts(setup, 1, limit_n=64.0, scale=1.0)
     impacts.reset(seed=setup.seed)
     begin, seen, over = int(impacts.batch.values["step"][0]), [], False

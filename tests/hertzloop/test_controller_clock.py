@@ -14,7 +14,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.views import provenance, replaying
-from tests.hertzloop.test_cli import call
+from tests.commands import as_options, call
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback", "sensors.every_steps=4"]
 DRIFT = ["controller.clock_ppm=20000", "controller.clock_phase=0.4"]
@@ -73,7 +73,7 @@ def test_the_latency_is_named_and_drawn(tmp_path: Path, monkeypatch: pytest.Monk
     assert curve.time_ns[1] == 4000
     as_rerun.save(shown, Path("a.rrd"))
     assert Path("a.rrd").stat().st_size > 10_000
-    sets = [word for setting in SHORT + DRIFT for word in ("--set", setting)]
+    sets = as_options(SHORT + DRIFT)
     words = ["run", "aluminium-3mm", *sets, "--transport", "compiled", "--details", "-o", "b.mcap"]
     done = " ".join(call(*words).output.replace("│", " ").split())
     assert "the controller's clock drifts by a sampling period in 0.0002 s" in done

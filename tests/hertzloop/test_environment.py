@@ -10,7 +10,8 @@ import hertzloop
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A
 from hertzloop.scene.errors import SceneError
-from tests.hertzloop.interop import SHORT, needs_cc, scene_of
+from tests.hertzloop.interop import SHORT, scene_of
+from tests.hertzloop.own_laws import needs_cc
 
 gymnasium = pytest.importorskip("gymnasium")
 

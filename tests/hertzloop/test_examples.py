@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +15,8 @@ from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
-from hertzloop.studies.sweep.results_file import read_results
 from tests.commands import as_options, refused, succeed
 from tests.hertzloop.own_laws import EXAMPLES
-from tests.hertzloop.test_cli import here
-
-__all__ = ["here"]  # the fixture
 
 
 def copied(folder: Path, *names: str) -> None:
@@ -129,54 +124,10 @@ def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
 def test_modes_of_a_scene_run_again(here: Path) -> None:
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.003", "--transport", "compiled"]
     edges = as_options(["plate.edges=cfsc", "run.accuracy=0.1"])
-    succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.npz", "--grid")
     succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.csv")
     succeed(*run, *edges, "--out", "plate.mcap")
-    for file in ("modes.npz", "modes.csv"):
-        by = ["--set", f"plate.modes={file}", "--out", "file.mcap", "--overwrite"]
-        succeed(*run, *by)
-        succeed("compare", "plate.mcap", "file.mcap")
+    succeed(*run, "--set", "plate.modes=modes.csv", "--out", "file.mcap")
+    succeed("compare", "plate.mcap", "file.mcap")
     refused("error: ", "scene", "modes", "-o", "modes.txt")
     refused("modes.csv exists", "scene", "modes", "-o", "modes.csv")
     refused("Use an .npz", "scene", "modes", "-o", "other.csv", "--grid")
-
-
-def test_a_wrong_file_ends_the_command_with_a_sentence(here: Path) -> None:
-    copied(here, "beam.toml", "beam_modes.py")
-    lines = (here / "beam.csv").read_text().splitlines()
-    cells = [line.split(",") for line in lines[2:]]
-    kilohertz = [",".join([repr(float(row[0]) / 1e3), *row[1:]]) for row in cells]
-    for rows, words in (
-        (kilohertz, "too low for an impact"),
-        ([*lines[3:], lines[2]], "frequencies must rise"),
-        ([lines[2].replace(cells[0][2], "0"), *lines[3:]], "modal_mass_kg of mode 1 is 0"),
-    ):
-        (here / "beam.csv").write_text("\n".join([*lines[:2], *rows]))
-        refused(words, "run", "beam.toml", "--out", "wrong.mcap")
-        assert not (here / "wrong.mcap").exists()
-
-
-@pytest.mark.full
-def test_a_sweep_over_edges_materials_and_files_of_modes(here: Path) -> None:
-    coarse = as_options(["run.accuracy=0.05"])
-    quick = [*coarse, "--set", "run.duration_s=0.003", "--workers", "1"]
-
-    def swept(out: str, *over: str) -> list[dict[str, Any]]:
-        varied = [word for each in over for word in ("--over", each)]
-        succeed("sweep", "aluminium-3mm", *varied, *quick, "-o", out)
-        return read_results(here / out)[0]
-
-    rows = swept("e.csv", "plate.edges=ssss,cccc,ffff", "plate.material=titanium,glass")
-    assert [(row["plate.edges"], row["plate.material"]) for row in rows][:2] == [
-        ("ssss", "titanium"), ("ssss", "glass"),
-    ]  # fmt: skip
-    assert len({row["digest"] for row in rows}) == 6
-    rows = swept("young.parquet", "plate.material.young_pa=60e9:80e9:10e9")
-    contacts = [row["contact_us"] for row in rows]
-    assert contacts == sorted(contacts, reverse=True)
-    for edges in ("ssss", "cccc"):
-        settings = ["--set", f"plate.edges={edges}", *coarse]
-        succeed("scene", "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv")
-    rows = swept("m.csv", "plate.modes=ssss.csv,cccc.csv")
-    assert rows[0]["digest"] != rows[1]["digest"]
-    succeed("sweep", "--verify", "m.csv", "--cases", "2", "--transport", "inprocess")

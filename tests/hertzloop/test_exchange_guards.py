@@ -20,7 +20,7 @@ from tests.hertzloop.exchange import Alter, exchange, forces
 from tests.hertzloop.short_runs import SHORT, scene
 
 pytestmark = pytest.mark.usefixtures("short_blocks")
-SEEDS = range(4)  # of the delays
+SEEDS = range(2)  # of the delays
 STEPS = 2500  # of a run
 
 

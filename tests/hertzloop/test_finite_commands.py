@@ -100,8 +100,9 @@ def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name
     assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
 
 
-@pytest.mark.parametrize("name", ["aluminium-3mm", "oak-20mm"])
-@pytest.mark.parametrize(("every", "ahead"), [(1, 300), (1, 10_000), (100, 3)])
+@pytest.mark.parametrize(
+    ("name", "every", "ahead"), [("oak-20mm", 1, 10_000), ("aluminium-3mm", 100, 3)]
+)
 def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
     name: str, every: int, ahead: int
 ) -> None:

@@ -14,7 +14,6 @@ import zenoh
 
 from hertzloop.bus import codec
 from hertzloop.bus.codec import decoded
-from hertzloop.bus.messages_pb2 import DaqBlock, Hello
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
@@ -23,7 +22,6 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.scene.setup import load
-from hertzloop.scene.toml import to_toml
 from tests.commands import as_options
 from tests.hertzloop.processes import EVENTUALLY_S, Bus, finish, wait_for
 
@@ -115,38 +113,6 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
     assert kept.result["complete"] == "no"
     assert "holds force_n" in kept.result["fault"]
     assert all(np.isfinite(values).all() for values in kept.truth.arrays.values())
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("number", [None, 2**70])
-def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | None) -> None:
-    """With the run's id and other parameters, between the plant's hello and the first contact."""
-    bus, settings = Bus("second-hello"), ["run.duration_s=20"]
-    recorder = bus.start(RECORDER, "--out", str(tmp_path / "a.mcap"))
-    controller = bus.start(CONTROLLER)
-    run_id: list[int] = []
-
-    def note(sample: zenoh.Sample) -> None:
-        run_id.append(codec.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
-
-    plant = bus.start(PLANT, "aluminium-3mm", *as_options(settings))
-    with stranger(bus, PLANT) as ear, stranger(bus, CONTROLLER) as mouth:
-        ear.declare_subscriber(f"hertzloop/{bus.name}/daq", zenoh.handlers.Callback(note))
-        publisher = mouth.declare_publisher(f"hertzloop/{bus.name}/hello")
-        wait_for(lambda: run_id and publisher.matching_status.matching)
-        scene = load("aluminium-3mm", [*settings, "controller.kappa=-5"])
-        forged = Hello(
-            run_id=run_id[0], scene="aluminium-3mm", scene_toml=to_toml(scene.scene),
-            steps=scene.steps, step_ns=1000, stiffness=1e9,
-        )  # fmt: skip
-        attachment = None if number is None else number.to_bytes(16, "little")
-        publisher.put(forged.SerializeToString(), attachment=attachment)
-        ended(controller, 1, "stream 'hello'")
-        ended(plant, 1, "the controller ended the run", "stream 'hello'")
-        ended(recorder, 1, "stream 'hello'")
-    kept = read(tmp_path / "a.mcap")
-    assert kept.result["complete"] == "no"
-    assert "stream 'hello'" in kept.result["fault"]
 
 
 def test_a_run_in_one_process_is_reconciled(

@@ -54,14 +54,8 @@ def test_blocks_do_not_count(name: str) -> None:
     [
         ("aluminium-3mm", []),
         ("aluminium-3mm", ["run.duration_s=0.00105"]),  # ends in the first contact
-        ("aluminium-3mm", ["run.lead_in_s=0"]),
         ("aluminium-3mm", ["contact.plasticity='thornton'", "actuator.bandwidth_hz=20000"]),
         ("aluminium-3mm", ["run.plate_model='infinite'", "run.duration_s=0.0016"]),
-        pytest.param(  # a kind of plant that no other test of the default tier compiles
-            "offcentre-6mm",
-            ["actuator.bandwidth_hz=20000", "controller.law='force_feedback'"],
-            marks=pytest.mark.full,
-        ),
     ],
 )
 def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) -> None:

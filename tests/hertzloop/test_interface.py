@@ -44,7 +44,7 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
     assert seen.samples["time_s"].values[1] == pytest.approx(5e-6)
 
 
-@pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
+@pytest.mark.parametrize("transport", ["zenoh", "compiled"])
 def test_every_transport_gives_the_same_run(
     scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.runs.TransportName"
 ) -> None:
@@ -73,6 +73,7 @@ def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
     assert hertzloop.sweep(source, over).equals(hertzloop.sweep(run.scene, over))
 
 
+@pytest.mark.full
 def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
     """Late forces are numbered in the rows of truth, so that these name all that acted."""
     path = tmp_path / "a.mcap"

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -19,13 +18,11 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
 from tests.commands import as_options
-from tests.hertzloop.own_laws import EXAMPLES, ROOT
+from tests.hertzloop.own_laws import EXAMPLES, ROOT, needs_cc
 from tests.hertzloop.processes import Bus, finish, grown_to, killed_at_the_end, wait_for
 from tests.tiers import default
 
 SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller.latency_us=2"]
-
-needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 
 
 @pytest.fixture(scope="module")

@@ -62,8 +62,6 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         (HISTOGRAM, {"thread": 0}, "does not say in what order"),
         (HISTOGRAM, {"thread": 1}, "1 cycles are above the histogram"),
         (HISTOGRAM[:60], {"thread": 0}, "cut off or damaged"),
-        (HISTOGRAM.replace("000002", ""), {"thread": 0}, "cut off or damaged"),
-        ("# Histogram\n# Histogram Overflows: 00000\n", {}, "cut off or damaged"),
         (HISTOGRAM.replace("000005", "9" * 40), {"thread": 0}, "cut off or damaged"),
         ("average delay: 0.1\n min: 0.1s max: 0.2s std dev: 0.01s window: 9\n", {}, "--window 1"),
         ("average delay: 0.1\n", {}, "1 lines have an average delay and 0 a window"),
@@ -73,8 +71,6 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         ("latency_ms\n1\n", {"unit": "us"}, "names another unit"),
         ("latency_ms\n1\n", {"topic": "/x"}, "topic: has no meaning for a text table"),
         ("1\n", {"colour": "red"}, "colour: unknown key"),
-        ("1\n", {"unit": "min"}, "use s, ms, us or ns"),
-        ("1\n", {"thread": "0"}, "has the wrong type"),
         ("1\n", {"sample": "a"}, "belong together"),
     ],
 )

@@ -72,9 +72,7 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
     assert metrics_of_case(heavier).rebound_m_s < metrics_of_case(load("aluminium-3mm")).rebound_m_s
 
 
-@pytest.mark.parametrize(
-    ("speed_m_s", "is_one"), [(9.99, False), (10.01, True), (39_999.5, True), (40_000.5, False)]
-)
+@pytest.mark.parametrize(("speed_m_s", "is_one"), [(9.99, False), (10.01, True), (40_000.5, False)])
 def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
     """From 10 m/s, the softest gel, to 40 km/s, beyond diamond."""
     table = f"{{young_pa={1e3 * speed_m_s**2!r}, density_kg_m3=1e3, poisson=0.3}}"
@@ -93,9 +91,6 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
         ("plate.material.colour=3", "plate.material.colour is not a property of a material"),
         ("plate.material={young_pa=1e11}", "plate.material.density_kg_m3 is missing"),
         ("materials=none.toml", "materials = 'none.toml': cannot be read"),
-        ('materials="\\u0000.toml"', "cannot be read: embedded null byte"),
-        ("plate.material=" + "x" * 5000, "unknown material. Use one of steel"),
-        ("plate.material.young_pa=1" + "0" * 400, "plate.material.young_pa = a number of that"),
         ("plate.modes=none.csv", "plate.modes = 'none.csv': cannot be read: No such file"),
         ("plate.modes=none.txt", "unknown format. Use a file that ends in .csv, .parquet, .npz"),
         ("plate.residual_flexibility_m_n=1e-9", "needs plate.modes"),

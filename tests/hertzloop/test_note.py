@@ -1,20 +1,15 @@
 """A note of the user: from `run` into the recording, and from there to every reader."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 import hertzloop
-from hertzloop.cli.terminal import Terminal
 from hertzloop.loop.run_options import LONGEST_NOTE, RunOptions
 from hertzloop.recordings.reader import read
-from hertzloop.views.inspection import inspected, show
-from tests.hertzloop.test_cli import SHORT, call, here, said
-
-__all__ = ["here"]  # the fixture
+from tests.commands import call, refused
+from tests.hertzloop.test_cli import SHORT
 
 NOTE = "-- new tip, 23 °C [bold]"
 
@@ -50,30 +45,11 @@ def test_a_note_passes_through_the_python_interface(tmp_path: Path) -> None:
     [
         ("x" * 1000, "note: has 1,000 characters. Shorten it to at most 500."),
         ("first\nsecond", r"note = 'first\nsecond': must be one line"),
-        ("red \x1b[31m", r"note = 'red \x1b[31m': must be one line"),
         ("not \udcff UTF-8", r"note = 'not \udcff UTF-8': must be one line"),
     ],
 )
 def test_a_note_that_cannot_be_recorded_is_refused(here: Path, note: str, sentence: str) -> None:
     for command in (["run", *SHORT], ["node", "recorder"]):
-        refused = call(*command, "--note", note)
-        assert refused.exit_code == 2
-        assert sentence in said(refused)
+        refused(sentence, *command, "--note", note)
     assert list(here.iterdir()) == []
     assert RunOptions(note="x" * LONGEST_NOTE).note
-
-
-def test_a_note_from_elsewhere_stays_on_one_line(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("run", "aluminium-3mm", *SHORT, "-o", "a.mcap").exit_code == 0
-    recording = read(here / "a.mcap")
-    assert "Note:" not in call("inspect", "a.mcap").output
-    hostile = "\x1b[2J\u202eok\nComplete: no announced message is missing." + 600 * "x"
-    changed = replace(recording, metadata={**recording.metadata, "note": hostile})
-    console: Console = Terminal()
-    show(console, inspected(changed))
-    [line] = [one for one in capsys.readouterr().out.splitlines() if one.startswith("Note:")]
-    assert line.startswith(r"Note: \x1b[2J\u202eok Complete: no announced")
-    assert line.endswith("xx ...")
-    assert len(line) < LONGEST_NOTE + 40

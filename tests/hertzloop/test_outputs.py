@@ -13,10 +13,9 @@ from hertzloop.common.atomic_files import NotWritten, atomic_write, whole_file
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.setup import load
-from tests.hertzloop.processes import hertzloop
-from tests.hertzloop.test_cli import SHORT, call, here, said
-
-__all__ = ["here"]  # the fixture
+from tests.commands import call, refused, said
+from tests.hertzloop.processes import HERTZLOOP, hertzloop
+from tests.hertzloop.test_cli import SHORT
 
 _FULL = "No space left on device"
 
@@ -147,9 +146,7 @@ def test_an_output_that_cannot_be_is_found_before_the_command_begins(
         for more in ([], ["--overwrite"]):
             if more and words[1] == "new":
                 continue
-            result = call(*named, *more)
-            assert result.exit_code == 2, result.output
-            assert sentence in said(result)
+            refused(sentence, *named, *more)
         place.unlink()
         assert list(here.iterdir()) == []
 
@@ -206,3 +203,11 @@ def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path, here
     result = call("repair", str(recording), "-o", str(old), "--overwrite")
     assert (result.exit_code, old.read_bytes()) == (1, b"old"), result.output
     assert f"cannot write {old}: {_FULL}" in said(result)
+
+
+def test_results_that_find_no_room() -> None:
+    words = [*HERTZLOOP, "scene", "show", "oak-20mm"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    said = "error: cannot write standard output: No space left on device"
+    assert (done.returncode, done.stderr.strip()) == (1, said)

@@ -26,7 +26,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.scene.setup import Setup, load
-from tests.commands import invoke
+from tests.commands import as_options, invoke
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
@@ -160,7 +160,7 @@ class TestProcesses:
     def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder = tmp_path_factory.mktemp("paced")
         recording = folder / "paced.mcap"
-        settings = [word for key in FEEDBACK for word in ("--set", key)]
+        settings = as_options(FEEDBACK)
         run = start(
             "run", "aluminium-3mm", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
             "--out", str(recording), "--realtime", "off",

@@ -15,7 +15,7 @@ from hertzloop.results.metrics import metrics_of
 from hertzloop.results.predictability import horizon_step, known_impacts
 from hertzloop.scene.setup import load
 from hertzloop.views.digits import known_digits
-from tests.commands import invoke
+from tests.commands import invoke, succeed
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
 
@@ -54,8 +54,7 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
              "--set", "run.duration_s=0.15",
              "--transport", "compiled", "--out", str(tmp_path / "a.mcap")]  # fmt: skip
     words += ["--json", str(tmp_path / "a.json")]
-    done = invoke(words)
-    assert done.exit_code == 0, done.output
+    succeed(*words)
     told = json.loads((tmp_path / "a.json").read_text())
     assert told["stability"]["unstable"]
     assert told["predictability"]["controlled"] is None
@@ -99,8 +98,6 @@ def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
     whole = first_difference(read(a), read(b), 1e-9)
     assert whole is not None
     assert first_difference(read(a), read(b), 1e-9, horizon) is None
-    result = invoke(["compare", "--tolerance", "1e-9", str(a), str(b)])
-    assert result.exit_code == 0, result.output
-    assert "Compared up to" in result.output
+    assert "Compared up to" in succeed("compare", "--tolerance", "1e-9", str(a), str(b))
     exact = invoke(["compare", str(a), str(b)])
     assert exact.exit_code == 1

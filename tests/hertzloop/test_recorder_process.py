@@ -54,12 +54,6 @@ def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> F
     return ended
 
 
-def test_a_whole_run_is_confirmed(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    assert "recorder_s" in recorded(path, plant_says(), controller_says()).result()
-    assert read(path).problems == []
-
-
 @pytest.mark.parametrize("stream", ["balance", "truth"])
 def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, stream: str) -> None:
     """The last message of a stream: no later one shows that it lacks."""
@@ -113,12 +107,12 @@ def test_the_plant_leaves_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_a_controller_that_compiles_its_law_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It takes three times as long as the others wait for anything else."""
+    """It takes longer than the others wait for anything else."""
     timeout_s = 2.0
 
     def compiled_long(*arguments: Any) -> Controller:
         with event.trigger_event("numba:compile"):
-            time.sleep(3 * timeout_s)
+            time.sleep(1.5 * timeout_s)
         return build_controller(*arguments)
 
     monkeypatch.setattr(controller_node, "build_controller", compiled_long)

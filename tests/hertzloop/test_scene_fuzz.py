@@ -49,7 +49,7 @@ def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | No
     return None
 
 
-@settings(max_examples=300, suppress_health_check=list(HealthCheck))
+@settings(max_examples=120, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
        st.dictionaries(WORDS, VALUES, max_size=2))  # fmt: skip
 def test_any_values_make_a_scene_or_a_sentence(
@@ -63,20 +63,12 @@ def test_any_values_make_a_scene_or_a_sentence(
     scene_or_sentence(base, [f"{t}.{k}={v}" for (t, k), v in changes.items() if v not in ("", {})])
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(st.text() | st.binary().map(lambda b: b.decode("latin-1")), st.text(max_size=30))
 def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
     scene_or_sentence(text, [setting])
     scene_or_sentence(tomli_w.dumps(load(shipped()[0]).model_dump(exclude_none=True)), [setting])
     toml_value(text)
-
-
-def test_what_python_itself_refuses() -> None:
-    for value in ("[" * 3000 + "]" * 3000, "9" * 5000):
-        assert scene_or_sentence(f'name = "a"\n[run]\nseed = {value}') is None
-    with pytest.raises(SceneError) as caught:
-        load("nowhere/" + "x" * 15000)
-    assert len(str(caught.value)) < LONGEST_SENTENCE
 
 
 def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
@@ -106,7 +98,7 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
 
 
 @pytest.mark.full
-@settings(max_examples=150, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.data())
 def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataObject) -> None:
     keys = data.draw(st.lists(st.sampled_from(KEYS), unique=True, max_size=4))

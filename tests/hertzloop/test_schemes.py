@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.plant.schemes.registry import SCHEMES
-from tests.hertzloop.test_cli import call, said
+from tests.commands import as_options, refused, succeed
 from tests.tiers import default
 
 SCENE = {"thesis2008": "thesis-aluminium"}
@@ -15,8 +15,7 @@ SCENE = {"thesis2008": "thesis-aluminium"}
 def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     words = ["--transport", "compiled", "--set", f"run.scheme={scheme}"]
     words += ["--set", "run.duration_s=0.0012", "--out", str(tmp_path / "a.mcap")]
-    done = call("run", SCENE.get(scheme, "aluminium-3mm"), *words)
-    assert done.exit_code == 0, done.output
+    succeed("run", SCENE.get(scheme, "aluminium-3mm"), *words)
     assert (tmp_path / "a.mcap").is_file()
 
 
@@ -27,8 +26,6 @@ def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
         ("aluminium-3mm", ["plate.contact_point_m=[0.25, 1e-10]"], "plate.contact_point_m"),
         ("aluminium-3mm", ["plate.thickness_m=1.0", "plate.size_m=[0.01, 0.01]",
                            "plate.contact_point_m=[0.005, 0.005]"], "lowest mode"),
-        ("aluminium-3mm", ["controller.force_n=1e155"], "controller.force_n = 1e+155"),
-        ("oak-20mm", ["contact.restitution=5e-324"], "from 0.001 to 1"),
         ("thesis-aluminium", ["contact.viscous_n_s_m=1e9"], "contact.viscous_n_s_m"),
     ],
 )  # fmt: skip
@@ -36,19 +33,15 @@ def test_what_cannot_be_run_leaves_no_file(
     scene: str, settings: list[str], words: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "a.mcap"
-    sets = [word for setting in settings for word in ("--set", setting)]
-    done = call("run", scene, *sets, "--out", str(file))
-    assert done.exit_code == 2, done.output
-    assert words in said(done)
+    sets = as_options(settings)
+    refused(words, "run", scene, *sets, "--out", str(file))
     assert not file.exists()
 
 
 def test_a_force_that_cannot_be_known_leaves_no_file(tmp_path: Path) -> None:
     """The contact without control does not end; only building the controller shows it."""
     keys = ["controller.law=precomputed", "sphere.radius_m=0.2", "run.accuracy=0.3"]
-    sets = [word for key in keys for word in ("--set", key)]
+    sets = as_options(keys)
     words = ["--transport", "inprocess", "--out", str(tmp_path / "a.mcap")]
-    done = call("run", "sylomer-20mm", *sets, *words)
-    assert done.exit_code == 2, done.output
-    assert "does not end" in said(done)
+    refused("does not end", "run", "sylomer-20mm", *sets, *words)
     assert not (tmp_path / "a.mcap").exists()

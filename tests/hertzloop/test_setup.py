@@ -148,7 +148,7 @@ def now_of(setup: Setup, key: str) -> Any:
     return value
 
 
-@pytest.mark.parametrize("name", default(SCENES, ["aluminium-20mm", "thesis-aluminium"]))
+@pytest.mark.parametrize("name", default(SCENES, ["aluminium-20mm"]))
 def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
     base = load(name)
     forget()

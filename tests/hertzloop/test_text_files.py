@@ -2,7 +2,6 @@
 
 import codecs
 import importlib
-import re
 import shlex
 import unicodedata
 from pathlib import Path
@@ -95,19 +94,16 @@ def test_scenes_that_are_refused(content: bytes, words: str, tmp_path: Path) -> 
     "content",
     [
         ("# -*- coding: latin-1 -*-\n" + UMLAUT).encode("latin-1"),
-        ("# coding: shift_jis\n" + UMLAUT.replace("Verst", "制御 Verst").replace("ä", "a")).encode(
-            "shift_jis"
-        ),
         codecs.BOM_UTF8 + UMLAUT.encode(),
         UMLAUT.replace("\n", "\r\n").encode(),
     ],
-    ids=["latin-1", "shift_jis", "mark", "windows"],
+    ids=["latin-1", "mark", "windows"],
 )
 def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     path.write_bytes(content)
     law = find(str(path))
-    assert re.search("Verst[äa]rker", law.source)
+    assert "Verstärker" in law.source
     assert "\r" not in law.source
     (tmp_path / "back.py").write_text(law.source, "utf-8")  # as from a recording
     assert find(str(tmp_path / "back.py")).source == law.source
@@ -118,7 +114,6 @@ def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
     [
         (UMLAUT.encode("utf-16"), "its text is in UTF-16, which Python does not read"),
         (UMLAUT.encode("latin-1"), "is not in UTF-8: byte 0xe4 in line 1"),
-        (("# coding: klingon\n" + UMLAUT).encode(), "unknown encoding"),
     ],
 )  # fmt: skip
 def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:

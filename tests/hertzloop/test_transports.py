@@ -57,10 +57,6 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.002", "controller.law=least_squares", "sensors.bits=6",
          "sensors.noise_rms=1e-7"],
     ),
-    "shifted threshold": (
-        "aluminium-3mm",
-        ["run.duration_s=0.002", "controller.law=shifted_threshold", "controller.latency_us=5"],
-    ),
     "predicted": (
         "aluminium-3mm",
         ["run.duration_s=0.002", "controller.law=predicted", "controller.latency_us=15",
@@ -103,18 +99,13 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
          "contact.limiting_pressure_pa=7.7e8", "contact.damping=hunt_crossley",
          "contact.restitution=0.8", "actuator.bandwidth_hz=3e5"],
     ),
-    "yielding, two points": (
-        "offcentre-6mm",
-        ["run.duration_s=0.003", "contact.plasticity=thornton",
-         "contact.limiting_pressure_pa=5e8", "controller.latency_us=3"],
-    ),
     "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
     "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
 }  # fmt: skip
 # Of the two kinds of plant that most scenes have: every other kind is compiled for half a minute.
 QUICK = set(VARIANTS) - {
     "two points", "published scheme", "pre-computed force", "force feedback", "actuator",
-    "preload", "yielding", "yielding, two points",
+    "preload", "yielding",
 }  # fmt: skip
 SOME = ["default", "converters", "two points", "actuator"]
 
@@ -180,11 +171,11 @@ def checked(recording: Recording, scene: Setup) -> Recording:
 
 # A way to run a scene, variants that it is tried with, and those of the default tier.
 IN_THREADS = {"default", "own clock", "converters", "velocity feedback", "predicted",
-              "shifted threshold", "a single step"}  # fmt: skip
+              "a single step"}  # fmt: skip
 WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
     "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
     "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, SOME, set()),
-    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, VARIANTS, set()),
+    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, SOME, set()),
     "zenoh": (record, {}, VARIANTS, {"default", "infinite plate", "own clock"}),
     "zenoh, horizon 1": (record, {"horizon": 1}, SOME, {"converters"}),
     "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),

@@ -19,11 +19,11 @@ from hertzloop.results.stability import Stability
 from hertzloop.results.statistics import ForceTiming
 from hertzloop.results.verdict import saturation_of, verdict
 from hertzloop.views.verdict import verdict_sentences
-from tests.commands import invoke
+from tests.commands import as_options, invoke
 
 
 def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:
-    words = [word for setting in settings for word in ("--set", setting)]
+    words = as_options(settings)
     done = invoke(
         ["run", scene, "--transport", "compiled", "--overwrite", "--out", str(folder / "a.mcap"),
          "--json", str(folder / "a.json"), *words],

@@ -37,13 +37,10 @@ def checked(*settings: str) -> Verification:
 
 
 def test_a_run_that_meets_its_accuracy() -> None:
-    assert checked("run.accuracy=1e-3").largest < 1e-3
+    fine = checked("run.accuracy=1e-3").largest
+    assert fine < 1e-3
     assert checked("run.accuracy=1e-2").largest < 1e-2
-
-
-def test_more_modes_and_a_smaller_step_change_less() -> None:
-    coarse, fine = checked("run.accuracy=1e-1"), checked("run.accuracy=1e-3")
-    assert fine.largest < 0.1 * coarse.largest
+    assert fine < 0.1 * checked("run.accuracy=1e-1").largest
 
 
 LINES = {
@@ -95,12 +92,6 @@ def test_the_law_answers_the_finer_plant() -> None:
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
     print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
     assert closed.plate_energy > 1.5 * open_loop
-
-
-def test_forces_act_at_their_times() -> None:
-    found = checked("controller.law=slope_threshold", "controller.latency_us=3")
-    assert found.penetration < 1e-3
-    assert found.rebound_speed < 1e-3
 
 
 def test_nothing_to_verify() -> None:

@@ -15,9 +15,9 @@ from hertzloop.bus.sequence_checker import other_version
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
+from tests.commands import call, said
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import scene
-from tests.hertzloop.test_cli import call, said
 from tests.recordings.rewriting import messages, record
 
 OTHER = json.dumps({"hertzloop": "0.7.3", "numpy": "2.4"})

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+import pytest
+
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import hertzloop
@@ -19,6 +21,7 @@ os.register_at_fork(after_in_child=leaps)
 """
 
 
+@pytest.mark.full
 def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:
     seen = tmp_path / "seen"
     (tmp_path / "sitecustomize.py").write_text(LEAPING.format(seen=str(seen)))

@@ -1,6 +1,5 @@
 """Laws that are wrong: one sentence each, exit code 2 before the run and 1 in it."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,28 +20,19 @@ from hertzloop.results.recorded import reported_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load, parse
 from hertzloop.scene.toml import to_toml
+from tests.commands import call, refused, said
 from tests.hertzloop.lanes import QueuePort
-from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
+from tests.hertzloop.own_laws import EXAMPLES, SHORT, build, needs_cc, write_law
 from tests.hertzloop.processes import hertzloop
-from tests.hertzloop.test_cli import call, said
 from tests.tiers import default
 
 LONGER = ["--set", "run.duration_s=0.004"]  # than the trial of a law, in samples
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return tmp_path
-
-
-def refused(law: str, words: str) -> None:
+def law_refused(law: str, words: str) -> None:
     """A run is refused before it begins, with these words."""
-    result = call("run", "aluminium-3mm", "--set", SHORT, "--set", f"controller.law={law}")
-    assert result.exit_code == 2, result.output
+    refused(words, "run", "aluminium-3mm", "--set", SHORT, "--set", f"controller.law={law}")
     assert not list(Path().glob("*.mcap"))
-    assert words in said(result)
 
 
 NOTHING = "def command(p, s, samples, i):\n    return 0.0\n"
@@ -78,7 +68,7 @@ IN_TRIAL = {
 @pytest.mark.parametrize(("text", "words"), BEFORE)
 def test_wrong_by_its_text(here: Path, text: str, words: str) -> None:
     (here / "mine.py").write_text(text)
-    refused("mine.py", words)
+    law_refused("mine.py", words)
 
 
 @pytest.mark.parametrize("line", IN_TRIAL)
@@ -88,22 +78,20 @@ def test_wrong_at_once(here: Path, line: str) -> None:
             "\ndef too_much(samples):\n    refuse()\n"
             "\ndef refuse():\n    raise ValueError('too much')\n"
         )
-    refused("mine.py", IN_TRIAL[line])
+    law_refused("mine.py", IN_TRIAL[line])
 
 
 def test_a_law_that_is_not_there(here: Path) -> None:
     write_law(here)
-    refused("mine.py:Other", "does not define Other")
-    refused("none.py", "cannot be read: No such file")
-    refused("slope_treshold", "Did you mean slope_threshold?")
-    refused("no_such.module:Law", "no_such")
+    law_refused("mine.py:Other", "does not define Other")
+    law_refused("none.py", "cannot be read: No such file")
+    law_refused("slope_treshold", "Did you mean slope_threshold?")
+    law_refused("no_such.module:Law", "no_such")
 
 
 def test_ranges_that_are_none(here: Path) -> None:
     write_law(here).open("a").write("def tune(about):\n    return [('share', 0.0, 1.0)]\n")
-    result = call("tune", "--law", "mine.py")
-    assert result.exit_code == 2
-    assert "Return {key: (low, high)}" in said(result)
+    refused("Return {key: (low, high)}", "tune", "--law", "mine.py")
 
 
 @pytest.mark.parametrize(
@@ -258,7 +246,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
     words = ["run", "aluminium-3mm", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
-    done = hertzloop(*words, cwd=here)
+    done = hertzloop(*words, "--timeout", "5", cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1
     hangs = "perhaps in an endless loop of the law mine.py"
@@ -286,17 +274,14 @@ def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
     assert not (here / "executed").exists()
 
 
-needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
-
-
 @needs_cc
 def test_wrong_libraries(here: Path) -> None:
     (here / "text.so").write_text("no library")
-    refused("text.so", "it is no shared library of this system")
+    law_refused("text.so", "it is no shared library of this system")
     other = bytearray(build(here, EXAMPLES / "low_passed.c").read_bytes())
     other[18] = 183 if other[18] != 183 else 62  # AArch64, x86-64
     (here / "other.so").write_bytes(other)
-    refused("other.so", "another processor architecture")
+    law_refused("other.so", "another processor architecture")
     text = (EXAMPLES / "low_passed.c").read_text()
     raises = "#include <signal.h>\n" + text.replace("return s->", "raise(SIGUSR1); return s->")
     no_number = text.replace("return s->filtered_n;", "return i == 9 ? NAN : 0;")
@@ -309,4 +294,4 @@ def test_wrong_libraries(here: Path) -> None:
     for number, (source, words) in enumerate(cases):
         path = here / f"{number}.c"
         path.write_text(source)
-        refused(build(here, path).name, words)
+        law_refused(build(here, path).name, words)

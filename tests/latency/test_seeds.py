@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.time_series import F_A
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 
@@ -32,12 +31,3 @@ def test_a_longer_run_begins_with_the_same_chance() -> None:
     long = simulate(load("aluminium-3mm", [*both, "run.duration_s=0.002"]))
     assert np.array_equal(short.truth, long.truth[:, : short.truth.shape[1]])
     assert np.array_equal(short.samples, long.samples[: len(short.samples)])
-
-
-def test_jitter_leaves_the_noise_alone() -> None:
-    noisy = [*KEYS, *CHANCE["noise"]]
-    calm = simulate(load("aluminium-3mm", noisy))
-    jittery = simulate(load("aluminium-3mm", [*noisy, *CHANCE["jitter"]]))
-    first = int(np.flatnonzero(calm.truth[F_A])[0])
-    assert first > 500
-    assert np.array_equal(calm.samples[:first], jittery.samples[:first])

@@ -37,7 +37,7 @@ def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     monkeypatch.setattr(controller_node, "build_controller", dishonest)
 
 
-@pytest.mark.parametrize("steps", [-1, 1, 10])
+@pytest.mark.parametrize("steps", [-1, 1])
 def test_compare_notices_a_line_of_another_length(
     scene: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int
 ) -> None:

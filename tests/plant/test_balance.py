@@ -42,7 +42,7 @@ def test_the_balance_closes(name: str) -> None:
     assert abs(balance.momentum_residual) < CLOSED
     # Nothing can be gained by damping, and the entries are what the rows say.
     assert balance.modal_dissipated_j >= 0.0
-    assert balance.contact_dissipated_j >= 0.0
+    assert (balance.contact_dissipated_j > 0.0) == scene.startswith(("oak", "sylomer"))
     assert balance.contact_steps == np.count_nonzero(rows[4])
     step_s = load(scene, settings).step_s
     assert balance.contact_impulse_n_s == pytest.approx(rows[4].sum() * step_s, rel=1e-12)

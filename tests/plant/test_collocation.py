@@ -14,11 +14,9 @@ from hertzloop.plant.contact import elastic_kernels as solve
 from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
 from hertzloop.plant.numerics import phi
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes import collocation_kernels as k
-from hertzloop.plant.schemes import collocation_kernels as modes
 from hertzloop.plant.schemes.collocation import CollocationPlant, flexibility_m_n
 from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import F_C, F_C1, XI
+from hertzloop.plant.state_kernels import XI
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
@@ -88,7 +86,7 @@ def test_energy_and_momentum_are_kept_at_any_step(step_us: float, residual: bool
     assert balance.modal_j + balance.kinetic_j + balance.gravity_j > 0.0
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     st.floats(-8, -3),
     st.floats(-7, -3.5),
@@ -125,23 +123,6 @@ def test_every_contact_solve_ends_and_closes_its_energy(
     assert evaluations <= 150
     if damping == "none":
         assert lost == 0.0
-
-
-@pytest.mark.parametrize("push", [0.0, 15.0])
-def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
-    plant = CollocationPlant(spec(loss_factor=0.05, lead_in_s=0.0))
-    model, state = plant.model, plant.state
-    gaps(plant, lambda _: push, 10)
-    f0, f1 = push - state.body[F_C], -state.body[F_C1]
-    assert f0 != 0.0
-    z, n = state.z.copy(), state.z.shape[1]
-    swing = modes.propagate_same_point(model.slow, n, z, model.table, model.rho, f0, f1)[2]
-    found = model.gains[solve.MEAN_BY_SWING] * (swing - state.body[k.SWING])
-    found += modes.propagate_slow(model.slow, z, model.table, model.rho, f0, f1)[2]
-    assert 0 < model.slow < n
-    mean, same_swing = modes.mean_of_drift(model.slow, n, z, model.table, model.rho)
-    assert swing == pytest.approx(same_swing, rel=1e-12)
-    assert found == pytest.approx(mean, rel=1e-10)
 
 
 @given(st.floats(1e-12, 1e-3), st.floats(0.0, 1e-6))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
@@ -19,7 +18,6 @@ from hertzloop.plant.metrics.impacts import impacts
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.scene.setup import load
 from tests.plant.rigs import rigid, run, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
@@ -112,35 +110,6 @@ def test_hunt_crossley_parameter_falls_smoothly_to_zero() -> None:
 def test_impossible_restitutions_are_refused(restitution: float) -> None:
     with pytest.raises(ValueError, match=r"restitution is .*; it must be above 0 and at most 1"):
         hunt_crossley_parameter(restitution, 1.0)
-
-
-def test_viscous_damping_takes_energy_and_the_books_balance() -> None:
-    contact = Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0)
-    damped = CollocationPlant(spec(contact=contact, loss_factor=0.0))
-    free = CollocationPlant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
-    for plant in (damped, free):
-        run(plant, 100)
-    balance, undamped = damped.close_balance(), free.close_balance()
-    # Rounding of 40 contact steps in sums of a few hundred terms.
-    assert abs(balance.energy_residual) < 1e-12
-    assert abs(balance.momentum_residual) < 1e-12
-    assert balance.modal_dissipated_j == 0.0
-    assert undamped.contact_dissipated_j == 0.0
-    assert balance.contact_dissipated_j > 0.05 * balance.energy_start_j
-    left = balance.kinetic_j + balance.gravity_j + balance.modal_j
-    assert left == pytest.approx(balance.energy_start_j - balance.contact_dissipated_j, rel=1e-12)
-    assert damped.sphere_speed_m_s() < free.sphere_speed_m_s()
-
-
-def test_damping_of_a_scene_reaches_the_contact() -> None:
-    settings = ["controller.law=off", "run.duration_s=0.002", "run.accuracy=0.05"]
-    viscous = ["contact.damping=viscous", "contact.viscous_n_s_m=5"]
-    lost = [
-        simulate(load("aluminium-3mm", settings + more)).balance.contact_dissipated_j
-        for more in ([], viscous, ["contact.damping=hunt_crossley", "contact.restitution=0.6"])
-    ]
-    assert lost[0] == 0.0
-    assert min(lost[1:]) > 0.0
 
 
 def test_the_faintest_touch_is_a_contact() -> None:

@@ -1,15 +1,13 @@
-"""The plate alone: modes and their merging, free decay, Zener's infinite plate."""
+"""The plate alone: modes and their merging, free decay, mobility of an infinite plate."""
 
 import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from hertzloop.plant.estimates.model_order import expected_error
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.state_kernels import FLIGHT_X, GRAVITY_M_S2, XI, XI_S
+from hertzloop.plant.state_kernels import FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
@@ -157,43 +155,3 @@ def test_mobility_of_the_infinite_plate_until_reflections_return() -> None:
     mean = rows.v_p[41:201].mean()
     print(f"mobility: {mean / mobility - 1:.2e} off")
     assert mean == pytest.approx(mobility, rel=2.0 / (np.pi * 2.0 * np.pi * 250e3 * 40e-6))
-
-
-def zener(plant: Plant, t: np.ndarray) -> np.ndarray:
-    """Gap at times t after first contact of a sphere on an infinite plate (Zener 1941)."""
-    sphere, s = plant.spec.sphere, plant.spec.contact.stiffness
-    mobility = 1.0 / plant.spec.plate.infinite_plate_impedance_n_s_m
-
-    def slope(_: float, y: np.ndarray) -> list[float]:
-        force = s * max(-y[0], 0.0) ** 1.5
-        return [y[1] + mobility * force, force / sphere.mass_kg - GRAVITY_M_S2]
-
-    begin = [0.0, -sphere.impact_speed_m_s]
-    solved = solve_ivp(slope, (0.0, t[-1]), begin, "DOP853", t, rtol=1e-10, atol=1e-16)
-    return np.asarray(solved.y[0])
-
-
-def test_impact_on_zeners_plate() -> None:
-    # 29 us of contact; nothing below 2 MHz is back from an edge 0.25 m away before 30 us.
-    h = 0.25e-6
-    t = h * np.arange(1, 120) - 0.5 * h
-    gaps, errors, estimates = [], [], []
-    for limit_hz in (500e3, 1e6, 2e6):
-        plant = CollocationPlant(spec(limit_hz=limit_hz, step_s=h, loss_factor=0.0))
-        gaps.append(run(plant, 120).xi[1:])
-        expected = zener(plant, t)
-        touching = expected < 0.0
-        size = abs(expected).max()
-        errors.append(abs(gaps[-1] - expected)[touching].max() / size)
-        estimates.append(
-            expected_error(plant.spec.sphere, plant.spec.plate, plant.spec.contact, limit_hz)
-        )
-    print("Zener: error", *errors, "estimated", *estimates)
-    # What is left out is a spring in series that halves with every doubling of the limit.
-    # The estimate is of first order in it, good to a few per cent here.
-    np.testing.assert_array_less(errors, np.multiply(1.05, estimates))
-    extrapolated = abs(2.0 * gaps[2] - gaps[1] - expected)[touching].max() / size
-    print(f"extrapolated to all modes: {extrapolated:.2e}")
-    # Left: the step. On a rigid support the contact time errs by 0.1 (h pi/T)^2 (test_contact)
-    # and the gap at its end by v T/p_max = 2.94 times that.
-    assert extrapolated < 0.3 * (h * np.pi / 29e-6) ** 2

@@ -36,9 +36,9 @@ def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
     assert rows.nonzero(np.zeros(sum(zeros))) == (0, 0)
 
 
-@pytest.mark.parametrize("first", [0, 63])
-@pytest.mark.parametrize("steps", [1, 64, 65, 1000])
-@pytest.mark.parametrize("frequencies", [1, 128, 300])
+@pytest.mark.parametrize(
+    ("first", "steps", "frequencies"), [(0, 1, 1), (63, 64, 128), (0, 65, 300), (63, 1000, 128)]
+)
 def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencies: int) -> None:
     draw = np.random.default_rng([first, steps, frequencies])
     force, slope = np.zeros((2, first + steps + 9))

@@ -282,13 +282,8 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> N
 
 @pytest.mark.parametrize(("settings", "words"), [
     (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
-    (["run.scheme=thesis2008"], "sensors.point_m = .*: not supported by run.scheme"),
-    (["run.plate_model=infinite"], "sensors.point_m = .*: not supported by run.plate_model"),
-    (["plate.theory=3d", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001: not supported by"),
     (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
     (["plate.edges=ffff", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001 is not supported for"),
-    (["plate.tail=damped", "sensors.mass_kg=0.001", f"sensors.point_m={AT}"],
-     "plate.tail = 'damped': not supported with sensors.mass_kg"),
 ])  # fmt: skip
 def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):

@@ -9,7 +9,6 @@ import pytest
 from hertzloop.plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
-from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant, green_functions, relative_speed_m_s
 from hertzloop.plant.state_kernels import NEWTON_MAX, STEP, XI
 from hertzloop.plant.structures.materials import MATERIALS
@@ -219,13 +218,6 @@ def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
     assert balance.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
     assert balance.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
     assert abs(balance.momentum_residual) > 0.5
-
-
-def test_every_scheme_steps_through_one_function() -> None:
-    one, other = ThesisPlant(published(), 50), ThesisPlant(published(), 50)
-    for _ in range(40):
-        assert step(one.model, one.state, 3.0) == k.step(other.model, other.state, 3.0)
-    assert one.state.body.tobytes() == other.state.body.tobytes()
 
 
 def test_what_the_published_scheme_does_not_know() -> None:

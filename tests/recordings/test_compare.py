@@ -25,24 +25,12 @@ def difference(a: Path, b: Path) -> str | None:
     return found
 
 
-@pytest.mark.parametrize("settings", [[], ["sensors.noise_rms=1e-8", "controller.jitter_us=3"]])
-def test_a_run_repeated_is_the_same(tmp_path: Path, settings: list[str]) -> None:
+def test_a_run_repeated_is_the_same(tmp_path: Path) -> None:
+    settings = ["sensors.noise_rms=1e-8", "controller.jitter_us=3"]
     paths = [record(tmp_path / name, *settings) for name in ("a.mcap", "b.mcap")]
     assert difference(*paths) is None
     runs = {read(path).metadata["run_id"] for path in paths}
     assert len(runs) == 2  # two runs, not one file read twice
-
-
-def test_the_cutting_into_blocks_does_not_count(tmp_path: Path) -> None:
-    ways = {
-        "lockstep": record(tmp_path / "a.mcap"),
-        "horizon": record(tmp_path / "b.mcap", horizon=7),
-        "compiled": record(tmp_path / "c.mcap", compiled=True),
-    }
-    counts = {name: read(path).daq.messages for name, path in ways.items()}
-    assert len(set(counts.values())) == 3, counts
-    assert difference(ways["lockstep"], ways["horizon"]) is None
-    assert difference(ways["lockstep"], ways["compiled"]) is None
 
 
 def test_a_copy_is_the_same(original: Path, tmp_path: Path) -> None:
@@ -63,12 +51,12 @@ def flip(stream: str, number: int, name: str, at: int) -> Callable[[Sent], None]
 @pytest.mark.parametrize(
     ("stream", "name", "place"),
     [
-        ("daq", "code", "first"), ("daq", "code", "last"), ("force", "force_n", "middle"),
-        ("force", "force_n", "last"), ("truth", "xi_m", "first"), ("truth", "xi_s_m", "middle"),
-        ("truth", "xi_p_m", "last"), ("truth", "v_p_m_s", "first"), ("truth", "f_c_n", "middle"),
+        ("daq", "code", "first"),
+        ("force", "force_n", "last"),
+        ("truth", "xi_m", "middle"),
         ("truth", "f_a_n", "last"),
     ],
-)  # fmt: skip
+)
 def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: str) -> None:
     blocks = [m for m in messages(original) if m.stream == stream]
     message = blocks[{"first": 0, "middle": len(blocks) // 2, "last": -1}[place]]
@@ -188,8 +176,6 @@ def test_events_of_two_publishers_may_interleave_in_any_way(original: Path, tmp_
     ("settings", "other", "stream"),
     [
         (["sensors.noise_rms=1e-9"], ["sensors.noise_rms=1e-9", "run.seed=2"], "daq.value"),
-        ([], ["sensors.noise_rms=1e-9"], "daq.value"),
-        ([], ["controller.latency_us=1"], "daq.value"),
         ([], ["run.duration_s=0.002"], "daq has 2500 samples in one and 2000"),
     ],
 )

@@ -93,13 +93,7 @@ def check_fault(path: Path, heard: Sequence[Envelope], pattern: str) -> None:
     ("stream", "fault", "pattern"),
     [
         ("daq", "gap", "gap on stream 'daq': sequence 2 came, 1 was expected"),
-        ("events/plant", "gap", "gap on stream 'events/plant': sequence 2 came, 1 was expected"),
-        ("force", "repeat", "repeat on stream 'force': sequence 1 came, 2 was expected"),
-        ("events/controller", "repeat", "repeat on stream 'events/controller': sequence 1 came"),
-        ("truth", "lost tail", "stream 'truth' is incomplete"),
-        ("events/plant", "lost tail", "stream 'events/plant' is incomplete"),
         ("balance", "lost tail", "stream 'balance' is incomplete"),
-        ("daq", "malformed", "malformed message on stream 'daq' where sequence 2"),
         ("end/plant", "malformed", "malformed message on stream 'end/plant' where sequence 0"),
     ],
 )
@@ -108,20 +102,11 @@ def test_a_fault_of_a_stream(path: Path, stream: str, fault: str, pattern: str) 
     at = places(heard, stream)
     if fault == "gap":
         del heard[at[1]]
-    elif fault == "repeat":
-        heard.insert(at[1] + 1, heard[at[1]])
     elif fault == "lost tail":
         del heard[at[-1]]
     else:
         heard[at[-1]] = replace(heard[at[-1]], payload=heard[at[-1]].payload[:-1])
     check_fault(path, heard, pattern)
-
-
-def test_two_runs_at_once(path: Path) -> None:
-    heard = both()
-    place = places(heard, "force")[1]
-    heard[place] = changed(heard[place], run_id=77)
-    check_fault(path, heard, "'force' sequence 1 belongs to run 4d, not to abc")
 
 
 def test_a_fault_that_a_role_announces(path: Path) -> None:
@@ -164,11 +149,10 @@ def test_an_end_without_a_beginning(path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("scene", ["", "# another"])
-def test_a_second_hello(path: Path, scene: str) -> None:
+def test_a_second_hello(path: Path) -> None:
     """The recording keeps the scene of the first, and says what came."""
     heard = both()
-    second = changed(heard[0], scene_toml=scene)
+    second = changed(heard[0], scene_toml="# another")
     heard.insert(places(heard, "truth")[1], replace(second, sequence=1))
     check_fault(path, heard, "a second message came on stream 'hello'")
     assert read(path).scene_toml == SCENE
@@ -178,8 +162,6 @@ def test_a_second_hello(path: Path, scene: str) -> None:
     ("said", "sentence"),
     [
         (SCENE.replace("0.8", "-5.0"), "another scene: 'kappa = -5.0' where .* 'kappa = 0.8'"),
-        (SCENE.replace("0.8", "0.9"), "another scene: 'kappa = 0.9' where .* 'kappa = 0.8'"),
-        (SCENE + "\nmore = 1", "another scene: 'more = 1' where the plant announced 'nothing'"),
         (
             SCENE + "\nmore = " + 200 * "1",
             "scene: 'more = " + 93 * "1" + "' where the plant announced 'nothing'",

@@ -18,7 +18,6 @@ from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.record_scanner import RecordScanner
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.controller import loaded_law
@@ -62,15 +61,6 @@ class TestByTheMcapLibrary:
         }
         encodings = {i[1].message_encoding for items in decoded.values() for i in items}
         assert encodings == {"protobuf"}
-
-    def test_announced_counts(self, decoded: dict[str, list[Any]]) -> None:
-        announced = {c.stream: c.messages for i in decoded["/end"] for c in i[3].count}
-        events = announced.pop("events/plant") + announced.pop("events/controller")
-        assert len(decoded["/events"]) == events
-        assert announced.pop("pacing") == 0  # of a paced run only
-        assert announced.pop("scene") == 0  # of a scene with files only
-        assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
-        assert set(announced) == {"hello", "law", "daq", "force", "truth", "balance"}
 
     def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
         for topic, items in decoded.items():
@@ -140,12 +130,6 @@ class TestByTheMcapLibrary:
         kinds = [type(r) for r in found]
         assert kinds.index(Attachment) < kinds.index(Chunk)
 
-    def test_topics_by_index(self, whole: Path) -> None:
-        with whole.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        assert summary.statistics.message_count == len(messages(whole))
-        assert summary.statistics.message_end_time == STEPS * STEP_NS
-
 
 def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     kept = read(whole)
@@ -156,15 +140,8 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
         for label, values in stream.arrays.items():
             joined = np.concatenate([getattr(i[3], label) for i in decoded[f"/{name}"]])
             assert values.tobytes() == joined.tobytes(), label
-    assert set(kept.truth.arrays) == {
-        "xi_m",
-        "xi_s_m",
-        "xi_p_m",
-        "v_p_m_s",
-        "f_c_n",
-        "f_a_n",
-        "f_c1_n",
-    }
+    names = "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "f_c1_n"
+    assert set(kept.truth.arrays) == set(names)
     assert kept.daq.time_ns.tolist() == list(range(0, STEPS * STEP_NS, 2 * STEP_NS))
     assert np.array_equal(kept.daq_values, kept.truth.arrays["xi_m"][::2])
     assert kept.balance.contact_steps > 0
@@ -174,7 +151,7 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     assert len(kept.events) == len(decoded["/events"])
 
 
-@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
+@pytest.mark.parametrize("stream", ["daq", "truth"])
 @pytest.mark.parametrize("place", ["middle", "last"])
 def test_a_missing_block_is_named(whole: Path, tmp_path: Path, stream: str, place: str) -> None:
     """In a file that is whole otherwise: nothing but numbers and counts can tell."""
@@ -215,10 +192,6 @@ class TestWriter:
         writer.finish({})
         assert path.read_bytes().startswith(b"\x89MCAP")
 
-    def test_no_such_folder(self, tmp_path: Path) -> None:
-        with pytest.raises(RecordingError, match=r"cannot create the recording .*No such file"):
-            RecordingWriter(tmp_path / "nowhere" / "run.mcap")
-
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
     @pytest.mark.parametrize("scene_bytes", [10, 1_000_000])
     def test_a_full_disk_gives_a_sentence(self, scene_bytes: int) -> None:
@@ -247,7 +220,7 @@ class TestWriter:
 
 
 class TestFromElsewhere:
-    @pytest.mark.parametrize("content", [b"", b"hello", bytes(10_000), b"\x89MCAP0\r\n"])
+    @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n"])
     def test_no_mcap(self, tmp_path: Path, content: bytes) -> None:
         path = tmp_path / "strange.mcap"
         path.write_bytes(content)
@@ -260,7 +233,7 @@ class TestFromElsewhere:
         with pytest.raises(RecordingError, match=r"cannot read .*: Is a directory"):
             read(tmp_path)
 
-    @pytest.mark.parametrize("topic", ["/imu", "/truth", "/events", "/end"])
+    @pytest.mark.parametrize("topic", ["/imu", "/truth", "/end"])
     def test_an_mcap_without_our_streams(self, tmp_path: Path, topic: str) -> None:
         """Topics may even have our names; what is in them is not ours."""
         path = tmp_path / "drone.mcap"
@@ -296,19 +269,3 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
         "the controller announced no end: counts cannot be reconciled",
         "stream 'truth' ends at step 0 of 10",
     ]
-
-
-def test_the_scanner_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
-    data, changed = whole.read_bytes(), tmp_path / "changed.mcap"
-
-    def noticed(content: bytes) -> bool:
-        changed.write_bytes(content)
-        with changed.open("rb") as file:
-            scanner = RecordScanner(file.fileno(), len(content))
-            list(scanner.records())
-        return bool(scanner.damage)
-
-    for at in range(0, len(data), 401):
-        assert noticed(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at
-    for end in [*range(0, len(data), 997), *range(len(data) - 40, len(data))]:
-        assert noticed(data[:end]), end

@@ -79,24 +79,6 @@ def test_levels_of_two_bits(full_scale: tuple[float, float], levels: list[float]
     assert [offset + scale * code for code in range(first, last + 1)] == levels
 
 
-@given(bits, ranges, places)
-def test_reading_a_level_again_gives_the_same_code(
-    n: int, full_scale: tuple[float, float], place: float
-) -> None:
-    code, got, _ = read(n, full_scale, inside(full_scale, place))
-    scale, offset, first, last = converter_codes(n, full_scale)
-    assert k.quantise(got, scale, offset, first, last) == code
-    assert got == offset + scale * code
-
-
-@given(bits, ranges, places, places)
-def test_codes_never_fall_when_the_value_rises(
-    n: int, full_scale: tuple[float, float], a: float, b: float
-) -> None:
-    low, high = (inside(full_scale, p) for p in sorted((1.4 * a - 0.2, 1.4 * b - 0.2)))
-    assert read(n, full_scale, low)[0] <= read(n, full_scale, high)[0]
-
-
 @given(bits, ranges)
 def test_the_ends_give_the_outermost_codes_which_fit(
     n: int, full_scale: tuple[float, float]
