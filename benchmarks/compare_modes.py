@@ -74,6 +74,7 @@ class Grid(NamedTuple):
 
 _RESPONSES = Grid((None,), (6e3,), (60, 80, 100))
 _HITS = Grid((None, 0.02, 0.01, 0.006), (8e3, 1e4), (40, 60, 80, 100))
+_QUICK_RESPONSES = Grid((None,), (2e3,), (20,))
 _QUICK_HITS = Grid((0.02,), (8e3,), (40,))
 
 
@@ -262,9 +263,8 @@ def main(
         need("sdypy")
         records = [read_record(_HAMMER / f"{kind}{i}.csv") for i in (1, 2, 3) for kind in "fa"]
         hits = hits_of_records(records)
-        cases, responses, grid = _CASES, _RESPONSES, _HITS
-        if quick:
-            cases, responses, grid = _CASES[:1], Grid((None,), (2e3,), (20,)), _QUICK_HITS
+        cases = _CASES[:1] if quick else _CASES
+        responses, grid = (_QUICK_RESPONSES, _QUICK_HITS) if quick else (_RESPONSES, _HITS)
         known = [
             one for case in tracked("scenes", cases) for one in known_modes(*case, grid=responses)
         ]
