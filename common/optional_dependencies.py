@@ -18,6 +18,9 @@ EXTRAS = {
     "distributed": "dask",
     "SALib": "uncertain",
     "control": "control",
+    "optuna": "comparisons",
+    "pymcap_cli": "comparisons",
+    "sdypy": "comparisons",
 }
 
 

@@ -19,6 +19,9 @@ from tests.tiers import default
 CONCLUSIONS = {
     "benchmarks.budget_agreement": r"Of 1 limits 0 differ from brute force, and the search takes",
     "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
+    "benchmarks.compare_modes": r"The error of a hit that is held out is [\d.]+ % at most with",
+    "benchmarks.compare_repair": r"Of all messages hertzloop repair recovers [\d.]+ %, MCAP's",
+    "benchmarks.compare_tuning": r"In aluminium-3mm hertzloop finds -[\d.]+ dB and TPE -[\d.]+ dB",
     "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, and an",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",

@@ -1,0 +1,226 @@
+"""`hertzloop tune` beside Optuna: the same objectives, ranges and number of trials."""
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
+from benchmarks.results import results_in
+from hertzloop.cli.options import JsonOption
+from hertzloop.cli.prepare import compile_first
+from hertzloop.common.optional_dependencies import need
+from hertzloop.scene.setup import Setup, load
+from hertzloop.studies.requests import TuneRequest
+from hertzloop.studies.sweeps.design import fitted
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
+
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
+
+_SCENES = ("aluminium-3mm", "offcentre-6mm")
+_LAW = "predicted"
+_OBJECTIVES = ("plate_energy_db", "rebound_percent")
+_WORST = (0.0, 300.0)  # corner of the area that a front dominates: no gain, three times the height
+_SEEDS = (1, 2, 3)
+
+OURS, TRIED = "hertzloop tune", "hertzloop tune, all settings tried"
+TPE, NSGA2 = "Optuna, TPE", "Optuna, NSGA-II"
+
+
+class Task(NamedTuple):
+    """A scene, what is minimised in it, and how long is searched for it."""
+
+    scene: str
+    setup: Setup
+    search: TuneRequest
+
+
+class Outcome(NamedTuple):
+    """Metrics found, (settings, objectives), and the processor time of the search, s."""
+
+    metrics: np.ndarray
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A searcher over all seeds: median, best and worst value, and median processor time, s.
+
+    The value of one objective is the least plate energy, dB. That of two is the area that the
+    front dominates, in per cent of that of all fronts of the scene together.
+    """
+
+    scene: str
+    objectives: int
+    searcher: str
+    median: float
+    best: float
+    worst: float
+    seconds: float
+
+
+def by_hertzloop(pool: Pool, task: Task) -> dict[str, Outcome]:
+    """The settings that `hertzloop tune` returns, and all that it tried."""
+    from hertzloop.studies import tuning  # of an extra
+
+    tried: list[np.ndarray] = []
+    names = task.search.objectives
+
+    def kept(toml: str, span: Any, chunks: Any) -> Any:
+        for rows in pool(toml, span, chunks):
+            tried.extend(np.array([row[name] for name in names], float) for row in rows)
+            yield rows
+
+    axes = tuning.axes_of(_LAW, (), tuning.fastest_m_s([task.setup]))
+    began = time.process_time()
+    found = tuning.tune(kept, [task.setup], _LAW, axes, task.search)
+    seconds = time.process_time() - began
+    front = np.array([[one.metrics[name] for name in names] for one in found])
+    return {OURS: Outcome(front, seconds), TRIED: Outcome(_finite(np.array(tried)), seconds)}
+
+
+def by_optuna(pool: Pool, task: Task, sampler: "BaseSampler") -> Outcome:
+    """All settings that a sampler of Optuna tried, a generation at a time."""
+    import optuna
+
+    from hertzloop.studies import tuning  # of an extra
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    search, law = task.search, {"controller.law": _LAW}
+    axes = [
+        fitted(axis, task.setup.vary(law))
+        for axis in tuning.axes_of(_LAW, (), tuning.fastest_m_s([task.setup]))
+    ]
+    began = time.process_time()
+    study = optuna.create_study(directions=["minimize"] * len(search.objectives), sampler=sampler)
+    tried = []
+    for _ in range(search.generations):
+        trials = [study.ask() for _ in range(search.population)]
+        cases = [
+            law
+            | {
+                axis.key: axis.at_resolution(trial.suggest_float(axis.key, axis.low, axis.high))
+                for axis in axes
+            }
+            for trial in trials
+        ]
+        metrics = tuning.worst_of(
+            pool, [task.setup], search.span, cases, list(search.objectives), search.phases
+        )
+        for trial, values in zip(trials, metrics, strict=True):
+            study.tell(trial, values.tolist())
+        tried.append(metrics)
+    return Outcome(np.concatenate(tried), time.process_time() - began)
+
+
+def _finite(metrics: np.ndarray) -> np.ndarray:
+    return metrics[np.all(np.isfinite(metrics), axis=1)]
+
+
+def value_of(metrics: np.ndarray) -> float:
+    """The least of one objective, or the area that two dominate."""
+    if metrics.shape[1] == 1:
+        return float(np.min(metrics))
+    from pymoo.indicators.hv import HV
+
+    return float(HV(ref_point=np.array(_WORST))(metrics))
+
+
+def searched(task: Task, seed: int) -> dict[str, Outcome]:
+    """What each searcher finds with a seed, on one core."""
+    from optuna.samplers import NSGAIISampler, TPESampler
+
+    several = len(task.search.objectives) > 1
+    samplers: dict[str, Callable[[], BaseSampler]] = {TPE: lambda: TPESampler(seed=seed)}
+    if several:
+        size = task.search.population
+        samplers[NSGA2] = lambda: NSGAIISampler(seed=seed, population_size=size)
+    with local_pool(1) as pool:
+        found = by_hertzloop(pool, task)
+        if not several:
+            del found[TRIED]  # the best setting is never discarded
+        return found | {name: by_optuna(pool, task, make()) for name, make in samplers.items()}
+
+
+def compared(task: Task, seeds: Sequence[dict[str, Outcome]]) -> list[Comparison]:
+    """One line a searcher."""
+    names = list(seeds[0])
+    values = {name: [value_of(one[name].metrics) for one in seeds] for name in names}
+    best: Callable[[list[float]], float] = min
+    worst: Callable[[list[float]], float] = max
+    if len(task.search.objectives) > 1:
+        whole = value_of(np.concatenate([o.metrics for one in seeds for o in one.values()]))
+        values = {name: [100.0 * one / whole for one in of] for name, of in values.items()}
+        best, worst = max, min
+    return [
+        Comparison(
+            task.scene,
+            len(task.search.objectives),
+            name,
+            statistics.median(of),
+            best(of),
+            worst(of),
+            statistics.median(one[name].seconds for one in seeds),
+        )
+        for name, of in values.items()
+    ]
+
+
+def main(
+    out_dir: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
+) -> None:
+    """Search for the best settings of a law with `hertzloop tune` and with Optuna, each 1000 trials
+    and three seeds.
+
+    Example: python -m benchmarks.compare_tuning --quick
+    """
+    with results_in(out_dir, "compare-tuning", json_file=json_file) as results:
+        need("pymoo", "optuna")
+        generations, seeds = (3, _SEEDS[:1]) if quick else (TuneRequest.generations, _SEEDS)
+        tasks = []
+        for scene in _SCENES[:1] if quick else _SCENES:
+            setup = load(scene)
+            compile_first(setup)
+            for count in (1, 2):
+                search = TuneRequest(_OBJECTIVES[:count], generations=generations)
+                tasks.append(Task(scene, setup, search))
+        found: list[Comparison] = []
+        for task in tracked("searches", tasks):
+            outcomes = []
+            for seed in seeds:
+                search = TuneRequest(task.search.objectives, generations=generations, seed=seed)
+                outcomes.append(searched(task._replace(search=search), seed))
+            found += compared(task, outcomes)
+        results.write("tuning", found)
+        trials = generations * TuneRequest.population
+        for count, title in ((1, "least plate energy, dB"), (2, "dominated area, %")):
+            results.table(
+                f"{title}: {trials} trials, {len(seeds)} seeds",
+                {
+                    "scene": "{.scene}",
+                    "searcher": "{.searcher}",
+                    "median": "{.median:.4g}",
+                    "best": "{.best:.4g}",
+                    "worst": "{.worst:.4g}",
+                    "s": "{.seconds:.1f}",
+                },
+                [one for one in found if one.objectives == count],
+                text=2,
+            )
+        at = {(one.objectives, one.searcher): one for one in found if one.scene == _SCENES[0]}
+        results.conclude(
+            f"In {_SCENES[0]} hertzloop finds {at[1, OURS].median:.2f} dB and TPE "
+            f"{at[1, TPE].median:.2f} dB, which takes "
+            f"{at[1, TPE].seconds / at[1, OURS].seconds:.1f} times as long; of two objectives "
+            f"hertzloop's front has {at[2, OURS].median:.1f} % of the area, that of TPE "
+            f"{at[2, TPE].median:.1f} %."
+        )
+
+
+if __name__ == "__main__":
+    start("benchmarks.compare_tuning")
