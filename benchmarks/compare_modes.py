@@ -23,10 +23,14 @@ from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.common.optional_dependencies import need
-from hertzloop.identification.modes.hits import Hit, hits_of_records, response_errors
-from hertzloop.identification.modes.modes import modes_of_hits, modes_of_responses
-from hertzloop.identification.modes.responses import FrequencyResponses, noise_weights
-from hertzloop.identification.modes.universal import Points
+from hertzloop.identification.modes.frequency_responses import FrequencyResponses, noise_weights
+from hertzloop.identification.modes.from_hits import modes_of_hits
+from hertzloop.identification.modes.from_responses import modes_of_responses
+from hertzloop.identification.modes.hit_responses import (
+    HitResponse,
+    hits_of_records,
+)
+from hertzloop.identification.modes.universal_file import Points
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.results.deflection import modes_of_scene
@@ -210,7 +214,16 @@ def _deviations(known: ModeTable, judged: np.ndarray, table: ModeTable) -> tuple
     return len(found), both.ravel().tolist()
 
 
-def accelerance_of(hits: Sequence[Hit], window_s: float | None) -> tuple[np.ndarray, np.ndarray]:
+def response_errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
+    """The error of modelled values: rms over rms, and largest over largest."""
+    apart = np.abs(modelled - measured)
+    rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))
+    return rms, float(np.max(apart) / np.max(np.abs(measured)))
+
+
+def accelerance_of(
+    hits: Sequence[HitResponse], window_s: float | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, Hz, and the accelerance H1 of hits, both (lines,); an exponential window on
     force and response makes the poles decay faster by one over its time constant."""
     count = max(len(hit.force_n) for hit in hits)
@@ -223,12 +236,12 @@ def accelerance_of(hits: Sequence[Hit], window_s: float | None) -> tuple[np.ndar
     return np.fft.rfftfreq(count, hits[0].interval_s), across / own
 
 
-def _window(hit: Hit, window_s: float | None) -> np.ndarray:
+def _window(hit: HitResponse, window_s: float | None) -> np.ndarray:
     after_s = hit.interval_s * np.maximum(np.arange(len(hit.force_n)) - hit.first, 0)
     return np.ones(len(after_s)) if window_s is None else np.exp(-after_s / window_s)
 
 
-def predicted(estimate: Estimate, hit: Hit, window_s: float | None) -> np.ndarray:
+def predicted(estimate: Estimate, hit: HitResponse, window_s: float | None) -> np.ndarray:
     """Acceleration, m/s^2, (samples,), that modes of windowed hits give for the force of a hit."""
     count, window = len(hit.force_n), _window(hit, window_s)
     omega = 2.0 * np.pi * np.fft.rfftfreq(_PADDED * count, hit.interval_s)
@@ -236,7 +249,7 @@ def predicted(estimate: Estimate, hit: Hit, window_s: float | None) -> np.ndarra
     return np.fft.irfft(estimate.accelerance(omega) * force, _PADDED * count)[:count] / window
 
 
-def held_hits(hits: Sequence[Hit], held: int, grid: Grid) -> list[HeldHit]:
+def held_hits(hits: Sequence[HitResponse], held: int, grid: Grid) -> list[HeldHit]:
     """Predict a hit by the others, by both methods."""
     fitted, hit, name = [*hits[:held], *hits[held + 1 :]], hits[held], f"hit {held + 1}"
     check = modes_of_hits(fitted, [hit], False, lambda *_: None).held_out[0]
@@ -244,8 +257,8 @@ def held_hits(hits: Sequence[Hit], held: int, grid: Grid) -> list[HeldHit]:
     others = []
     for window_s in grid.windows_s:
         for estimate in estimates(*accelerance_of(fitted, window_s), grid):
-            modelled = predicted(estimate, hit, window_s)[hit.judged]
-            errors = response_errors(modelled, hit.response[hit.judged])
+            modelled = predicted(estimate, hit, window_s)[hit.checked]
+            errors = response_errors(modelled, hit.response[hit.checked])
             others.append((*errors, len(estimate.poles)))
     rms, peak, modes = min(others)
     return [found, HeldHit(name, SDYPY, modes, rms, peak)]

@@ -3,7 +3,7 @@
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,10 +14,12 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.cli.prepare import compile_first
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.requests import TuneRequest
-from hertzloop.studies.sweeps.design import fitted
-from hertzloop.studies.sweeps.evaluate import Pool
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.cases.design import fitted
+from hertzloop.studies.cases.evaluate import Pool
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.tune.plan import TunePlan, plan_tune
+from hertzloop.studies.tune.request import TuneRequest
+from hertzloop.studies.tune.score import worst_of
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
@@ -38,6 +40,10 @@ class Task(NamedTuple):
     scene: str
     setup: Setup
     search: TuneRequest
+
+    def plan(self) -> TunePlan:
+        """The search that hertzloop runs."""
+        return plan_tune([self.setup], self.search)
 
 
 class Outcome(NamedTuple):
@@ -66,19 +72,18 @@ class Comparison:
 
 def by_hertzloop(pool: Pool, task: Task) -> dict[str, Outcome]:
     """The settings that `hertzloop tune` returns, and all that it tried."""
-    from hertzloop.studies import tuning  # of an extra
+    from hertzloop.studies.tune.search import search_law  # of an extra
 
     tried: list[np.ndarray] = []
-    names = task.search.objectives
+    names = task.search.minimise
 
     def kept(toml: str, span: Any, chunks: Any) -> Any:
         for rows in pool(toml, span, chunks):
             tried.extend(np.array([row[name] for name in names], float) for row in rows)
             yield rows
 
-    axes = tuning.axes_of(_LAW, (), tuning.fastest_m_s([task.setup]))
     began = time.process_time()
-    found = tuning.tune(kept, [task.setup], _LAW, axes, task.search)
+    found = search_law(kept, task.plan(), _LAW)
     seconds = time.process_time() - began
     front = np.array([[one.metrics[name] for name in names] for one in found])
     return {OURS: Outcome(front, seconds), TRIED: Outcome(_finite(np.array(tried)), seconds)}
@@ -88,16 +93,11 @@ def by_optuna(pool: Pool, task: Task, sampler: "BaseSampler") -> Outcome:
     """All settings that a sampler of Optuna tried, a generation at a time."""
     import optuna
 
-    from hertzloop.studies import tuning  # of an extra
-
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    search, law = task.search, {"controller.law": _LAW}
-    axes = [
-        fitted(axis, task.setup.vary(law))
-        for axis in tuning.axes_of(_LAW, (), tuning.fastest_m_s([task.setup]))
-    ]
+    plan, search, law = task.plan(), task.search, {"controller.law": _LAW}
+    axes = [fitted(axis, task.setup.vary(law)) for axis in plan.axes[_LAW]]
     began = time.process_time()
-    study = optuna.create_study(directions=["minimize"] * len(search.objectives), sampler=sampler)
+    study = optuna.create_study(directions=["minimize"] * len(search.minimise), sampler=sampler)
     tried = []
     for _ in range(search.generations):
         trials = [study.ask() for _ in range(search.population)]
@@ -109,9 +109,7 @@ def by_optuna(pool: Pool, task: Task, sampler: "BaseSampler") -> Outcome:
             }
             for trial in trials
         ]
-        metrics = tuning.worst_of(
-            pool, [task.setup], search.span, cases, list(search.objectives), search.phases
-        )
+        metrics = worst_of(pool, plan, cases, search.minimise)
         for trial, values in zip(trials, metrics, strict=True):
             study.tell(trial, values.tolist())
         tried.append(metrics)
@@ -135,7 +133,7 @@ def searched(task: Task, seed: int) -> dict[str, Outcome]:
     """What each searcher finds with a seed, on one core."""
     from optuna.samplers import NSGAIISampler, TPESampler
 
-    several = len(task.search.objectives) > 1
+    several = len(task.search.minimise) > 1
     samplers: dict[str, Callable[[], BaseSampler]] = {TPE: lambda: TPESampler(seed=seed)}
     if several:
         size = task.search.population
@@ -153,14 +151,14 @@ def compared(task: Task, seeds: Sequence[dict[str, Outcome]]) -> list[Comparison
     values = {name: [value_of(one[name].metrics) for one in seeds] for name in names}
     best: Callable[[list[float]], float] = min
     worst: Callable[[list[float]], float] = max
-    if len(task.search.objectives) > 1:
+    if len(task.search.minimise) > 1:
         whole = value_of(np.concatenate([o.metrics for one in seeds for o in one.values()]))
         values = {name: [100.0 * one / whole for one in of] for name, of in values.items()}
         best, worst = max, min
     return [
         Comparison(
             task.scene,
-            len(task.search.objectives),
+            len(task.search.minimise),
             name,
             statistics.median(of),
             best(of),
@@ -187,13 +185,13 @@ def main(
             setup = load(scene)
             compile_first(setup)
             for count in (1, 2):
-                search = TuneRequest(_OBJECTIVES[:count], generations=generations)
+                search = TuneRequest([_LAW], minimise=_OBJECTIVES[:count], generations=generations)
                 tasks.append(Task(scene, setup, search))
         found: list[Comparison] = []
         for task in tracked("searches", tasks):
             outcomes = []
             for seed in seeds:
-                search = TuneRequest(task.search.objectives, generations=generations, seed=seed)
+                search = replace(task.search, seed=seed)
                 outcomes.append(searched(task._replace(search=search), seed))
             found += compared(task, outcomes)
         results.write("tuning", found)
