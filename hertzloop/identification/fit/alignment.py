@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.channel_preparation import ONSET_LEVELS, ONSET_SHARE
 from hertzloop.identification.fit.observation import ObservedSignal
+from hertzloop.identification.hits.impact import ONSET_LEVELS, ONSET_SHARE
 from hertzloop.identification.records.errors import RecordError
 
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned

@@ -8,8 +8,9 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.channel import ENOUGH_QUIET, Channel
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.noise import ljung_box
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.verdicts import ModelVerdict
 
 _F_P, _WHITE_P, _PULL = 0.01, 0.001, 3.0

@@ -1,24 +1,26 @@
-"""Find peak, baseline, onset and noise of a record."""
+"""Make a record ready for a fit: its impact, its noise, and the samples that count."""
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from hertzloop.identification.fit.channel import ENOUGH_QUIET, Channel, is_unfiltered_acceleration
 from hertzloop.identification.fit.noise import autoregressive_noise, noise_below_converter_step
-from hertzloop.identification.records.converter import clipped_samples, converter_step
-from hertzloop.identification.records.errors import RecordError
-from hertzloop.identification.records.quantities import GAP_QUANTITIES, QUANTITIES
+from hertzloop.identification.hits.impact import (
+    FEWEST_QUIET,
+    ONSET_LEVELS,
+    ONSET_SHARE,
+    THIRD_DIFFERENCE,
+    Impact,
+    find_impact,
+)
+from hertzloop.identification.records.converter import clipped_samples
+from hertzloop.identification.records.quantities import GAP_QUANTITIES
 from hertzloop.identification.records.record import Record
 from hertzloop.identification.records.statistics import robust_deviation
 
-_THIRD_DIFFERENCE = 20.0  # variance of the third differences of white noise, over its own
-_STEADY = 7  # samples, most of which have to have left it
 _REST = 3  # lengths of the contacts in a force, after which it rests
-_FEWEST_QUIET = 12  # samples before the impact, for an estimate of the noise
 # Of the peak: the error of the simulation and its splines. The acceleration of the contact point
 # converges slowly with the number of modes, and without a filter hardly at all.
 _FLOOR = {"v_p": 1e-4, "acceleration": 4e-4}
@@ -26,8 +28,6 @@ _FLOOR_OF_GAP, _FLOOR_UNFILTERED = 5e-5, 2e-3
 _RESOLVED = 0.6  # steps of a converter: noise above it can be read off
 _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM = 300  # quiet samples for a model of coloured noise
-ONSET_LEVELS = 8.0  # noise levels that a sample has to leave the baseline by
-ONSET_SHARE = 0.02  # of the peak, the same
 
 
 def prepare_channel(record: Record) -> Channel:
@@ -44,14 +44,14 @@ def prepare_channel(record: Record) -> Channel:
             "are not used."
         )
     good = np.isfinite(record.value) & ~clipped
-    shape = _find_shape(record, good)
-    noise = _estimate_noise(record, shape, good)
+    impact = find_impact(record, good)
+    noise = _estimate_noise(record, impact, good)
     end = noise.end
-    error = simulation_error_share(record, notes) * shape.peak
-    size = max(noise.size, shape.step / math.sqrt(12.0))
+    error = simulation_error_share(record, notes) * impact.peak
+    size = max(noise.size, impact.step / math.sqrt(12.0))
     limited = noise.source != "residual" and size < error
     if noise.source == "residual":
-        size = max(0.01 * shape.peak, shape.step)
+        size = max(0.01 * impact.peak, impact.step)
     else:
         size = math.hypot(size, error)
     if noise.quiet < ENOUGH_QUIET and noise.source != "differences":
@@ -68,74 +68,27 @@ def prepare_channel(record: Record) -> Channel:
     return Channel(
         record=record,
         time_s=record.time_s[:end],
-        value=shape.filled[:end],
+        value=impact.filled[:end],
         kept=good[:end],
-        peak=shape.peak,
+        peak=impact.peak,
         noise=size,
         noise_from=noise.source,
         quiet=noise.quiet,
-        baseline=shape.baseline,
-        step=shape.step,
+        baseline=impact.baseline,
+        step=impact.step,
         ar=noise.ar,
         innovation=noise.innovation,
-        onset_s=float(record.time_s[shape.onset]),
-        has_quiet_start=shape.quiet_start or _is_gap(record),
+        onset_s=float(record.time_s[impact.onset]),
+        has_quiet_start=impact.quiet_start or _is_gap(record),
         notes=notes,
         limited_by_simulation=limited,
         equivalent_samples=noise.equivalent_samples,
-        least_noise=math.hypot(shape.step / math.sqrt(12.0), error),
+        least_noise=math.hypot(impact.step / math.sqrt(12.0), error),
     )
 
 
 def _is_gap(record: Record) -> bool:
     return record.quantity in GAP_QUANTITIES
-
-
-class _Shape(NamedTuple):
-    """Where a record rests, how far it leaves its rest, and when.
-
-    Attributes:
-        filled: values, the baseline where there is none, (samples,).
-        baseline: value at rest.
-        spread: deviation from it before the impact.
-        peak: largest deviation from it.
-        onset: number of the first sample of the impact.
-        quiet_start: whether enough samples are before it.
-        step: distance of two levels of the converter.
-    """
-
-    filled: np.ndarray
-    baseline: float
-    spread: float
-    peak: float
-    onset: int
-    quiet_start: bool
-    step: float
-
-
-def _find_shape(record: Record, good: np.ndarray) -> _Shape:
-    """Return baseline, peak and onset of a record. Raises RecordError without an impact."""
-    values, known = record.value[good], np.isfinite(record.value)
-    if float(np.ptp(values)) == 0.0:
-        raise RecordError(
-            f"{record.name}: all values are {values[0]:g}. Give a record with an impact."
-        )
-    step, is_gap = converter_step(record), _is_gap(record)
-    start = max(_FEWEST_QUIET // 2, min(len(values) // 50, 500))
-    baseline = float(np.median(values[:start]))
-    # A record that begins in the contact has no quiet start; its third differences are quiet.
-    spread = robust_deviation(values[:start] - baseline)
-    rough = robust_deviation(np.diff(values, 3)) / math.sqrt(_THIRD_DIFFERENCE)
-    spread = max(min(spread, 3.0 * max(rough, 1e-3 * spread)), 0.3 * step)
-    if is_gap:
-        baseline = 0.0
-    filled = np.where(known, record.value, baseline)
-    peak = float(np.max(np.abs(filled - baseline)))
-    if not is_gap:
-        _check_impact(record, values - baseline, max(spread, rough))
-    onset = _find_onset(filled, baseline, spread, peak, is_gap)
-    quiet_start = onset >= _FEWEST_QUIET and not is_gap
-    return _Shape(filled, baseline, spread, peak, onset, quiet_start, step)
 
 
 @dataclass
@@ -161,26 +114,26 @@ class _Noise:
     end: int | None = None
 
 
-def _estimate_noise(record: Record, shape: _Shape, good: np.ndarray) -> _Noise:
+def _estimate_noise(record: Record, impact: Impact, good: np.ndarray) -> _Noise:
     """Return the noise of a record by its samples before the impact and, of a force, after it."""
-    found, onset, step = _Noise(), shape.onset, shape.step
-    if not shape.quiet_start:
+    found, onset, step = _Noise(), impact.onset, impact.step
+    if not impact.quiet_start:
         if _is_gap(record):
             third = np.diff(record.value[good], 3)
-            found.size = float(np.std(third)) / math.sqrt(_THIRD_DIFFERENCE)
+            found.size = float(np.std(third)) / math.sqrt(THIRD_DIFFERENCE)
             found.source, found.quiet = "differences", len(third) // 4
         return found
     margin = 3 + onset // 20
-    before = shape.filled[: onset - margin][good[: onset - margin]]
+    before = impact.filled[: onset - margin][good[: onset - margin]]
     before, enough = before - np.median(before), len(before) >= _AR_FROM
-    end = _end_of_contacts(record, shape, int(np.count_nonzero(good)))
-    after = shape.filled[end:][good[end:]]
+    end = _end_of_contacts(record, impact, int(np.count_nonzero(good)))
+    after = impact.filled[end:][good[end:]]
     if len(after) >= ENOUGH_QUIET:
         before = np.concatenate([before, after - np.median(after)])
         found.end = end
     sd = robust_deviation(before) or float(np.std(before))
     calm = before[np.abs(before) <= _SPIKE * max(sd, 0.5 * step, 1e-300)]
-    if len(calm) < _FEWEST_QUIET:
+    if len(calm) < FEWEST_QUIET:
         return found
     found.size, found.source, found.quiet = float(np.std(calm, ddof=1)), "quiet", len(calm)
     if found.size < _RESOLVED * step:
@@ -191,16 +144,16 @@ def _estimate_noise(record: Record, shape: _Shape, good: np.ndarray) -> _Noise:
     return found
 
 
-def _end_of_contacts(record: Record, shape: _Shape, samples: int) -> int:
+def _end_of_contacts(record: Record, impact: Impact, samples: int) -> int:
     """Return the sample from which a force is as quiet as before the impact, after its last
     contact; of another record, or with enough samples before the impact, the number of samples."""
-    deviation = np.abs(shape.filled - shape.baseline)
-    high = max(ONSET_LEVELS * shape.spread, ONSET_SHARE * shape.peak)
+    deviation = np.abs(impact.filled - impact.baseline)
+    high = max(ONSET_LEVELS * impact.spread, ONSET_SHARE * impact.peak)
     pushed = np.flatnonzero(deviation > high)
-    if record.quantity != "contact_force" or shape.onset >= ENOUGH_QUIET or not len(pushed):
+    if record.quantity != "contact_force" or impact.onset >= ENOUGH_QUIET or not len(pushed):
         return samples
     last = 1 + int(pushed[-1])
-    return last + _REST * (last - shape.onset)
+    return last + _REST * (last - impact.onset)
 
 
 def simulation_error_share(record: Record, notes: list[str]) -> float:
@@ -213,41 +166,3 @@ def simulation_error_share(record: Record, notes: list[str]) -> float:
         )
         return _FLOOR_UNFILTERED
     return _FLOOR.get(record.quantity, _FLOOR_OF_GAP)
-
-
-def _check_impact(record: Record, values: np.ndarray, spread: float) -> None:
-    """Raise RecordError for a record that never leaves its noise for two samples in a row."""
-    size = np.abs(values)
-    pairs = np.minimum(size[1:], size[:-1])
-    if float(np.max(pairs)) < 6.0 * spread:
-        if float(np.max(size)) > _SPIKE * 6.0 * spread:
-            raise RecordError(
-                f"{record.name}: only single samples leave the noise, up to "
-                f"{float(np.max(size)):.3g} {QUANTITIES[record.quantity].unit}, at "
-                f"{1e6 * record.interval_s:.3g} us from sample to sample. The impact is shorter. "
-                "Record at a higher rate."
-            )
-        raise RecordError(
-            f"{record.name}: no impact was found, as the largest value is "
-            f"{float(np.max(size)):.3g} {QUANTITIES[record.quantity].unit} at a noise of "
-            f"{spread:.3g}. Give a record with an impact."
-        )
-
-
-def _find_onset(
-    value: np.ndarray, baseline: float, spread: float, peak: float, is_gap: bool
-) -> int:
-    """Return the first sample that has left the baseline; of a gap, the first below zero."""
-    if is_gap:
-        below = np.flatnonzero(value < 0.0)
-        return int(below[0]) if len(below) else int(np.argmin(value))
-    size = np.abs(value - baseline)
-    steady = scipy.ndimage.median_filter(size, _STEADY, mode="constant")
-    if float(np.max(steady)) > 0.3 * peak:
-        # Enough samples in the contact: a few spikes in a row are no impact.
-        peak = min(peak, 1.5 * float(np.max(steady)))
-        size = steady
-    out = size > max(ONSET_LEVELS * spread, ONSET_SHARE * peak)
-    both = out & np.append(out[1:], True)
-    found = np.flatnonzero(both)
-    return int(found[0]) if len(found) else int(np.argmax(size))

@@ -6,8 +6,9 @@ from typing import Any
 from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.key_values import values_for_record
 from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.problem import FitProblem, values_for_record
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.chain_keys import WITHOUT_CONTROL
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.record import Record

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 import scipy
 
-_NODES, _MOST_NODES = 16, 6000  # in a contact time; in a record
-_BEFORE = 0.6  # contact times from the first node to the touch
-# Contact times: of the local size of a signal, and in which what it was before is forgotten.
-_WIDTH, _MEMORY = 0.25, 5.0
-_ORDER, _VARIANCE = 4, 5.0 / 32.0  # of the process; its variance times kappa^7
-PULSE = 1.5  # contact times, the end of the pulse
+PULSE = 1.5  # end of the pulse, contact times
+CORRELATIONS = (2.0, 4.0, 8.0, 16.0, 32.0)  # over the contact time; the last of coarse samples only
+_NODES, _MOST_NODES = 16, 6000  # nodes in a contact time; most nodes in a record
+_BEFORE = 0.6  # from the first node to the touch, contact times
+_WIDTH = 0.25  # width of the average that gives the local size of a signal, contact times
+_MEMORY = 5.0  # decay of the size after a signal, contact times
+_ORDER = 4  # of the process
+_VARIANCE = 5.0 / 32.0  # of the process, times kappa^7
 
 
 @dataclass(frozen=True)
@@ -177,6 +179,3 @@ def _precision(nodes: int, spacing: float, kappa: float) -> tuple[np.ndarray, np
         found = found @ inverse @ one
     whole = _banded(found * (_VARIANCE / kappa**7))
     return whole, scipy.linalg.cholesky_banded(whole)
-
-
-CORRELATIONS = (2.0, 4.0, 8.0, 16.0, 32.0)  # over the contact time; the last of coarse samples only

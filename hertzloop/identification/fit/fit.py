@@ -16,9 +16,11 @@ from hertzloop.identification.fit.frozen_models import refreeze
 from hertzloop.identification.fit.hit_speeds import add_hit_speeds
 from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
 from hertzloop.identification.fit.intervals import add_whole_step_estimate, estimate_keys
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_values import values_for_record
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.prepare import prepare_problem
-from hertzloop.identification.fit.problem import FitProblem, Iterate, values_for_record
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.residuals import impact_speeds, note_other_impact, residual_curves
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.sample_selection import exclude_contact

@@ -5,14 +5,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from hertzloop.identification.fit.channel import Channel
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.problem import (
-    FitProblem,
-    Iterate,
-    ignored_without_control,
-    values_for_record,
-)
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.scene.setup import Setup
 

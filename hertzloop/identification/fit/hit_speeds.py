@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
-from hertzloop.identification.fit.problem import FitProblem, values_for_record
+from hertzloop.identification.fit.key_values import values_for_record
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 

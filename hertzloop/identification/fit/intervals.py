@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.results import Estimate
 from hertzloop.identification.fit.uncertainty import KeyUncertainty
 from hertzloop.identification.fit.verdicts import NO_BOUND, NORMAL, WIDEST, KeyVerdict

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.uncertainty import KeyUncertainty, key_uncertainty
 
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.scene.errors import SceneError
 
 _MOST_PHASE = 0.1  # periods that a step changes a phase by

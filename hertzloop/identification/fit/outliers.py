@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.statistics import robust_deviation
 
 _OUTLIER = 4.0  # robust deviations
@@ -20,9 +21,8 @@ def reject_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> in
     """
     rejected = 0
     for index, c in enumerate(problem.channels):
-        value, _, tau = problem.predict(iterate.x, index, until_s)
-        _, _, gain, offset = problem.nuisances(iterate.x, index)
-        residual = np.where(c.kept, gain * value + offset - c.value, 0.0)
+        predicted = problem.predict(iterate.x, index, until_s)
+        tau, residual = predicted.tau, np.where(c.kept, predicted.reading - c.value, 0.0)
         used = c.kept & (tau <= until_s)
         if np.count_nonzero(used) < 20:
             continue

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.problem import FitProblem
 
 _PHASES = 6  # of a period that a search looks at
 _TURNS_TRIED = 3  # solutions at other phases that are fitted with all parameters

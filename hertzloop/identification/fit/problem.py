@@ -1,96 +1,48 @@
 """The least-squares problem of a fit: residuals, and derivatives by keys and nuisances."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.control_keys import is_control_key
+from hertzloop.identification.fit.difference import key_step, phase_step
 from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
 from hertzloop.identification.fit.loop_model import LoopModel
 from hertzloop.identification.fit.model import FrozenModel
 from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
+from hertzloop.identification.fit.simulation_counter import SimulationCounter
 from hertzloop.identification.records.chain_keys import is_chain_key
-from hertzloop.identification.records.record import Record
 
-_DIFFERENCE = 1e-4  # of a key, for central differences
-# Under a law; with converters, which round what it reads and commands; of a phase, in periods.
-_DIFFERENCE_LOOP, _DIFFERENCE_ROUNDED, _DIFFERENCE_PHASE = 2e-3, 3e-2, 0.04
-_JUMP = 4.0  # times as large a derivative on one side: the law decides otherwise there
-_PHASE_SD = math.sqrt(1.0 / 12.0)  # of a phase that is uniform over a period
-_FIRST_WINDOW, _GROWTH = 1.5, 3.0  # contacts; from window to window
-_STEPS_OF_STAGE = 4  # of a minimisation, as expected
-SHIFT_UNIT_S = 1e-6  # s
-
-
-@dataclass
-class SimulationCounter:
-    """Counts the simulations of a fit, with all of its problems: those done and those expected.
-
-    `on_progress` is called with both after each simulation.
-    """
-
-    on_progress: Callable[[int, int], None] = lambda done, expected: None
-    done: int = 0
-    expected: int = 0
-
-    def add(self, simulations: int) -> None:
-        """Count simulations."""
-        self.done += simulations
-        if simulations:
-            self.on_progress(self.done, max(self.expected, self.done + 1))
-
-    def expect(self, stages: int, keys: int) -> None:
-        """Expect a number of further minimisations of a problem with some keys."""
-        self.expected = self.done + _STEPS_OF_STAGE * stages * (2 * keys + 2)
-
-
-@dataclass
-class Iterate:
-    """Parameters of a fit with their residuals.
-
-    Attributes:
-        x: logarithms of the keys, then nuisances, (parameters,).
-        residual: whitened rows of all channels, rows of the model's errors, and rows of the
-            priors, (rows,).
-        jacobian: derivatives of the residual, (rows, parameters).
-        channel_rows: rows of each channel.
-        prior_rows: rows of the priors.
-    """
-
-    x: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-    channel_rows: list[slice]
-    prior_rows: slice
-
-    @property
-    def chi_square(self) -> float:
-        """Sum of the squared residuals, priors included."""
-        return float(self.residual @ self.residual)
-
-    def pseudo_inverse(self, least: float = 1e-15) -> np.ndarray:
-        """Pseudo-inverse of the Jacobian with columns of length one, scaled back; shape
-        (parameters, rows). `least`: singular value that counts, over the largest."""
-        length = np.sqrt(np.sum(self.jacobian**2, axis=0))
-        length[length == 0.0] = 1.0
-        return np.linalg.pinv(self.jacobian / length, rcond=least) / length[:, np.newaxis]
+_PHASE_SD = math.sqrt(1.0 / 12.0)  # standard deviation of a phase, uniform over a period
+_FIRST_WINDOW = 1.5  # end of the first window, contact times
+_GROWTH = 3.0  # end of a window over that of the one before
+_LAST_WINDOW = 0.6  # from this share of the longest record on, a window is the whole record
+SHIFT_UNIT_S = 1e-6  # unit of a shift among the parameters, s
 
 
 class Prediction(NamedTuple):
-    """What a channel should read, (samples,) each: values without gain and offset, their slope by
-    time, 1/s, and the times after the touch, s."""
+    """What a channel should read, (samples,) each.
+
+    Attributes:
+        value: without gain and offset, in the unit of the record.
+        slope: derivative of the value by time, 1/s.
+        tau: times after the touch, s.
+        reading: with gain and offset.
+    """
 
     value: np.ndarray
     slope: np.ndarray
     tau: np.ndarray
+    reading: np.ndarray
 
 
 class NuisanceIndices(NamedTuple):
-    """Places of the nuisances of a channel among the parameters; `phase`: None without a law."""
+    """Places of the nuisances of a channel among the parameters; no phase without a law."""
 
     shift: int
     clock: int
@@ -237,13 +189,13 @@ class FitProblem:
 
     def predict(self, x: np.ndarray, index: int, until_s: float) -> Prediction:
         """Return what channel `index` should read, up to `until_s` after the touch; zero beyond."""
-        touch_s, ppm, _, _ = self.nuisances(x, index)
+        touch_s, ppm, gain, offset = self.nuisances(x, index)
         tau = self.channels[index].after_touch_s(touch_s, ppm)
         seen = self.simulate_channel(index, self.key_values(x), until_s, self.phase(x, index))
         inside = tau <= until_s
         value, slope = np.zeros(len(tau)), np.zeros(len(tau))
         value[inside], slope[inside] = seen.value(tau[inside]), seen.slope(tau[inside])
-        return Prediction(value, slope, tau)
+        return Prediction(value, slope, tau, gain * value + offset)
 
     def evaluate(
         self,
@@ -269,11 +221,10 @@ class FitProblem:
         parts, columns, rows, at = [], [], [], 0
         of_errors, by_errors = [], []
         for index, c in enumerate(self.channels):
-            _, _, gain, offset = self.nuisances(x, index)
             predicted = self.predict(x, index, until_s)
             within = predicted.tau <= until_s
             good = c.counted(within)
-            raw = np.where(c.kept & within, gain * predicted.value + offset - c.value, 0.0)
+            raw = np.where(c.kept & within, predicted.reading - c.value, 0.0)
             white = c.whitened(raw)[good]
             error = None if exact or c.discrepancy is None else c.discrepancy.on_samples(good)
             if error is not None:
@@ -312,10 +263,9 @@ class FitProblem:
             until_s: end of the window after the touch, s.
             predicted: readings at the same parameters.
         """
-        value, slope, tau = predicted
+        value, slope, tau, _ = predicted
         _, ppm, gain, _ = self.nuisances(x, index)
         inside = tau <= until_s
-        looped = isinstance(self.models[index], LoopModel)
 
         def readings(x: np.ndarray) -> np.ndarray:
             phase = self.phase(x, index)
@@ -327,7 +277,7 @@ class FitProblem:
             if not values_for_record({f.key: f.start}, self.channels[index].record):
                 continue
             bounds = math.log(f.low), math.log(f.high)
-            step = _Step(j, self._difference(index), bounds, looped)
+            step = key_step(j, bounds, self.models[index])
             block[inside, j] = gain * step.derivative(readings, x)
         at = self.nuisance_indices[index]
         stretch = 1.0 + 1e-6 * ppm
@@ -336,17 +286,9 @@ class FitProblem:
         block[:, at.gain] = value
         block[:, at.offset] = self.channels[index].peak
         if at.phase is not None and not self.phases_held:
-            size = _DIFFERENCE_PHASE * self.phase_periods[at.phase]
-            step = _Step(at.phase, size, (-math.inf, math.inf), looped)
+            step = phase_step(at.phase, self.phase_periods[at.phase])
             block[inside, at.phase] = gain * step.derivative(readings, x)
         return block
-
-    def _difference(self, index: int) -> float:
-        """Step of a key's logarithm for derivatives of a channel."""
-        model = self.models[index]
-        if not isinstance(model, LoopModel):
-            return _DIFFERENCE
-        return _DIFFERENCE_ROUNDED if model.converts else _DIFFERENCE_LOOP
 
     def _prior_rows(self, x: np.ndarray, early: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return rows of the priors and their derivatives, (rows,) and (rows, parameters)."""
@@ -398,49 +340,7 @@ class FitProblem:
         """Ends of the growing windows after the touch, s; the last is infinite but for rounding."""
         end = _FIRST_WINDOW * max(m.contact_s for m in self.models)
         found = []
-        while end < 0.6 * self.longest_s:
+        while end < _LAST_WINDOW * self.longest_s:
             found.append(end)
             end *= _GROWTH
         return [*found, 1.001 * self.longest_s + 2e-6]
-
-
-def values_for_record(values: Mapping[str, float], record: Record) -> dict[str, float]:
-    """The scene keys of a record: without those of its table, which are not fitted in it, and of
-    keys `KEY[HIT]` only those of its hit, as KEY."""
-    found = {}
-    for key, value in values.items():
-        name, _, hit = key.partition("[")
-        if name not in record.measurement.set and hit in ("", f"{record.hit}]"):
-            found[name] = value
-    return found
-
-
-def ignored_without_control(key: str) -> bool:
-    """Whether a drop without control does not depend on a key."""
-    return is_chain_key(key) or is_control_key(key)
-
-
-class _Step(NamedTuple):
-    """A step for a derivative: number of the parameter, its size, the bounds of the parameter, and
-    whether a law may decide otherwise on one side."""
-
-    parameter: int
-    size: float
-    bounds: tuple[float, float]
-    looped: bool
-
-    def derivative(self, readings: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-        """Return the derivative of readings, (samples,): a central difference, one-sided at a bound
-        and where the law decides otherwise on one side."""
-        j = self.parameter
-        up, down = x.copy(), x.copy()
-        up[j] = min(x[j] + self.size, self.bounds[1])
-        down[j] = max(x[j] - self.size, self.bounds[0])
-        one, other = readings(up), readings(down)
-        if self.looped and up[j] > x[j] > down[j]:
-            middle = readings(x)
-            sides = (one - middle) / (up[j] - x[j]), (middle - other) / (x[j] - down[j])
-            sizes = [float(side @ side) for side in sides]
-            if max(sizes) > _JUMP**2 * min(sizes):
-                return sides[int(np.argmin(sizes))]
-        return np.asarray((one - other) / (up[j] - down[j]))

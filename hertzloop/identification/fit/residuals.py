@@ -6,12 +6,9 @@ import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.discrepancy import PULSE
-from hertzloop.identification.fit.problem import (
-    FitProblem,
-    Iterate,
-    ignored_without_control,
-    values_for_record,
-)
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.results import Nuisance
 
 
@@ -54,14 +51,13 @@ def residual_curves(
     """
     found = []
     for index, c in enumerate(problem.channels):
-        value, _, tau = problem.predict(iterate.x, index, until_s)
-        _, _, gain, offset = problem.nuisances(iterate.x, index)
-        inside = tau <= until_s
+        predicted = problem.predict(iterate.x, index, until_s)
+        inside = predicted.tau <= until_s
         found.append(
             {
-                "time_s": tau[inside],
+                "time_s": predicted.tau[inside],
                 "measured": c.value[inside],
-                "simulated": gain * value[inside] + offset,
+                "simulated": predicted.reading[inside],
                 "used": c.kept[inside],
             }
         )
@@ -115,9 +111,8 @@ def _residual_percent(
     """Residual over the peak: its root mean square in the pulse and after it, and its largest
     value, %; None without samples there."""
     c, contact_s = problem.channels[index], problem.models[index].contact_s
-    value, _, tau = problem.predict(iterate.x, index, until_s)
-    _, _, gain, offset = problem.nuisances(iterate.x, index)
-    residual = gain * value + offset - c.value
+    predicted = problem.predict(iterate.x, index, until_s)
+    tau, residual = predicted.tau, predicted.reading - c.value
     used = c.kept & (tau <= until_s) & (tau > -0.1 * contact_s)
     pulse = tau < PULSE * contact_s
 

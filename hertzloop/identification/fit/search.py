@@ -7,22 +7,28 @@ from contextlib import suppress
 import numpy as np
 
 from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_values import ignored_without_control
 from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.problem import FitProblem, Iterate, ignored_without_control
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.scene.errors import SceneError
 
-_STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing yields
-# Of a search for a lower minimum: how much wider a shorter window leaves the keys, how far it looks
-# and in what steps (standard deviations of the shorter and of the whole window), most points on a
-# side, most minima, and by how much chi-square has to fall.
-_BROADER, _ALONG_SD, _APART_SD = 8.0, 4.0, 10.0
-_MOST_TRIED, _MOST_MINIMA, _LOWER = 20, 3, 4.0
-_FARTHEST = 0.4  # of the logarithms of the keys
+_PRESSURES = (0.25, 0.45, 0.7)  # starts, over the elastic pressure, above which nothing yields
+# The search for a lower minimum goes along the direction that a shorter window tells least.
+_BROADER = 8.0  # least standard deviation of a shorter window, over that of the whole record
+_REACH_SD, _FARTHEST = 4.0, 0.4  # reach: deviations of the shorter window; logarithms of the keys
+_STEP_SD = 10.0  # step: standard deviations of the whole record
+_MOST_STEPS = 20  # on each side
+_MOST_MINIMA = 3  # minima that are followed
+_LOWER = 4.0  # least fall of chi-square
 
 
 def best_start(problem: FitProblem) -> np.ndarray:
-    """Return the starting parameters. Of a limiting pressure several values are tried: above the
-    elastic pressure of the impact its gradient is zero."""
+    """Return the starting parameters, (parameters,).
+
+    Several values of a limiting pressure are tried, as its gradient is zero above the elastic
+    pressure of the impact.
+    """
     x = problem.start_vector()
     keys = [f.key for f in problem.varied_keys]
     if PRESSURE_KEY not in keys:
@@ -32,7 +38,7 @@ def best_start(problem: FitProblem) -> np.ndarray:
     pressure = _elastic_pressure(problem, f)
     end = problem.windows_s()[0]
     best: Iterate | None = None
-    for share in _STARTS:
+    for share in _PRESSURES:
         tried = x.copy()
         tried[place] = math.log(min(max(share * pressure, 1.01 * f.low), 0.99 * f.high))
         found = minimise(problem, tried, end, early=True, steps=12, tolerance=1e-2)
@@ -45,10 +51,15 @@ def best_start(problem: FitProblem) -> np.ndarray:
 def search_lower_minimum(
     problem: FitProblem, iterate: Iterate, windows: Sequence[float]
 ) -> Iterate:
-    """Return the iterate, or one with less chi-square along what a shorter window leaves open.
+    """Return the iterate, or one with a lower chi-square that a growing window missed.
 
     Waves that come back from the edges repeat: shifted by a period, they fit almost as well, and
     which of these minima a growing window comes to is chance.
+
+    Args:
+        problem: the fit.
+        iterate: solution of the whole records.
+        windows: ends of the windows after the touch, s.
     """
     keys = len(problem.varied_keys)
     known = np.linalg.pinv(parameter_covariance(iterate)[:keys, :keys])
@@ -60,8 +71,8 @@ def search_lower_minimum(
         if not sd > _BROADER * apart:
             continue
         axis = covariance[:, :keys] @ direction / sd  # of all parameters
-        reach = min(_ALONG_SD, _FARTHEST / sd)
-        count = min(math.ceil(reach * sd / (_APART_SD * apart)), _MOST_TRIED)
+        reach = min(_REACH_SD, _FARTHEST / sd)
+        count = min(math.ceil(reach * sd / (_STEP_SD * apart)), _MOST_STEPS)
         trials = []
         for t in np.linspace(-reach, reach, 2 * count + 1):
             with suppress(SceneError):  # a value that the scene refuses
@@ -108,7 +119,7 @@ def parameter_covariance(iterate: Iterate) -> np.ndarray:
 
 
 def _elastic_pressure(problem: FitProblem, f: FreeKey) -> float:
-    """Pressure in the centre of the contact at its largest force, if it were elastic, Pa."""
+    """Return the pressure in the centre of an elastic contact at its largest force, Pa."""
     model = problem.models[0]
     values = {g.key: g.start for g in problem.free if not ignored_without_control(g.key)}
     run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)

@@ -11,10 +11,11 @@ from hertzloop.identification.fit.discrepancy_estimate import (
     RecordLikelihood,
     estimate_discrepancies,
 )
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.outliers import reject_outliers
 from hertzloop.identification.fit.phases import minimise_over_phases
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.whole_steps import StepProfile, profile_whole_steps
 
 _ROUNDS = 4  # of outliers
@@ -89,7 +90,7 @@ def _estimate_errors(
     whole = np.column_stack([plain.jacobian, plain.residual])
     errors, rows = [], []
     for index, (c, model) in enumerate(zip(problem.channels, problem.models, strict=True)):
-        value, _, tau = problem.predict(iterate.x, index, until_s)
+        value, _, tau, _ = problem.predict(iterate.x, index, until_s)
         gain, counted = problem.nuisances(iterate.x, index)[2], c.counted(tau <= until_s)
         signal = np.full(len(tau), c.peak) if c.is_gap else gain * value
         chain = problem.chains[index]

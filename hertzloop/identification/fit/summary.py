@@ -5,8 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from hertzloop.identification.fit.assessment import ModelAssessment
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.measure_next import suggest_measurement
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.residuals import describe_nuisances
 from hertzloop.identification.fit.uncertainty import KeyUncertainty
 from hertzloop.identification.records.errors import RecordError

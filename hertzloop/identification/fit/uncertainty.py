@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.identification.fit.problem import FitProblem, Iterate
+from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.verdicts import NO_BOUND, NORMAL
 
 _NULL = 1e-10  # of the largest singular value
@@ -133,10 +134,9 @@ def bootstrap_covariance(
     generator = np.random.default_rng(0)
     parts = []
     for index, c in enumerate(problem.channels):
-        value, _, tau = predicted = problem.predict(iterate.x, index, until_s)
-        _, _, gain, offset = problem.nuisances(iterate.x, index)
-        by = problem.derivatives(iterate.x, index, until_s, predicted)  # without whitening
-        parts.append((gain * value + offset, by, c.kept & (tau <= until_s)))
+        predicted = problem.predict(iterate.x, index, until_s)
+        by = problem.derivatives(iterate.x, index, until_s, predicted)  # Rows are not whitened.
+        parts.append((predicted.reading, by, c.kept & (predicted.tau <= until_s)))
     errors = np.empty((_DRAWS, n))
     for draw in range(_DRAWS):
         moved = generator.standard_normal(len(sd)) * np.minimum(sd, 0.3) * 2.0

@@ -14,13 +14,14 @@ import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.free_keys import FreeKey, step_range
+from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.phases import (
     clock_groups,
     minima_by_phase,
     minimise_over_phases,
     subproblem,
 )
-from hertzloop.identification.fit.problem import SHIFT_UNIT_S, FitProblem, Iterate
+from hertzloop.identification.fit.problem import SHIFT_UNIT_S, FitProblem
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 
@@ -214,9 +215,8 @@ def expected_profile(problem: FitProblem, iterate: Iterate, until_s: float) -> S
     """
     channels = []
     for index, c in enumerate(problem.channels):
-        value, _, _ = problem.predict(iterate.x, index, until_s)
-        _, _, gain, offset = problem.nuisances(iterate.x, index)
-        channels.append(replace(c, value=gain * value + offset))
+        predicted = problem.predict(iterate.x, index, until_s)
+        channels.append(replace(c, value=predicted.reading))
     clean = replace(problem, channels=channels, evaluations=0)
     found = profile_whole_steps(clean, iterate, until_s)[2]
     problem.evaluations += clean.evaluations

@@ -13,7 +13,8 @@ LASTING_S = 0.06  # time after a contact that a fit uses
 _CONTACT_SHARE = 0.05  # least force of a contact, over the largest force of the record
 _CONTACT_LEVELS = 8.0  # least force of a contact, over the noise
 _CONTACT_SAMPLES = 2  # a single sample is a spike
-_BASELINE_SHARE, _BASELINE_SAMPLES = 1 / 50, 16  # part of a record that gives the force at rest
+_BASELINE_PARTS = 50  # the first of so many parts of a record gives the force at rest
+_LEAST_BASELINE = 16  # samples
 _BOUNCE = 0.95  # largest force of a bounce, over that of the contact before it
 
 
@@ -97,7 +98,7 @@ def find_hits(force: Record, rules: HitRules) -> list[Hit]:
 
 
 def _value_at_rest(value: np.ndarray) -> float:
-    count = max(int(len(value) * _BASELINE_SHARE), _BASELINE_SAMPLES)
+    count = max(len(value) // _BASELINE_PARTS, _LEAST_BASELINE)
     return float(np.nanmedian(value[:count]))
 
 
