@@ -14,8 +14,10 @@ from hertzloop.scene.setup import load
 
 EXAMPLES = Path(__file__).parent
 TRUE = {
-    "contact.limiting_pressure_pa": 1.5e9, "plate.thickness_m": 3.04e-3, "plate.loss_factor": 2e-3,
-}  # fmt: skip
+    "contact.limiting_pressure_pa": 1.5e9,
+    "plate.thickness_m": 3.04e-3,
+    "plate.loss_factor": 2e-3,
+}
 _RECORDS = (
     # Name, quantity, duration (s), rate (Hz), quiet (s), drop height (m), seed.
     ("bench-force", "contact_force", 80e-6, 2e6, 200e-6, 0.05, 11),

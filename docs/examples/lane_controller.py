@@ -62,8 +62,9 @@ class LaneController(own_controller.Controller):
             words = [joined[0], self.hello.run_id, len(self.law.gaps), self.law.latency]
             self.lane = subprocess.Popen(
                 [PROGRAM, *map(str, words), repr(self.law.kappa)],
-                pass_fds=joined, stdout=subprocess.PIPE,
-            )  # fmt: skip
+                pass_fds=joined,
+                stdout=subprocess.PIPE,
+            )
             threading.Thread(target=self.publish, daemon=True).start()
 
     def publish(self):

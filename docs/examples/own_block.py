@@ -65,5 +65,7 @@ if __name__ == "__main__":
 
     run = hertzloop.simulate(Path(__file__).with_suffix(".toml"))
     first = run.impacts[0]
-    print(f"{1e6 * first.duration_s:.1f} us, {first.peak_force_n:.0f} N, energy residual "
-          f"{run.energy_residual:.1e}")  # fmt: skip
+    print(
+        f"{1e6 * first.duration_s:.1f} us, {first.peak_force_n:.0f} N, energy residual "
+        f"{run.energy_residual:.1e}"
+    )

@@ -114,11 +114,13 @@ def main():
     own_id = hashlib.blake2b(f"{given.name}/controller/0".encode(), digest_size=15)
     for key, value in {
         "id": own_id.hexdigest().lstrip("0"),  # the plant waits for a role, but not for strangers
-        "listen/endpoints": [given.listen], "connect/endpoints": [given.connect],
-        "scouting/multicast/enabled": False, "scouting/gossip/enabled": False,
+        "listen/endpoints": [given.listen],
+        "connect/endpoints": [given.connect],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 2},
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 5_000_000,
-    }.items():  # fmt: skip
+    }.items():
         config.insert_json5(key, json.dumps(value))
     inbox, there, block = queue.SimpleQueue(), set(), zenoh.CongestionControl.BLOCK
 

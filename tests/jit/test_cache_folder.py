@@ -19,8 +19,10 @@ def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
     done = subprocess.run(
         [sys.executable, "-B", "-c", script],
         env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)} | environment,
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return Path(done.stdout.strip()).parent, done.stderr
 

@@ -111,8 +111,10 @@ print(theirs._cache.cache_path)
     env = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
         [sys.executable, tmp_path / "theirs.py"],
-        env=env | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}, capture_output=True, text=True,
-    )  # fmt: skip
+        env=env | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
     assert done.stdout.strip() == str(tmp_path / "__pycache__"), done.stderr
 
 
