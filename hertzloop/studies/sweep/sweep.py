@@ -61,8 +61,8 @@ def _run(
     if chunks:
         count = min(request.workers or local_cores(), len(chunks))
         with dask_pool(request.dask, on_wait) if request.dask else local_pool(count) as pool:
-            for rows in pool(plan.header["scene_toml"], request.span, chunks):
-                for row in rows:
+            for some in pool(plan.header["scene_toml"], request.span, chunks):
+                for row in some:
                     done[row["case"]] = row
                     if journal is not None:
                         journal.add(row)
