@@ -51,12 +51,14 @@ def search_law(
     if result.X is None:
         return []
     points, values = np.atleast_2d(result.X), np.atleast_2d(result.F)
+    if len(names) > 1:  # the last generation lacks settings of the front that were found before
+        points, values = problem.allowed()
     found = [
         Candidate(problem.settings(x), dict(zip(names, (float(v) for v in f), strict=True)))
         for x, f in zip(points, values, strict=True)
         if np.all(f < NO_METRIC)
     ]
-    return sorted(found, key=lambda f: f.metrics[names[0]])
+    return front(found, names)
 
 
 def front(found: list[Candidate], names: Sequence[str]) -> list[Candidate]:
@@ -74,6 +76,7 @@ class _Settings(Problem):
 
     def __init__(self, pool: Pool, plan: TunePlan, law: str) -> None:
         self.pool, self.plan, self.fixed = pool, plan, {"controller.law": law}
+        self._tried: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []  # x, F, G
         coarsest = max(plan.variants, key=lambda setup: setup.step_ns)
         # By the law that is tried: the scenes' own may not have its keys.
         of_law = coarsest.vary(self.fixed)
@@ -105,6 +108,14 @@ class _Settings(Problem):
         if search.require_stable:  # the growth leads the search to where there is none
             excess.append(np.array([[_growth_per_s(growth)] for growth in growths]))
         out["G"] = np.concatenate(excess, axis=1)
+        self._tried.append((x.copy(), out["F"], out["G"]))
+
+    def allowed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points that were tried and keep to the limits, shape (points, axes), and their
+        metrics, shape (points, metrics)."""
+        points, metrics, excess = (np.concatenate(part) for part in zip(*self._tried, strict=True))
+        kept = np.all(excess <= 0.0, axis=1)
+        return points[kept], metrics[kept]
 
 
 def _value(axis: Axis, x: float) -> Any:
