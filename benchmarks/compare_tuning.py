@@ -4,7 +4,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,7 @@ _OBJECTIVES = ("plate_energy_db", "rebound_percent")
 _WORST = (0.0, 300.0)  # corner of the area that a front dominates: no gain, three times the height
 _SEEDS = (1, 2, 3)
 
-OURS, TRIED = "hertzloop tune", "hertzloop tune, all settings tried"
+OURS = "hertzloop tune"
 TPE, NSGA2 = "Optuna, TPE", "Optuna, NSGA-II"
 
 
@@ -70,23 +70,14 @@ class Comparison:
     seconds: float
 
 
-def by_hertzloop(pool: Pool, task: Task) -> dict[str, Outcome]:
-    """The settings that `hertzloop tune` returns, and all that it tried."""
+def by_hertzloop(pool: Pool, task: Task) -> Outcome:
+    """The settings that `hertzloop tune` returns."""
     from hertzloop.studies.tune.search import search_law  # of an extra
 
-    tried: list[np.ndarray] = []
-    names = task.search.minimise
-
-    def kept(toml: str, span: Any, chunks: Any) -> Any:
-        for rows in pool(toml, span, chunks):
-            tried.extend(np.array([row[name] for name in names], float) for row in rows)
-            yield rows
-
     began = time.process_time()
-    found = search_law(kept, task.plan(), _LAW)
+    found = search_law(pool, task.plan(), _LAW)
     seconds = time.process_time() - began
-    front = np.array([[one.metrics[name] for name in names] for one in found])
-    return {OURS: Outcome(front, seconds), TRIED: Outcome(_finite(np.array(tried)), seconds)}
+    return Outcome(np.array([list(one.metrics.values()) for one in found]), seconds)
 
 
 def by_optuna(pool: Pool, task: Task, sampler: "BaseSampler") -> Outcome:
@@ -116,10 +107,6 @@ def by_optuna(pool: Pool, task: Task, sampler: "BaseSampler") -> Outcome:
     return Outcome(np.concatenate(tried), time.process_time() - began)
 
 
-def _finite(metrics: np.ndarray) -> np.ndarray:
-    return metrics[np.all(np.isfinite(metrics), axis=1)]
-
-
 def value_of(metrics: np.ndarray) -> float:
     """The least of one objective, or the area that two dominate."""
     if metrics.shape[1] == 1:
@@ -133,15 +120,12 @@ def searched(task: Task, seed: int) -> dict[str, Outcome]:
     """What each searcher finds with a seed, on one core."""
     from optuna.samplers import NSGAIISampler, TPESampler
 
-    several = len(task.search.minimise) > 1
     samplers: dict[str, Callable[[], BaseSampler]] = {TPE: lambda: TPESampler(seed=seed)}
-    if several:
+    if len(task.search.minimise) > 1:
         size = task.search.population
         samplers[NSGA2] = lambda: NSGAIISampler(seed=seed, population_size=size)
     with local_pool(1) as pool:
-        found = by_hertzloop(pool, task)
-        if not several:
-            del found[TRIED]  # the best setting is never discarded
+        found = {OURS: by_hertzloop(pool, task)}
         return found | {name: by_optuna(pool, task, make()) for name, make in samplers.items()}
 
 

@@ -1,7 +1,8 @@
 """Studies for scripts: modes, sweeps, tuning, budgets, margins and the linear response."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from hertzloop.api.runs import labelled_arrays
 from hertzloop.api.scenes import AnyScene, resolved
@@ -40,12 +41,15 @@ def modes(scene: AnyScene) -> "xr.Dataset":
     return labelled_arrays().modes_of(modes_of_scene(resolved(scene)))
 
 
-def sweep(scene: AnyScene, request: "SweepRequest | Mapping[str, Range]") -> "xr.Dataset":
+def sweep(
+    scene: AnyScene, request: "SweepRequest | Mapping[str, Range]", **options: Any
+) -> "xr.Dataset":
     """Compute the metrics of a scene over ranges of its keys. Needs the extra `python`.
 
     Args:
         scene: the scene, or its name or TOML file.
         request: which cases to run. A mapping stands for `SweepRequest(over=mapping)`.
+        options: other fields of the request, for example `workers=1`.
 
     Returns:
         Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
@@ -68,6 +72,7 @@ def sweep(scene: AnyScene, request: "SweepRequest | Mapping[str, Range]") -> "xr
     views = labelled_arrays()  # before the work, since a package may be missing
     if not isinstance(request, SweepRequest):
         request = SweepRequest(over=request)
+    request = replace(request, **options)
     plan = plan_sweep(resolved(scene), request)
     result = run_sweep(plan)
     header = {"scene": plan.setup.scene.name, "span": request.span}
@@ -75,13 +80,14 @@ def sweep(scene: AnyScene, request: "SweepRequest | Mapping[str, Range]") -> "xr
 
 
 def tune(
-    scene: AnyScene | Sequence[AnyScene], request: "TuneRequest | None" = None
+    scene: AnyScene | Sequence[AnyScene], request: "TuneRequest | None" = None, **options: Any
 ) -> "TuneResult":
     """Search the Pareto-optimal settings of laws (NSGA-II, Deb et al. 2002).
 
     Args:
         scene: the scene, or its name or TOML file; or several, of which the worst counts.
         request: what to search; None: the law of the scene over its usual ranges.
+        options: other fields of the request, for example `laws=["predicted"]`.
 
     Returns:
         The settings that no other setting beats, and the published setting.
@@ -97,15 +103,19 @@ def tune(
     from hertzloop.studies.tune.tune import tune as search_settings
 
     scenes = [scene] if isinstance(scene, AnyScene) else scene
-    return search_settings(plan_tune([resolved(one) for one in scenes], request or TuneRequest()))
+    request = replace(request or TuneRequest(), **options)
+    return search_settings(plan_tune([resolved(one) for one in scenes], request))
 
 
-def budget(scene: AnyScene, request: "BudgetRequest | None" = None) -> "BudgetResult":
+def budget(
+    scene: AnyScene, request: "BudgetRequest | None" = None, **options: Any
+) -> "BudgetResult":
     """Find how much latency and how few bits a law tolerates, and five more quantities.
 
     Args:
         scene: the scene with its law, or its name or TOML file.
         request: what to search; None: all limits of the default goal.
+        options: other fields of the request, for example `quick=True`.
 
     Returns:
         Effect and limits in the scene and in the real plant.
@@ -118,7 +128,8 @@ def budget(scene: AnyScene, request: "BudgetRequest | None" = None) -> "BudgetRe
     from hertzloop.studies.budget.plan import plan_budget
     from hertzloop.studies.budget.request import BudgetRequest
 
-    return search_budget(plan_budget(resolved(scene), request or BudgetRequest()))
+    request = replace(request or BudgetRequest(), **options)
+    return search_budget(plan_budget(resolved(scene), request))
 
 
 def margin(scene: AnyScene) -> "MarginResult":

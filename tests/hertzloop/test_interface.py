@@ -153,8 +153,7 @@ def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene)
     alone = metrics_of_case(resolve(hertzloop.vary(scene, {"controller.latency_us": 2})))
     assert table["digest"].values[2] == alone.digest
     spread = hertzloop.sweep(
-        scene,
-        hertzloop.SweepRequest({"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1),
+        scene, {"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1
     )
     assert spread.sizes["case"] == 4
 
@@ -164,11 +163,10 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
     request = hertzloop.TuneRequest(
         laws=["slope_threshold"],
         minimise=["plate_energy_db"],
-        generations=3,
         population=8,
         workers=1,
     )
-    assert hertzloop.tune(scene, request).best.metrics["plate_energy_db"] < 0.35
+    assert hertzloop.tune(scene, request, generations=3).best.metrics["plate_energy_db"] < 0.35
 
 
 def test_a_budget_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
