@@ -12,7 +12,7 @@ from hertzloop.identification.hits.impact import (
     ONSET_LEVELS,
     ONSET_SHARE,
     THIRD_DIFFERENCE,
-    Impact,
+    RecordedImpact,
     find_impact,
 )
 from hertzloop.identification.records.converter import clipped_samples
@@ -114,7 +114,7 @@ class _Noise:
     end: int | None = None
 
 
-def _estimate_noise(record: Record, impact: Impact, good: np.ndarray) -> _Noise:
+def _estimate_noise(record: Record, impact: RecordedImpact, good: np.ndarray) -> _Noise:
     """Return the noise of a record by its samples before the impact and, of a force, after it."""
     found, onset, step = _Noise(), impact.onset, impact.step
     if not impact.quiet_start:
@@ -144,7 +144,7 @@ def _estimate_noise(record: Record, impact: Impact, good: np.ndarray) -> _Noise:
     return found
 
 
-def _end_of_contacts(record: Record, impact: Impact, samples: int) -> int:
+def _end_of_contacts(record: Record, impact: RecordedImpact, samples: int) -> int:
     """Return the sample from which a force is as quiet as before the impact, after its last
     contact; of another record, or with enough samples before the impact, the number of samples."""
     deviation = np.abs(impact.filled - impact.baseline)

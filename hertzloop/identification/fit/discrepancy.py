@@ -97,7 +97,8 @@ class Discrepancy:
             Rows for the noise, as `white`, and for the error, (nodes,) or (nodes, columns). The
             products of their columns are those of `white` over noise and error together.
         """
-        flat, a = white.reshape(len(white), -1), self.amplitude[:, np.newaxis]
+        flat = white if white.ndim == 2 else white[:, np.newaxis]
+        a = self.amplitude[:, np.newaxis]
         found = scipy.linalg.cho_solve_banded((self._solved, False), a * (self.basis.T @ flat))
         upper, rows = self._prior[1], np.zeros_like(found)
         for k in range(len(upper)):

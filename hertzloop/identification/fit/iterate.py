@@ -29,6 +29,11 @@ class Iterate:
         """Sum of the squared residuals, priors included."""
         return float(self.residual @ self.residual)
 
+    @property
+    def empty_channels(self) -> int:
+        """How many channels have no sample in the window."""
+        return sum(rows.start == rows.stop for rows in self.channel_rows)
+
     def pseudo_inverse(self, least: float = 1e-15) -> np.ndarray:
         """Pseudo-inverse of the Jacobian with columns of length one, scaled back; shape
         (parameters, rows). `least`: singular value that counts, over the largest."""

@@ -60,7 +60,9 @@ def minimise(
             except SceneError:
                 damping *= 10.0
                 continue
-            if tried.chi_square < now.chi_square:
+            # A touch beyond the record leaves no residual, but it explains nothing.
+            lost = tried.empty_channels > now.empty_channels
+            if tried.chi_square < now.chi_square and not lost:
                 improved = True
                 break
             damping = max(damping * 6.0, 1e-6)

@@ -23,7 +23,7 @@ _SPIKE_LEVELS = 36.0  # deviation of single samples from which a shorter impact 
 _MEDIAN_SAMPLES = 7  # window of the median that takes spikes out of an onset
 
 
-class Impact(NamedTuple):
+class RecordedImpact(NamedTuple):
     """An impact in a record.
 
     Attributes:
@@ -45,7 +45,7 @@ class Impact(NamedTuple):
     step: float
 
 
-def find_impact(record: Record, good: np.ndarray) -> Impact:
+def find_impact(record: Record, good: np.ndarray) -> RecordedImpact:
     """Return the impact in a record.
 
     Args:
@@ -75,7 +75,7 @@ def find_impact(record: Record, good: np.ndarray) -> Impact:
         _check_impact(record, values - baseline, max(spread, rough))
     onset = _find_onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= FEWEST_QUIET and not is_gap
-    return Impact(filled, baseline, spread, peak, onset, quiet_start, step)
+    return RecordedImpact(filled, baseline, spread, peak, onset, quiet_start, step)
 
 
 def _check_impact(record: Record, values: np.ndarray, spread: float) -> None:

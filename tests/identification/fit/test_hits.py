@@ -14,7 +14,7 @@ from hertzloop.identification.fit.free_keys import parse_free_key
 from hertzloop.identification.fit.report import fit_table, sentences
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.reading import read_records
+from hertzloop.identification.records.reading import read_record, read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load
 from tests.identification.fitting import write_csv
@@ -90,3 +90,14 @@ def test_check_lists_the_hits(tmp_path: Path) -> None:
     lines = describe_file(path)
     assert any(line.startswith("train.csv, hit 1: 0.9997 N") and "used." in line for line in lines)
     assert any("not used, since it is a double hit" in line for line in lines)
+
+
+@pytest.mark.full
+def test_hits_on_another_structure_are_not_identifiable() -> None:
+    """At a bound of the stiffness the touch may leave the record, which explains nothing."""
+    folder = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"
+    start = rig("hammer.speed_m_s=0.1", "hammer.tip_stiffness=1.7e7")
+    forces = [read_record(folder / f"f{hit}.csv") for hit in (1, 2, 3)]
+    found = fit(start, forces, [parse_free_key(start, STIFFNESS)])
+    assert {e.verdict for e in found.estimates} == {KeyVerdict.NOT_IDENTIFIABLE}
+    assert found.residual_over_noise > 100.0
