@@ -59,7 +59,8 @@ def modes_of_responses(
         0.0 * modes.rest,
         modes.square,
     )
-    drive, residual_m_n, notes = responses.drive, None, ()
+    drive, residual_m_n = responses.drive, None
+    notes: tuple[str, ...] = ()
     if drive is None:
         notes = (NO_DRIVE_POINT,)
     elif points.contact == responses.reference:
