@@ -109,6 +109,7 @@ def _best_turn(
     """Return the modes of the turn with the least error, and the checks of all turns."""
     found: list[HoldOutCheck] = []
     best: FittedModes | None = None
+    least = math.inf  # sum of the errors of the best turn; every turn predicts as many hits
     for fitted, predicted in turns:
         observed = rows_of_hits(fitted, at_contact)
 
@@ -122,8 +123,9 @@ def _best_turn(
         if at_contact:
             _check_drive_point(observed, modes, error)
         checked = _predict_hits(modes, predicted, at_contact)
-        if best is None or sum(c.rms for c in checked) < found[-1].rms * len(checked):
-            best = modes
+        total = sum(c.rms for c in checked)
+        if best is None or total < least:
+            best, least = modes, total
         found += checked
     assert best is not None
     return best, found

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 import scipy
 
+from hertzloop.identification.modes import from_hits
 from hertzloop.identification.modes.delay import correct_delay, delay_force
 from hertzloop.identification.modes.errors import ModalDataError
 from hertzloop.identification.modes.from_hits import modes_of_hits
 from hertzloop.identification.modes.hit_responses import HitResponse, hits_of_records, read_hits
 from hertzloop.identification.modes.hit_rows import rows_of_hits
 from hertzloop.identification.modes.identify import identify_modes
-from hertzloop.identification.modes.measured_modes import MeasuredModes
+from hertzloop.identification.modes.measured_modes import HoldOutCheck, MeasuredModes
 from hertzloop.identification.modes.picture import draw
+from hertzloop.identification.modes.response_rows import FittedModes
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.reading import read_record
 from hertzloop.identification.records.record import Record
@@ -208,6 +210,25 @@ def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
 
     assert len(identify_modes(observed, error).omega_rad_s) == 4
     assert tried[:2] == [0, 4]
+
+
+def test_the_turn_with_the_least_error_gives_the_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted, nothing = iter((1.0, 2.0, 3.0)), np.empty(0)
+    errors = {1.0: 0.1, 2.0: 0.5, 3.0: 0.3}
+
+    def identified(*_: Any, **__: Any) -> FittedModes:
+        return FittedModes(np.array([next(fitted)]), nothing, nothing, nothing, 0.0)
+
+    def predicted(modes: FittedModes, *_: Any) -> list[HoldOutCheck]:
+        rms = errors[float(modes.omega_rad_s[0])]
+        return [HoldOutCheck("", 1, rms, rms, nothing, nothing, nothing)]
+
+    monkeypatch.setattr(from_hits, "identify_modes", identified)
+    monkeypatch.setattr(from_hits, "_predict_hits", predicted)
+    hits = hits_of_records(records(CONTACT))
+    best, checks = from_hits._best_turn([(hits, hits[:1])] * 3, False, silent)
+    assert [one.rms for one in checks] == [0.1, 0.5, 0.3]
+    assert best.omega_rad_s[0] == 1.0
 
 
 def delayed(hits: list[HitResponse], samples: float) -> list[HitResponse]:
