@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
 from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_values import ignored_without_control
+from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.scene.errors import SceneError
@@ -119,9 +119,11 @@ def parameter_covariance(iterate: Iterate) -> np.ndarray:
 
 
 def _elastic_pressure(problem: FitProblem, f: FreeKey) -> float:
-    """Return the pressure in the centre of an elastic contact at its largest force, Pa."""
+    """Return the pressure in the centre of an elastic contact at its largest force, Pa, in the
+    first record."""
     model = problem.models[0]
-    values = {g.key: g.start for g in problem.free if not ignored_without_control(g.key)}
+    starts = values_for_record({g.key: g.start for g in problem.free}, problem.channels[0].record)
+    values = {key: value for key, value in starts.items() if not ignored_without_control(key)}
     run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
     force = float(np.max(run.force_n(run.time_s)))
     bodies = model.setup.vary(values).mechanics
