@@ -22,12 +22,12 @@ def clipped_samples(record: Record) -> np.ndarray:
     found = np.zeros(len(value), bool)
     if record.measurement.range is not None:
         factor = si_factor(record.quantity, record.measurement)
-        low, high = (factor * end for end in record.measurement.range)
+        low, high = sorted(factor * end for end in record.measurement.range)
         margin = 1e-6 * (high - low)
-        found |= (value <= low + margin) | (value >= high - margin)
-        # A sensor that rests at the end of its range is not clipped there.
-        if np.mean(found) > 0.5:
-            found[:] = False
+        for at_end in (value <= low + margin, value >= high - margin):
+            # A sensor that rests at the end of its range is not clipped there.
+            if np.mean(at_end) <= 0.5:
+                found |= at_end
     usual = float(np.nanmedian(value))
     largest = float(np.nanmax(np.abs(value - usual)))
     if largest == 0.0:
@@ -48,7 +48,7 @@ def converter_step(record: Record) -> float:
     """Distance of two levels of the converter, in SI units; zero if none is visible."""
     if record.measurement.bits and record.measurement.range:
         step = adc_step(record.measurement.bits, record.measurement.range)
-        return si_factor(record.quantity, record.measurement) * step
+        return abs(si_factor(record.quantity, record.measurement)) * step
     known = record.value[np.isfinite(record.value)]
     levels = np.unique(known)
     if not 2 <= len(levels) <= min(_LEVELS, len(known) // 2):

@@ -1,0 +1,20 @@
+"""What a converter leaves in a record: clipped samples, and the distance of its levels."""
+
+import numpy as np
+import pytest
+
+from hertzloop.identification.records.converter import clipped_samples, converter_step
+from hertzloop.identification.records.measurement import parse_record_table
+from hertzloop.identification.records.record import Record
+
+
+@pytest.mark.parametrize("sensitivity", [0.5, -0.5])
+def test_a_negative_sensitivity_keeps_range_and_step(sensitivity: float) -> None:
+    table = {"sensitivity": sensitivity, "range": [-5.0, 2.0], "bits": 8}
+    volts = np.concatenate([np.zeros(20), [1.0, 2.0, 2.0, -5.0, -1.0], np.zeros(20)])
+    measurement = parse_record_table(table, "drop.csv")
+    record = Record(
+        "drop.csv", 1e-6 * np.arange(45), volts / sensitivity, "contact_force", measurement
+    )
+    assert list(np.flatnonzero(clipped_samples(record))) == [21, 22, 23]
+    assert converter_step(record) == pytest.approx(7.0 / 256 / 0.5)
