@@ -1,16 +1,20 @@
 """Describe a file of records: what was understood, its first samples, and its hits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.hits.find import HAMMER, find_hits
+from hertzloop.identification.hits.find import DROPS, HAMMER, find_hits
 from hertzloop.identification.hits.judge import describe_hits, judge_hits
 from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.reading import read_records
 from hertzloop.identification.records.record import Record
+
+# Without a scene the striker is unknown: a second contact may be a bounce.
+_ANY_STRIKER = replace(HAMMER, one_contact=False)
 
 
 def describe_file(
@@ -19,14 +23,28 @@ def describe_file(
     """Return sentences on a file: what was understood, its first samples, and what is not used.
 
     Raises:
-        RecordError: the file cannot be read, or holds several records; the series are named.
+        RecordError: the file cannot be read, or does not say which series are its records.
     """
     records = read_records(path, given)
     found = [line for one in records for line in _describe_record(one, samples)]
     for force in (one for one in records if one.quantity == "contact_force"):
         others = [one for one in records if one is not force and one.time_s is force.time_s]
-        hits = judge_hits(find_hits(force, HAMMER), force, others, HAMMER)
-        found += describe_hits(hits, force) if len(hits) > 1 or (hits and hits[0].defect) else []
+        found += _describe_hits(force, others)
+    return found
+
+
+def _describe_hits(force: Record, others: Sequence[Record]) -> list[str]:
+    """Return sentences on the hits of a force, unless it is a single one without a defect."""
+    hits = judge_hits(find_hits(force, _ANY_STRIKER), force, others, _ANY_STRIKER)
+    if len(hits) == 1 and not hits[0].defect and len(hits[0].contacts) == 1:
+        return []
+    found = describe_hits(hits, force, striker_known=False)
+    drops = len(find_hits(force, DROPS))
+    if drops < len(hits):
+        found.append(
+            f"{force.name}: {drops} drop{'s' * (drops != 1)} of a sphere, or {len(hits)} hits of a "
+            "hammer. After a drop, a contact with a smaller force is a bounce."
+        )
     return found
 
 

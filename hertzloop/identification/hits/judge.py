@@ -80,19 +80,37 @@ def double_hit(hit: Hit, force: Record) -> str:
     """Return what is wrong with a second contact of a hit, "" if there is none."""
     if len(hit.contacts) == 1:
         return ""
-    second = hit.contacts[1][0]
-    after_ms = 1e3 * float(force.time_s[second] - force.time_s[hit.first])
     return (
-        f"is a double hit: a second contact follows after {after_ms:.3g} ms. Withdraw the hammer "
-        "after a contact."
+        f"is a double hit: a second contact follows after {_second_after_ms(hit, force):.3g} ms. "
+        "Withdraw the hammer after a contact."
     )
 
 
-def describe_hits(hits: Sequence[Hit], force: Record) -> list[str]:
-    """Return sentences on the hits of a record: where, how large, and whether they can be used."""
+def _second_after_ms(hit: Hit, force: Record) -> float:
+    return 1e3 * float(force.time_s[hit.contacts[1][0]] - force.time_s[hit.first])
+
+
+def describe_hits(hits: Sequence[Hit], force: Record, striker_known: bool = True) -> list[str]:
+    """Return sentences on the hits of a record: where, how large, and whether they can be used.
+
+    Args:
+        hits: the hits, with their defects.
+        force: the record of the force.
+        striker_known: whether a scene tells if a second contact is a bounce or a double hit.
+    """
     return [
         f"{force.name}, hit {number}: {hit.peak_n:.4g} N at {force.time_s[hit.first]:.6g} s, "
-        f"{hit.samples_before} samples before it; "
-        f"{f'not used, since it {hit.defect}' if hit.defect else 'used.'}"
+        f"{hit.samples_before} samples before it; {_outcome(hit, force, striker_known)}"
         for number, hit in enumerate(hits, 1)
     ]
+
+
+def _outcome(hit: Hit, force: Record, striker_known: bool) -> str:
+    if hit.defect:
+        return f"not used, since it {hit.defect}"
+    if striker_known or len(hit.contacts) == 1:
+        return "used."
+    return (
+        f"a second contact follows after {_second_after_ms(hit, force):.3g} ms: a bounce of a "
+        "sphere, or a double hit of a hammer."
+    )
