@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hertzloop.identification.records.contents import FileContents
+from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.readers.hdf5 import read_hdf5
 from hertzloop.identification.records.readers.matlab import read_mat
 from hertzloop.identification.records.readers.mdf import read_mdf
@@ -38,6 +39,8 @@ class Format(NamedTuple):
     beginning: re.Pattern[str] | None = None
 
 
+# `format_of` takes the first row that fits a file, so a special text format stands above "text
+# table", which fits every text.
 FORMATS = (
     Format("sigrok CSV", (".csv", ".txt"), "", read_sigrok, SIGROK_BEGINNING),
     Format("text table", (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "", read_text_table),
@@ -59,11 +62,22 @@ _LONGEST_BEGINNING = 4096  # bytes
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of a file with one of the `ENDINGS`; the first bytes tell formats with the
-    same ending apart. Raises OSError."""
+    """Return the format of a file with one of the `ENDINGS`: the first row of `FORMATS` that fits.
+
+    The first bytes tell formats with the same ending apart.
+
+    Raises:
+        RecordError: no format with this ending begins like the file.
+        OSError: the file cannot be read.
+    """
     fitting = [one for one in FORMATS if path.suffix.lower() in one.endings]
     if len(fitting) > 1:
         with path.open("rb") as file:
             start = file.read(_LONGEST_BEGINNING).decode("latin-1")
         fitting = [one for one in fitting if one.beginning is None or one.beginning.search(start)]
+        if not fitting:
+            raise RecordError(
+                f"{path}: does not begin like a format with the ending '{path.suffix}'. Give the "
+                "file as its program wrote it, or rename it by its format."
+            )
     return fitting[0]
