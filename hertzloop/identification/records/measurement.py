@@ -1,9 +1,12 @@
 """What is known of a measurement: the keys of a `[record]` table."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from hertzloop.identification.records.chain_keys import LOW_PASSES
 from hertzloop.identification.records.errors import RecordError
@@ -26,11 +29,11 @@ class Measurement:
     `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
     `low_pass`, `low_pass_order`, `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of
     the measuring chain.
-    `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
-    that hold for this record only, such as its drop height. `control`: whether the law was on; if
-    left out, it was where the force of the actuator is the quantity or has a free key. `clock`: a
-    name that channels of one drop share which were sampled by one clock; channels of one file with
-    equal times share it unless another one is named.
+    `range`, `bits`: of the converter; the range in the unit of the file. `point_m`: measuring
+    point, m. `set`: scene keys that hold for this record only, such as its drop height. `control`:
+    whether the law was on; if left out, it was where the force of the actuator is the quantity or
+    has a free key. `clock`: a name that channels of one drop share which were sampled by one clock;
+    channels of one file with equal times share it unless another one is named.
     """
 
     quantity: str | None = None
@@ -75,44 +78,14 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
                 f"{', '.join(sorted(known))}."
             )
     values = dict(table)
+    for key, value in values.items():
+        rule = _RULES.get(key)
+        if rule is not None and not rule.holds(value):
+            raise RecordError(f"record.{key} = {value}: must be {rule.wanted} in {name}.")
     for key in ("range", "point_m"):
         if key in values:
-            try:
-                low, high = (float(x) for x in values[key])
-            except (TypeError, ValueError) as error:
-                raise RecordError(f"record.{key} = {values[key]}: must be two numbers.") from error
-            values[key] = (low, high)
-    numbers = (
-        "sensitivity",
-        "sensitivity_uncertainty",
-        "rate_hz",
-        "clock_tolerance_ppm",
-        "low_pass_hz",
-        "ac_coupling_hz",
-        "resonance_hz",
-        "resonance_damping",
-    )
-    for key in numbers:
-        if key not in values:
-            continue
-        value = values[key]
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        least_ok = key in ("sensitivity_uncertainty", "clock_tolerance_ppm")
-        finite = number and (
-            math.isfinite(value) or (key == "sensitivity_uncertainty" and value > 0)
-        )
-        good = finite and (value >= 0 if least_ok else value != 0)
-        if not good or (key != "sensitivity" and value < 0):
-            raise RecordError(f"record.{key} = {value}: must be a positive number in {name}.")
-    places = [
-        (key, (str, int), "a name or a number from 1 on")
-        for key in ("column", "channel", "group", "time_column")
-    ]
-    names = [(key, (str,), "a name") for key in ("clock", "unit", "time_unit")]
-    for key, kind, what in (("control", (bool,), "true or false"), *names, *places):
-        wrong = isinstance(values.get(key), bool) and kind != (bool,)
-        if key in values and (wrong or not isinstance(values[key], kind)):
-            raise RecordError(f"record.{key} = {values[key]}: must be {what} in {name}.")
+            low, high = values[key]
+            values[key] = (float(low), float(high))
     found = Measurement(**values)
     if found.low_pass not in LOW_PASSES:
         raise RecordError(
@@ -136,3 +109,74 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
             f"record.{named} = {values[named]}: has no corner in {name}. Give record.low_pass_hz."
         )
     return found
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_name_or_number(value: Any) -> bool:
+    return isinstance(value, str | int) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _is_positive(value: Any) -> bool:
+    return _is_number(value) and 0.0 < value < math.inf
+
+
+def _is_pair(value: Any) -> bool:
+    two = isinstance(value, list | tuple | np.ndarray) and len(value) == 2
+    return two and all(_is_number(one) and math.isfinite(one) for one in value)
+
+
+def _is_rising_pair(value: Any) -> bool:
+    return _is_pair(value) and bool(value[0] < value[1])
+
+
+def _is_bits(value: Any) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= 64
+
+
+class _Rule(NamedTuple):
+    """What the value of a key must be: the test, and words on it."""
+
+    holds: Callable[[Any], bool]
+    wanted: str
+
+
+_NAME = _Rule(_is_name, "a name")
+_NAME_OR_NUMBER = _Rule(_is_name_or_number, "a name or a number from 1 on")
+_POSITIVE = _Rule(_is_positive, "a positive number")
+_RULES = {
+    "quantity": _NAME,
+    "unit": _NAME,
+    "column": _NAME_OR_NUMBER,
+    "channel": _NAME_OR_NUMBER,
+    "group": _NAME_OR_NUMBER,
+    "time_column": _NAME_OR_NUMBER,
+    "time_unit": _NAME,
+    "sensitivity": _Rule(
+        lambda value: _is_number(value) and math.isfinite(value) and value != 0.0,
+        "a number other than zero",
+    ),
+    "sensitivity_uncertainty": _Rule(
+        lambda value: _is_number(value) and value >= 0.0, "zero, a positive number or inf"
+    ),
+    "rate_hz": _POSITIVE,
+    "clock_tolerance_ppm": _Rule(
+        lambda value: _is_number(value) and 0.0 <= value < math.inf, "zero or a positive number"
+    ),
+    "low_pass_hz": _POSITIVE,
+    "ac_coupling_hz": _POSITIVE,
+    "resonance_hz": _POSITIVE,
+    "resonance_damping": _POSITIVE,
+    "range": _Rule(_is_rising_pair, "two rising numbers"),
+    "bits": _Rule(_is_bits, "a whole number from 1 to 64"),
+    "point_m": _Rule(_is_pair, "two numbers"),
+    "set": _Rule(lambda value: isinstance(value, Mapping), "a table of scene keys"),
+    "control": _Rule(lambda value: isinstance(value, bool), "true or false"),
+    "clock": _NAME,
+}

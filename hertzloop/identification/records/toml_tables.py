@@ -15,6 +15,11 @@ def tables_in_toml(text: str) -> list[dict[str, Any]]:
     for table in tables:
         if not isinstance(table, dict):
             raise RecordError(f"record = {found!r}: is not a table. Write [record] or [[record]].")
+        # A list that names lists could name itself.
+        if isinstance(file := table.get("file"), str) and file.endswith(".toml"):
+            raise RecordError(
+                f"record.file = '{file}': is a TOML file. Give the path of a file with samples."
+            )
     return tables
 
 
