@@ -91,6 +91,9 @@ def fit(
     Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
     key that the records cannot identify.
     """
+    of_fit = {"--hold-out": hold_out, "--exact": exact, "--replay": replay_file}
+    if check and (given := [option for option, value in of_fit.items() if value]):
+        fail(f"{given[0]}: is part of a fit, and --check makes none. Remove one of the two.")
     if check and not free and holds_records(Path(scene)):
         for file in (Path(scene), *(records or [])):
             out.say("\n".join(describe_file(file)))

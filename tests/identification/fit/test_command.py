@@ -15,7 +15,7 @@ from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from tests.commands import invoke
+from tests.commands import invoke, refused
 from tests.identification.fitting import (
     HEIGHT,
     PRESSURE,
@@ -170,6 +170,15 @@ def test_exit_codes_of_the_command(tmp_path: Path) -> None:
         ([str(tmp_path / "no.csv"), "--free", RADIUS], 2),
     ):  # fmt: skip
         assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
+
+
+@pytest.mark.parametrize("words", [["--hold-out", "1"], ["--exact"], ["--replay", "f.rrd"]])
+@pytest.mark.parametrize("scene_words", [["aluminium-3mm", "--free", RADIUS], []])
+def test_a_check_refuses_options_of_a_fit(
+    tmp_path: Path, words: list[str], scene_words: list[str]
+) -> None:
+    path = write_csv(tmp_path / "drop.csv", record(scene()))
+    refused(f"{words[0]}: is part of a fit", "fit", *scene_words, path, "--check", *words)
 
 
 @pytest.mark.parametrize("text", [
