@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hertzloop.identification.hits.align import group_by_clock, number_hits
 from hertzloop.identification.hits.find import DROPS, HAMMER, Hit, find_hits
 from hertzloop.identification.hits.judge import describe_hits, double_hit, judge_hits
+from hertzloop.identification.hits.numbering import group_by_clock, number_hits
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.quantities import GAP_QUANTITIES
 from hertzloop.identification.records.record import Record
