@@ -180,7 +180,7 @@ def _solve(
     """
     problem.tally.expect(1, len(problem.varied_keys))
     found = solve_with_model_errors(problem, windows.iterate, until_s, exact)
-    if not found.erring:
+    if not found.has_model_error:
         return found, [], 0
     evaluations = 0
     if windows.shorter and not problem.looped:

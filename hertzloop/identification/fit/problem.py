@@ -96,7 +96,7 @@ class FitProblem:
         return any(isinstance(model, LoopModel) for model in self.models)
 
     @property
-    def erring(self) -> bool:
+    def has_model_error(self) -> bool:
         """Whether the model has an error in a record."""
         return any(c.discrepancy is not None for c in self.channels)
 

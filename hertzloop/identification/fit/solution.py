@@ -1,4 +1,9 @@
-"""Solve a fit without outliers, with the errors of the model and of unknown noise."""
+"""Solve a fit without outliers, with the errors of the model and of unknown noise.
+
+A fit meets a wrong model by two mechanisms. Here the error of the model is estimated, as
+`discrepancy.py` describes it, and widens the intervals. `assessment.py` tests the residual of the
+exact model, without that error, and gives the verdict on the model.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -33,9 +38,9 @@ class Solution:
     cost: float = math.inf
 
     @property
-    def erring(self) -> bool:
+    def has_model_error(self) -> bool:
         """Whether the model has an error in a record."""
-        return self.problem.erring
+        return self.problem.has_model_error
 
 
 def solve_with_model_errors(
@@ -71,7 +76,7 @@ def _solve_without_outliers(problem: FitProblem, iterate: Iterate, until_s: floa
             problem, iterate, profile = profile_whole_steps(problem, iterate, until_s)
         elif problem.looped:
             iterate = minimise_over_phases(problem, iterate.x, until_s)
-        enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if problem.erring else {}
+        enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if problem.has_model_error else {}
         iterate = minimise(problem, iterate.x, until_s, early=False, **enough)
         if rounds == _ROUNDS or not reject_outliers(problem, iterate, until_s):
             break

@@ -99,7 +99,7 @@ def key_uncertainty(
                 covariance[j, :] = covariance[:, j] = 0.0
                 covariance[j, j] = np.inf
         alone = np.where(alone_r > 0.0, 1.0 / np.maximum(alone_r, 1e-300), np.inf)
-    wider = _WIDER if problem.erring else 1.0
+    wider = _WIDER if problem.has_model_error else 1.0
     if wider > 1.0:
         covariance = wider**2 * (covariance + _covariance_by_shared_errors(problem, iterate))
         covariance += sum((np.outer(m, m) for m in moved), np.zeros((n, n)))
@@ -121,8 +121,7 @@ def bootstrap_covariance(
     """
     needs = [c.step > 0.0 and c.noise < 1.5 * c.step for c in problem.channels]
     n = len(problem.varied_keys)
-    erring = problem.erring
-    if not any(needs) or n == 0 or erring:
+    if not any(needs) or n == 0 or problem.has_model_error:
         return None
     length = np.sqrt(np.sum(iterate.jacobian**2, axis=0))
     length[length == 0.0] = 1.0
