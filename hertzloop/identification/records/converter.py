@@ -24,10 +24,10 @@ def clipped_samples(record: Record) -> np.ndarray:
         factor = si_factor(record.quantity, record.measurement)
         low, high = (factor * end for end in record.measurement.range)
         margin = 1e-6 * (high - low)
-        found |= (value <= low + margin) | (value >= high - margin)
-        # A sensor that rests at the end of its range is not clipped there.
-        if np.mean(found) > 0.5:
-            found[:] = False
+        for at_end in (value <= low + margin, value >= high - margin):
+            # A sensor that rests at the end of its range is not clipped there.
+            if np.mean(at_end) <= 0.5:
+                found |= at_end
     usual = float(np.nanmedian(value))
     largest = float(np.nanmax(np.abs(value - usual)))
     if largest == 0.0:
