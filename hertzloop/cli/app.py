@@ -18,6 +18,8 @@ from hertzloop.bus import LEAVING
 from hertzloop.cli.commands import PANELS, CommandEntry, GroupEntry, all_commands
 
 _QUIET = ("--quiet", "-q")
+# Of the root and of each command: a command keeps the option of the first context that asks for it.
+_HELP = {"help_option_names": ["-h", "--help"]}
 
 
 @cache
@@ -25,7 +27,8 @@ def load_command(entry: CommandEntry) -> Any:
     """Import the module of a command, and return the command with its options."""
     module, _, name = entry.function.partition(":")
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    register = app.command(entry.name, epilog=f"Example: hertzloop {entry.example}")
+    example = f"Example: hertzloop {entry.example}"
+    register = app.command(entry.name, epilog=example, context_settings=_HELP)
     register(getattr(import_module(module), name))
     return typer.main.get_command(app)
 
@@ -109,7 +112,7 @@ def root_command() -> Any:
         cls=RootGroup,
         no_args_is_help=True,
         suggest_commands=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings=_HELP,
         pretty_exceptions_enable=False,
     )
     app.callback()(_root)

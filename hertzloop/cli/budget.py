@@ -246,11 +246,31 @@ def _write_page(
     lines = effect_lines(result)
     if result.probability:
         lines.append(probability_line(result.probability))
-    words = ["hertzloop", "budget", arguments.scene]
-    words += [word for change in arguments.settings for word in ("--set", change)]
-    words += [word for goal in plan.goals for word in ("--goal", str(goal))]
-    words += ["--quick"] if plan.request.quick else []
-    command = shlex.join([*words, "--out-dir", str(folder)])
     page = folder / "budget.html"
+    command = _command(folder, arguments, plan)
     atomic_write(page, budget_page(plan.setup, result, lines, command).html())
     out.say(f"written: {page}")
+
+
+def _command(folder: Path, arguments: BudgetArguments, plan: BudgetPlan) -> str:
+    """Return the command that finds the same again."""
+    request, usual = plan.request, BudgetRequest()
+    words = ["hertzloop", "budget", arguments.scene, "--seed", str(plan.setup.seed)]
+    several = {"--set": arguments.settings, "--goal": plan.goals, "--only": request.only}
+    words += [str(word) for name, values in several.items() for v in values for word in (name, v)]
+    flags = {
+        "--quick": request.quick,
+        "--no-real-plant": not request.with_real,
+        "--worst": request.worst,
+    }
+    words += [name for name, given in flags.items() if given]
+    values = {
+        "--span": (request.span, usual.span),
+        "--uncertain": (request.uncertain, usual.uncertain),
+        "--within": (request.within, usual.within),
+        "--most-cases": (request.most_cases, usual.most_cases),
+        "--sobol": (request.sobol, usual.sobol),
+    }
+    for name, (value, other) in values.items():
+        words += [] if value == other else [name, str(value)]
+    return shlex.join([*words, "--out-dir", str(folder)])

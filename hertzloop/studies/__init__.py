@@ -1,1 +1,1 @@
-"""Studies with the whole loop: measured baselines, charts, sweeps, published tables."""
+"""Studies of many cases of the whole loop, each in a room of its own."""

@@ -111,6 +111,7 @@ print("agrees")
 """
 
 
+@pytest.mark.full
 def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
     """A structure of one's own from one file, which adds its own row."""
     copied(tmp_path, "own_block.py", "own_block.toml")

@@ -15,6 +15,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from tests.commands import succeed
+from tests.tiers import default
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
 ROW = "modes end below the impact"
@@ -110,13 +111,16 @@ def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    [
-        "run SCENE --transport compiled --out a.mcap",
-        "scene check SCENE",
-        "scene modes SCENE --out a.csv",
-        "sweep SCENE --over sphere.drop_height_m=0.03,0.05 --out a.parquet",
-        "budget SCENE --law force_feedback --quick --only latency_us --no-real-plant --out-dir b",
-    ],
+    default(
+        [
+            "run SCENE --transport compiled --out a.mcap",
+            "scene check SCENE",
+            "scene modes SCENE --out a.csv",
+            "sweep SCENE --over sphere.drop_height_m=0.03,0.05 --out a.parquet",
+            "budget SCENE --law predicted --quick --only latency_us --no-real-plant --out-dir b",
+        ],
+        quick=["scene check SCENE"],
+    ),
 )
 def test_commands_accept_a_rigid_support(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

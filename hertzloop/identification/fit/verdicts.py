@@ -8,7 +8,7 @@ NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 
 
 class KeyVerdict(StrEnum):
-    """KeyVerdict on a key."""
+    """What a fit knows of a key."""
 
     IDENTIFIED = "identified"
     ONE_SIDED = "one-sided"
@@ -17,7 +17,7 @@ class KeyVerdict(StrEnum):
 
 
 class ModelVerdict(StrEnum):
-    """KeyVerdict on the class of models."""
+    """Whether the class of models fits the records."""
 
     FITS = "fits"
     DOES_NOT_FIT = "does not fit"

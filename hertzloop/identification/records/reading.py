@@ -1,7 +1,7 @@
 """Read the measured records of a file."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ def read_records(path: Path, given: Mapping[str, Any] | None = None) -> list[Rec
         tables = [(tables[0] if len(tables) == 1 else {}) | table for table in named]
     chosen = {key: value for key, value in (given or {}).items() if key in _CHOICES}
     if len(tables) > 1 and chosen:
-        tables = [t for t in tables if all(t.get(k) == v for k, v in chosen.items())] or [{}]
+        tables = _tables_of(contents, tables, chosen)
     digest = ""
     if path.stat().st_size < 1 << 30:
         with path.open("rb") as file:
@@ -71,6 +71,33 @@ def read_records(path: Path, given: Mapping[str, Any] | None = None) -> list[Rec
                 one = replace(one, measurement=measurement, time_s=(found or [one])[0].time_s)
         found.append(one)
     return found
+
+
+def _tables_of(
+    contents: FileContents, tables: Sequence[dict[str, Any]], chosen: Mapping[str, Any]
+) -> Sequence[dict[str, Any]]:
+    """Return the tables of the series that some keys choose; an empty one if none describes it.
+    Raises RecordError if the keys choose none."""
+
+    def known(value: Any) -> Any:
+        return NAMES.get(str(value), value)
+
+    alike = [
+        table
+        for table in tables
+        if all(known(table.get(key)) == known(value) for key, value in chosen.items())
+    ]
+    if alike:
+        return alike
+
+    def place_of(table: Mapping[str, Any]) -> tuple[str, int]:
+        measurement = parse_record_table(contents.facts | dict(table), contents.name)
+        series = choose_series(contents, measurement)[0]
+        return series.group, series.number
+
+    # A column has a name and a number.
+    wanted = place_of(chosen)
+    return [table for table in tables if place_of(table) == wanted] or [{}]
 
 
 def holds_records(path: Path) -> bool:

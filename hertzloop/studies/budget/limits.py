@@ -22,7 +22,7 @@ class Boundary(StrEnum):
     IDEAL_ONLY = "ideal only"  # no finite value meets the goals
     IMPOSSIBLE = "not possible"  # the scene refuses the quantity
     STABILITY = "stability"  # beyond the value the linear loop is unstable; see `stability.py`
-    UNSTABLE = "none (unstable loop)"  # the linear loop is unstable at the most harmless value
+    UNSTABLE = "none (unstable loop)"  # the linear loop is unstable at the first value
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,12 @@ def real_plant(setup: Setup, quick: bool = False) -> tuple[Setup, tuple[str, ...
 
 
 def _is_ideal(setup: Setup, key: str) -> bool:
-    """Whether a scene leaves a key as it is by default: what it says otherwise stays."""
+    """Whether a scene leaves a key as it is by default: what it says otherwise stays. An accuracy
+    is ideal if it is coarser than that of the real plant."""
     table, _, name = key.partition(".")
     given = getattr(setup.scene, table)
-    if key in ("run.accuracy", "actuator.damping"):
-        return key == "run.accuracy" or setup.scene.actuator.bandwidth_hz is None
+    if key == "run.accuracy":
+        return setup.accuracy > REAL[key]
+    if key == "actuator.damping":
+        return setup.scene.actuator.bandwidth_hz is None
     return bool(getattr(given, name) == type(given).model_fields[name].default)

@@ -1,8 +1,8 @@
 """What a law tolerates where it has a linear loop: the loop has to be stable, too.
 
-An instability that grows slowly does not show in a run, so that the search of `limits` cannot find
-it. Linear theory gives its verdict at any value. Bits and noise are not part of the linear loop,
-and jitter makes it vary with time: there the verdict is that of the scene.
+An instability that grows slowly does not show in a run, so `search.py` cannot find it. Linear
+theory gives its verdict at any value. Bits and noise are not part of the linear loop, and jitter
+makes it vary with time: there the verdict is that of the scene.
 """
 
 from collections.abc import Callable, Sequence

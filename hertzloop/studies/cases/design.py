@@ -280,9 +280,3 @@ def _check_ends(setup: Setup, design: Design) -> None:
                 except SceneError as error:
                     where = f"--over {shortened(axis.key)}, value {shown(value)}"
                     raise SceneError(f"{where}: {error}") from error
-
-
-# Metrics over the phase of the first touch within a sample, which nobody controls.
-#
-# A law that counts samples answers as on a staircase with one step a sample, so a metric at one
-# phase tells one of two values. Mean and range are taken over phases spread evenly.

@@ -74,10 +74,14 @@ def _row(
         return row
     if row["state"] == CaseState.NOT_RUN:
         return row | dict.fromkeys(worst_columns(values[WORST_OF]))
-    varied = setup.vary(keys)
-    return row | worst_of_case(
-        varied, values[WORST_OF], lambda cases: list(run_cases(varied, span, [*enumerate(cases)]))
-    )
+    metric = values[WORST_OF]
+    try:
+        varied = setup.vary(keys)
+        return row | worst_of_case(
+            varied, metric, lambda cases: list(run_cases(varied, span, [*enumerate(cases)]))
+        )
+    except Exception as error:
+        return row | dict.fromkeys(worst_columns(metric)) | {"status": f"failed: {error!r}"}
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:

@@ -48,7 +48,8 @@ _WORTH_S = 1.5  # of work left for this process alone: about what the start of a
 
 
 class SweepFailed(RuntimeError):
-    """Some cases could not be run. The finished cases are kept."""
+    """A worker process was lost, or none could be started. Commands keep the finished cases in a
+    journal."""
 
     exit_status = 1
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.gain import gain_margin, sensitivity
 from hertzloop.studies.margin.growth import Growth, fastest_hz, growth_of, outside_poles
@@ -60,7 +61,18 @@ class Margin:
 
 
 def margin_of(setup: Setup) -> Margin:
-    """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
+    """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene, or for
+    a loop whose numbers are not finite."""
+    try:
+        return _margin_of(setup)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise SceneError(
+            f"the linear loop of {setup.name} cannot be calculated: {error}. Use a smaller gain of "
+            "the law, or more damping of the plate"
+        ) from error
+
+
+def _margin_of(setup: Setup) -> Margin:
     if why := why_no_loop(setup):
         return Margin(False, why)
     loops = loops_of(setup)

@@ -206,7 +206,11 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
         line += ["--over", f"{axis['key']}={values or '{low:g}:{high:g}'.format(**axis)}"]
     if design["kind"] != "grid":
         line += ["--design", design["kind"], "--cases", str(design["count"])]
+    about = "the scene below, saved under this name"
     if design.get("drawn"):
-        line += ["--uncertain", str(len(design["drawn"]))]
+        line += ["--uncertain", "DISTRIBUTIONS.toml", "--cases", str(len(design["drawn"]))]
+        about += ", and the file of the distributions"
+    if design.get("worst"):
+        line += ["--worst", design["worst"]]
     line += ["--span", header["span"], "--out", path.name]
-    return [f"{shlex.join(line)}    # the scene below, saved under this name"]
+    return [f"{shlex.join(line)}    # {about}"]

@@ -131,7 +131,9 @@ def read_tuned(path: Path) -> TuneResult:
         front = [_candidate(one) for one in data.pop("front")]
         return TuneResult(front=front, published=_candidate(data.pop("published")), **data)
     except FileNotFoundError as error:
-        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.") from error
+        raise ValueError(
+            f"{path}: no such results. Give a JSON file that `hertzloop tune` wrote."
+        ) from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 

@@ -40,6 +40,7 @@ def test_the_command_writes_a_trace_that_run_replays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hertzloop.studies.worst.search.MOST_CASES", 200)
     options = ["--quick", "--no-real-plant", "--only", "jitter_us", "--workers", "1", "--worst"]
     options += ["--set", SCENE[0], "--goal", "plate_energy_db <= 2"]
     done = invoke(["budget", "aluminium-3mm", *options])
