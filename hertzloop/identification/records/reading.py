@@ -1,7 +1,7 @@
 """Read the measured records of a file."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,8 +74,8 @@ def read_records(path: Path, given: Mapping[str, Any] | None = None) -> list[Rec
 
 
 def _tables_of(
-    contents: FileContents, tables: Sequence[dict[str, Any]], chosen: Mapping[str, Any]
-) -> Sequence[dict[str, Any]]:
+    contents: FileContents, tables: list[dict[str, Any]], chosen: Mapping[str, Any]
+) -> list[dict[str, Any]]:
     """Return the tables of the series that some keys choose; an empty one if none describes it.
     Raises RecordError if the keys choose none."""
 
