@@ -117,7 +117,7 @@ def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
             "scene check SCENE",
             "scene modes SCENE --out a.csv",
             "sweep SCENE --over sphere.drop_height_m=0.03,0.05 --out a.parquet",
-            "budget SCENE --law predicted --quick --only latency_us --no-real-plant --out-dir b",
+            "budget SCENE --law force_feedback --quick --only latency_us --no-real-plant -o b",
         ],
         quick=["scene check SCENE"],
     ),
