@@ -1,13 +1,12 @@
 """Commands on recordings: inspect, compare, replay, repair, report."""
 
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
@@ -20,7 +19,6 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
-from hertzloop.warmup import Work
 
 if TYPE_CHECKING:
     from hertzloop.scene.setup import Setup
@@ -255,8 +253,6 @@ def replay(
     for one in (recording, compared) if compared else (recording,):
         for problem in one.problems:
             err.say(f"{one.path}: {problem}")
-    with suppress(SceneError):  # it is shown without what would have to be simulated
-        prepare.compile_first(parse(recording.scene_toml), works=[Work.RESULTS])
     replaying.replay(recording, save, screenshot, compared, alone)
     for output in (save, screenshot):
         if output is not None:
