@@ -30,6 +30,7 @@ from hertzloop.identification.modes.hit_responses import (
     HitResponse,
     hits_of_records,
 )
+from hertzloop.identification.modes.measured_modes import prediction_errors
 from hertzloop.identification.modes.universal_file import Points
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
@@ -177,7 +178,7 @@ def known_modes(scene: str, line_hz: float, grid: Grid) -> list[KnownModes]:
     table = modes_of_responses(measured, None, Points(1), lambda *_: None).table
     best = min(
         estimates(hz, values, grid),
-        key=lambda one: response_errors(one.accelerance(2.0 * np.pi * hz[band]), values[band])[0],
+        key=lambda one: prediction_errors(one.accelerance(2.0 * np.pi * hz[band]), values[band])[0],
     )
     found, apart = _deviations(known, judged, table)
     ours = KnownModes(scene, OURS, count, found, *apart)
@@ -212,13 +213,6 @@ def _deviations(known: ModeTable, judged: np.ndarray, table: ModeTable) -> tuple
     apart = np.abs(np.array(found) - 1.0)
     both = np.stack([np.median(apart, axis=0), np.max(apart, axis=0)], axis=1)
     return len(found), both.ravel().tolist()
-
-
-def response_errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
-    """The error of modelled values: rms over rms, and largest over largest."""
-    apart = np.abs(modelled - measured)
-    rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))
-    return rms, float(np.max(apart) / np.max(np.abs(measured)))
 
 
 def accelerance_of(
@@ -258,7 +252,7 @@ def held_hits(hits: Sequence[HitResponse], held: int, grid: Grid) -> list[HeldHi
     for window_s in grid.windows_s:
         for estimate in estimates(*accelerance_of(fitted, window_s), grid):
             modelled = predicted(estimate, hit, window_s)[hit.checked]
-            errors = response_errors(modelled, hit.response[hit.checked])
+            errors = prediction_errors(modelled, hit.response[hit.checked])
             others.append((*errors, len(estimate.poles)))
     rms, peak, modes = min(others)
     return [found, HeldHit(name, SDYPY, modes, rms, peak)]

@@ -59,13 +59,18 @@ class MeasuredModes:
     delay_s: float = 0.0
 
 
+def prediction_errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
+    """Return the error of a modelled response: rms over rms, and largest over largest."""
+    apart = np.abs(modelled - measured)
+    rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))
+    return rms, float(np.max(apart) / np.max(np.abs(measured)))
+
+
 def check_prediction(
     name: str, modes: FittedModes, x: np.ndarray, measured: np.ndarray, modelled: np.ndarray
 ) -> HoldOutCheck:
     """Return the check of a response that modes predict; arguments are those of `HoldOutCheck`."""
-    apart = np.abs(modelled - measured)
-    rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))
-    peak = float(np.max(apart) / np.max(np.abs(measured)))
+    rms, peak = prediction_errors(modelled, measured)
     return HoldOutCheck(name, len(modes.omega_rad_s), rms, peak, x, measured, modelled)
 
 
