@@ -326,7 +326,7 @@ class TestCompiling:
     def test_one_that_never_ends_is_named(
         self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("hertzloop.bus.liveliness.LONGEST_S", ABSENCE_S)
+        monkeypatch.setattr("hertzloop.bus.compiling.LONGEST_S", ABSENCE_S)
         zenoh[CONTROLLER].compiling(True)
         said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
         with pytest.raises(PeerLost, match=said):
