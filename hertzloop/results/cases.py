@@ -221,7 +221,7 @@ def latched_us(setup: Setup, run: SimulatedRun) -> float:
 def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" for the first impact (see `plant.metrics.impact_follower_kernels`), "run" for all.
+    `span`: "impact" for the first impact (see `plant.metrics.impact_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """

@@ -1,6 +1,6 @@
 """Impacts cut out of a run's truth as they come, with their noise metrics.
 
-The metrics of an impact reach as far as `plant.metrics.impact_follower_kernels` says; they are summed over
+The metrics of an impact reach as far as `plant.metrics.impact_kernels` says; they are summed over
 pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
 blocks nor what follows the impact counts.
 """
@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.plant.metrics import impact_follower_kernels
-from hertzloop.plant.metrics.impact_follower_kernels import END, OVER
+from hertzloop.plant.metrics import impact_kernels
+from hertzloop.plant.metrics.impact_kernels import END, OVER
 from hertzloop.plant.metrics.impacts import (
     Impact,
     ImpactPart,
@@ -113,7 +113,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: impact_follower_kernels.ImpactFollower,
+        lasts: impact_kernels.ImpactFollower,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -170,7 +170,7 @@ class ConsistentWindow:
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        impact_follower_kernels.follow_steps(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        impact_kernels.follow_steps(self._lasts, piece[F_C], piece[F_A], piece[XI])
         count = max(int(self._lasts.counts[END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
@@ -271,7 +271,7 @@ def first_impact(
     if not SCHEMES[setup.scheme].conserves:
         return next(_published(setup, [(0, truth)]), None)
     lasts = impact_follower(setup)
-    start = impact_follower_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
+    start = impact_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
     count = int(lasts.counts[END])
     if start < 0:
         return None

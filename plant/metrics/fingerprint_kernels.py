@@ -1,4 +1,4 @@
-"""A fingerprint of samples: 128 bits that chance does not repeat. It is no protection from intent."""
+"""A fingerprint of samples: 128 bits that chance does not repeat; no protection from intent."""
 
 import numpy as np
 
