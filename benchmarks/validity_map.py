@@ -18,7 +18,7 @@ from hertzloop.cli.options import SceneArgument, SetOption
 from hertzloop.cli.prepare import scene_from
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from hertzloop.plant.contact.yielding import YieldPressure, dent_m, force_n, yielding
-from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates import criteria
 from hertzloop.plant.estimates.plate_theory import kirchhoff_error, zener_impact
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable
 
-LONGEST_S = 300.0  # to compile one kernel, many times what it takes on a busy machine
 _BEAT_S = 0.2
 _PAUSE_S = 1.0  # without a beat: an ordinary delay on a busy machine is shorter
 

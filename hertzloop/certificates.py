@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from hertzloop.bus.zenoh_config import common_name, secured
+from hertzloop.bus.access_control import common_name, secured
 
 _EARLIER = datetime.timedelta(days=1)  # hosts' clocks differ
 

@@ -11,7 +11,6 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 Arrays = dict[str, np.ndarray]
-IN_MEMORY = 1 << 20  # samples at most: 84 MB of the stream truth
 PIECE = 1 << 16  # samples
 
 
@@ -99,13 +98,7 @@ class JoinedStream:
     @property
     def time_ns(self) -> np.ndarray:
         """Simulated time of every sample, shape (samples,), ns."""
-        times = np.arange(self.samples, dtype=np.int64)
-        times *= self.every_steps
-        times += self.first_step
-        for position, step in self.resumed:
-            times[position:] += step - times[position]
-        times *= self.step_ns
-        return times
+        return self.step_at(np.arange(self.samples)) * self.step_ns
 
     def values_of(self, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return acquired values in the unit of the quantity, shape (samples,).
@@ -147,23 +140,6 @@ class JoinedStream:
         for arrays in self.blocks():
             yield at, arrays
             at += len(next(iter(arrays.values())))
-
-    def in_memory(self, most: int = IN_MEMORY) -> "JoinedStream":
-        """Return the stream with its arrays in memory, for callers that read it several times.
-
-        A stream of more than `most` samples is returned as it is. Raises RecordingError if the
-        file was changed.
-        """
-        if not isinstance(self.arrays, Columns) or not 0 < self.samples <= most:
-            return self
-        held = {n: np.empty(self.samples, dtype) for n, dtype in self.arrays.dtypes.items()}
-        at = 0
-        for arrays in self.blocks():
-            count = len(next(iter(arrays.values())))
-            for name, values in held.items():
-                values[at : at + count] = arrays[name]
-            at += count
-        return replace(self, arrays=held)
 
     def pieces(self) -> Iterator[tuple[int, Arrays]]:
         """Yield blocks joined to at least PIECE samples, for callers with a cost per block.

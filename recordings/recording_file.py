@@ -1,6 +1,5 @@
 """File of a recording: one pass over its records, and an index to read its samples again."""
 
-import heapq
 import os
 import stat
 from collections import defaultdict
@@ -164,14 +163,6 @@ def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
         for (_, position), (_, follows) in pairwise(sorted(of_stream)):
             graph.add(follows, position)
     try:
-        graph.prepare()
+        return list(graph.static_order())
     except CycleError:
         return list(range(len(numbers)))
-    order: list[int] = []
-    ready: list[int] = []
-    while graph.is_active():
-        for position in graph.get_ready():
-            heapq.heappush(ready, position)
-        order.append(heapq.heappop(ready))
-        graph.done(order[-1])
-    return order

@@ -9,8 +9,10 @@ from mcap.records import Message
 
 from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.joined_stream import IN_MEMORY, Arrays, Columns, JoinedStream
+from hertzloop.recordings.joined_stream import Arrays, Columns, JoinedStream
 from hertzloop.recordings.writer import RecordingError
+
+_IN_MEMORY = 1 << 20  # samples at most: 84 MB of the stream truth
 
 
 class RejectedMessage(Exception):
@@ -82,7 +84,7 @@ class StreamAssembler:
         self.next_step = header.first_step + count * every
         if self.blocks is not None and count:
             self.blocks.append(arrays)
-            if self._samples > IN_MEMORY:
+            if self._samples > _IN_MEMORY:
                 self.blocks = None
         return arrays, problem or self._not_finite(arrays, header.first_step, every)
 

@@ -5,7 +5,8 @@ import fcntl
 import os
 import stat
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -83,20 +84,16 @@ class RecordingWriter:
 
         Call it first: what stands at the start of the file survives a killed process.
         """
-
-        def write() -> None:
+        with self._guarded():
             writer = self._begun()
             writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
             writer.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT_VERSION})
             writer.flush()
 
-        self._guarded(write)
-
     def law(self, text: str) -> None:
         """Write the text of the law."""
-        self._guarded(
-            lambda: self._begun().add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", text.encode())
-        )
+        with self._guarded():
+            self._begun().add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", text.encode())
 
     def write(self, stream: str, payload: bytes, sequence: int, time_ns: int) -> None:
         """One message of a stream at a simulated time, 0 to LAST_NS."""
@@ -105,31 +102,22 @@ class RecordingWriter:
                 f"stream '{stream}' sequence {sequence} is at {time_ns} ns; simulated time runs "
                 f"from 0 to {streams.LAST_NS} ns"
             )
-        self._guarded(
-            lambda: self._begun().add_message(
-                self._channel(stream), time_ns, payload, time_ns, sequence
-            )
-        )
-        now = time.monotonic()
-        if now - self._flushed > _FLUSH_EVERY_S:
-            self._flushed = now
-            self._guarded(lambda: self._begun().flush())
+        with self._guarded():
+            writer, now = self._begun(), time.monotonic()
+            writer.add_message(self._channel(stream), time_ns, payload, time_ns, sequence)
+            if now - self._flushed > _FLUSH_EVERY_S:
+                self._flushed = now
+                writer.flush()
 
     def finish(self, metadata: dict[str, str]) -> None:
         """Write the outcome and the index, and close. Where nothing was written, leave the file
         as it was: absent, or with the old content."""
-
-        def write() -> None:
-            self._begun().add_metadata(RESULT_METADATA, metadata)
-            self._begun().finish()
-
-        try:
+        with self._guarded(), self._file:
             if self._writer is not None:
-                self._guarded(write)
+                self._writer.add_metadata(RESULT_METADATA, metadata)
+                self._writer.finish()
             elif self._is_new:
-                self._guarded(self.path.unlink)
-        finally:
-            self._guarded(self._file.close)
+                self.path.unlink()
 
     def _channel(self, stream: str) -> int:
         if not self._channels:
@@ -148,9 +136,11 @@ class RecordingWriter:
                 )
         return self._channels[streams.STREAMS[stream].topic]
 
-    def _guarded(self, action: Callable[[], object]) -> None:
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Raise NotRecorded where the system does not write."""
         try:
-            action()
+            yield
         except OSError as error:
             kept = "; the data written so far are readable" if self._channels else ""
             raise NotRecorded(

@@ -13,6 +13,8 @@ import numpy as np
 from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading import compiled as law_code
+from hertzloop.controller.loading.compiled import plain
+from hertzloop.controller.loading.records import PackedRecord, pack, state_of
 
 
 class LawFault(RuntimeError):
@@ -32,8 +34,8 @@ class BoundLaw:
         self,
         name: str,
         addresses: Mapping[str, int],
-        constants: law_code.PackedRecord,
-        state: law_code.PackedRecord,
+        constants: PackedRecord,
+        state: PackedRecord,
         held: Any,
         ended: list[BaseException],
     ) -> None:
@@ -68,7 +70,7 @@ class BoundPython(BoundLaw):
     def __init__(self, law: law_code.LawCode, constants: Any, ahead: bool = True) -> None:
         home = law.home
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
-        packed, state = law_code.pack(fields), law_code.state_of(home)
+        packed, state = pack(fields), state_of(home)
         # Python sees numbers, and arrays instead of tuples.
         arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
         self._home, self._constants = home, constants._replace(**arrays) if arrays else constants
@@ -124,7 +126,7 @@ class BoundPython(BoundLaw):
     def cost_us(self, samples: np.ndarray) -> float:
         """What a sample costs, us; measured with samples that it is known to take."""
         state = callbacks.state_view(self.state.data.copy(), self.state.dtype)
-        command = callbacks.plain(self._home.command)
+        command = plain(self._home.command)
         started = time.perf_counter()
         for i in range(len(samples)):
             command(self._constants, state, samples[: i + 1], i)

@@ -12,14 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.loading.compiled import FUNCTIONS
+from hertzloop.controller.loading.compiled import FUNCTIONS, plain
 
 _RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
-
-
-def plain(function: Any) -> Any:
-    """The Python function behind a compiled one."""
-    return getattr(function, "py_func", function)
 
 
 def uncompiled(function: Any, made: dict[Any, Any] | None = None) -> Any:

@@ -6,17 +6,15 @@ function defined in a function.)
 """
 
 import hashlib
-import os
 import re
 import sys
 from collections import namedtuple
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -123,32 +121,27 @@ def _constants_type(record: np.dtype) -> types.NamedTuple:
     return types.NamedTuple(kinds, namedtuple("Constants", fields))
 
 
+def arguments_of(function: str) -> str:
+    """Arguments of one of FUNCTIONS, as a law defines it."""
+    more = FUNCTIONS[function][1]
+    return f"p, s, {more}" if more else "p, s"
+
+
+def plain(function: Any) -> Any:
+    """The Python function behind a compiled one."""
+    return getattr(function, "py_func", function)
+
+
 def text_of(name: str, names: list[str]) -> str:
     """The module that stands between C and a law's functions `names`."""
     parts = [f'"""Between the compiled loop and the law {name}."""\n']
     for function in names:
-        result, more = FUNCTIONS[function]
-        arguments = f"p, s, {more}" if more else "p, s"
+        result, arguments = FUNCTIONS[function][0], arguments_of(function)
         parts.append(
             f"def {function}({arguments}):\n"
             f"    return call_{result}(law_{function}, ({arguments}))\n"
         )
     return "\n".join(parts)
-
-
-_abreast = False
-
-
-@contextmanager
-def compiled_abreast() -> Iterator[None]:
-    """Let the functions of a law that was never seen be compiled on two cores meanwhile: the first
-    here, the others in a child, which leaves them on the disk. For a process without threads."""
-    global _abreast
-    _abreast = True
-    try:
-        yield
-    finally:
-        _abreast = False
 
 
 class LawCode(NamedTuple):
@@ -185,8 +178,7 @@ class CompiledLaw:
         layout = f"{digest} {parameters} {state} {text}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
         path = cache_folder() / "laws" / f"{module.__name__}.py"
-        self._new = self._kept and not path.exists()
-        if self._new:
+        if self._kept and not path.exists():
             keep(path, text)
         module.__file__ = str(path)
         module.__dict__.update(call_double=call_double, call_int64=call_int64)
@@ -208,10 +200,9 @@ class CompiledLaw:
     def addresses(self, wanted: Iterable[str]) -> dict[str, int]:
         """Addresses of those of the functions that the law has; none if one was refused."""
         wanted = [name for name in wanted if name in self._names]
-        open_ = [] if self.trouble else [name for name in wanted if name not in self._made]
         try:
-            for count, name in enumerate(open_):
-                with self._compiled_beside(() if count else open_[1:]):
+            for name in wanted:
+                if not self.trouble and name not in self._made:
                     self._made[name] = self._compiled(name)
         except Exception as error:  # whatever Numba does not know: there is Python instead
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
@@ -222,24 +213,6 @@ class CompiledLaw:
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
-
-    @contextmanager
-    def _compiled_beside(self, names: Sequence[str]) -> Iterator[None]:
-        """Compile functions in a child until the context ends, where that is wanted."""
-        if not (_abreast and self._new and names):
-            yield
-            return
-        child = os.fork()
-        if child == 0:
-            try:
-                for name in names:
-                    self._compiled(name)
-            finally:  # what Numba refuses it refuses in the parent, too, which says so
-                os._exit(0)
-        try:
-            yield
-        finally:
-            os.waitpid(child, 0)
 
     def _compiled(self, name: str) -> Any:
         result, more = FUNCTIONS[name]
@@ -285,86 +258,6 @@ def _first_line(error: Exception, function: str) -> str:
     return (
         f"{reasons[0] if reasons else type(error).__name__} ({at[1] if at else 'in ' + function})"
     )
-
-
-# Parameters and states as records: the same bytes for compiled Python, plain Python and C.
-#
-# Every field is 8 bytes: a double, a 64-bit integer, or, of an array of parameters, its address
-# and its count (`profile`, `profile_count`). An array in a state lies in the record itself.
-
-_FIRST = {"mode": int, "delay": int}
-_ARRAYS = (np.ndarray, list, tuple)
-
-
-class PackedRecord(NamedTuple):
-    """A record's layout, its bytes, and the arrays whose addresses it holds."""
-
-    dtype: np.dtype
-    data: np.ndarray
-    held: tuple[np.ndarray, ...]
-
-
-def _word(kind: type) -> str:
-    return "i8" if issubclass(kind, int | np.integer | np.bool_) else "f8"
-
-
-@lru_cache(maxsize=256)
-def _layout(names: tuple[str, ...], kinds: tuple[type, ...]) -> np.dtype:
-    """Layout of parameters by their names and types; raises TypeError as `pack` does."""
-    fields: list[tuple[str, str]] = []
-    for name, kind in zip(names, kinds, strict=True):
-        if issubclass(kind, _ARRAYS):
-            fields += [(name, "i8"), (f"{name}_count", "i8")]
-        elif issubclass(kind, int | float | np.number | np.bool_):
-            fields.append((name, _word(kind)))
-        else:
-            raise TypeError(
-                f"{name} is a {kind.__name__}, neither a number nor an array of numbers"
-            )
-    return np.dtype(fields or [("unused", "i8")])
-
-
-def pack(values: Mapping[str, Any]) -> PackedRecord:
-    """Parameters as bytes. Raises TypeError for a value that is neither number nor numbers."""
-    dtype = _layout(tuple(values), tuple(map(type, values.values())))
-    flat: list[Any] = []
-    held = []
-    for value in values.values():
-        if isinstance(value, _ARRAYS):
-            array = np.ascontiguousarray(value, dtype=float).ravel()
-            held.append(array)
-            flat += (array.__array_interface__["data"][0], array.size)
-        else:
-            flat.append(value)
-    record = np.array([tuple(flat or [0])], dtype)
-    return PackedRecord(dtype, record.view(np.uint8), tuple(held))
-
-
-@lru_cache(maxsize=256)
-def state_of(home: Any) -> PackedRecord:
-    """Layout and first content of the state that a law's class `State` describes.
-
-    `mode` and `delay` come first, described or not. Raises TypeError for a field without a
-    default that is a number or a tuple of numbers.
-    """
-    described = getattr(home, "State", None)
-    hints = dict.fromkeys([*_FIRST, *(get_type_hints(described) if described else ())])
-    fields: list[Any] = []
-    first: list[Any] = []
-    for name in hints:
-        value = getattr(described, name, 0 if name in _FIRST else None)
-        if isinstance(value, tuple | list | np.ndarray):
-            fields.append((name, "f8", (len(value),)))
-            first.append(np.asarray(value, float))
-        elif isinstance(value, int | float):
-            fields.append((name, _word(type(value))))
-            first.append(value)
-        else:
-            raise TypeError(f"State.{name} needs a number, or a tuple of numbers, to start with")
-    dtype = np.dtype(fields)
-    record = np.zeros(1, dtype)
-    record[0] = tuple(first)
-    return PackedRecord(dtype, record.view(np.int64), ())
 
 
 # By name and digest of the law and by the layouts, which are kept and thus known by identity.

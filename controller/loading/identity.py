@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 from numba.core.dispatcher import Dispatcher
 
-from hertzloop.controller.loading.compiled import FUNCTIONS
+from hertzloop.controller.loading.compiled import FUNCTIONS, plain
 
 # Functions that prepare a run, and what a law declares. They are never compiled.
 _PREPARING = ("prepare", "reach", "transfer_function", "tune", "note")
@@ -199,7 +199,7 @@ class _Walk:
             self._cannot_tell(name, f"a {type(value).__name__}")
 
     def _add_function(self, name: str, function: Any) -> None:
-        python = getattr(function, "py_func", function)
+        python = plain(function)
         module = python.__module__ or ""
         if _is_library(module) or module.partition(".")[0] in sys.stdlib_module_names:
             self._add_by_name(name, module, python.__qualname__)

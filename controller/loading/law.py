@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from annotated_types import Ge, Le
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from hertzloop.controller.law import WHOLE_STEPS, ForceBound, Keys, LawContext, LawError, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
@@ -53,7 +53,6 @@ class Law:
     digest: str
     home: Any = field(repr=False, compare=False)
     identity: Identity | None = field(default=None, repr=False, compare=False)
-    _bound: dict[Any, BoundLaw] = field(default_factory=dict, repr=False, compare=False)
     _prepared: list[Identity] = field(default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -200,25 +199,13 @@ class Law:
 
     def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
         """The law with given constants. Raises LawError."""
-        # The cases of a sweep often differ in what leaves a law's constants as they are.
-        words = (_exactly(constants), ahead)
-        found = self._bound.get(words)
-        if found is None:
-            try:
-                found = BoundPython(self._code(), constants, ahead)
-            except TypeError as error:
-                raise LawError(f"law {self.name}: is invalid: {error}") from error
-            if words[0] is None:
-                return found
-            if len(self._bound) >= _MOST_BOUND:
-                self._bound.clear()
-            self._bound[words] = found
-        return found
+        try:
+            return BoundPython(self._code(), constants, ahead)
+        except TypeError as error:
+            raise LawError(f"law {self.name}: is invalid: {error}") from error
 
 
-_MOST_BOUND = 64
 _PREPARES_CHECKED = 4  # the first: it takes 0.1 ms, and a sweep prepares a law in each case
-_FEW = 64
 
 
 def error_text(error: BaseException, path: Path) -> str:
@@ -232,52 +219,13 @@ def error_text(error: BaseException, path: Path) -> str:
     return result + (f" (line {line})" if line else "")
 
 
-def _exactly(constants: Any) -> tuple[Any, ...] | None:
-    """Constants as what tells apart those that differ in a bit, a type, a name or a shape; None of
-    what may have more to it than a few numbers."""
-    if not isinstance(constants, tuple):
-        return None
-    words: list[Any] = [getattr(constants, "_fields", None)]
-    for value in constants:
-        if type(value) is float:
-            words.append(value.hex())
-        elif type(value) in (int, bool):
-            words.append(repr(value))
-        elif isinstance(value, np.ndarray) and value.dtype == float and value.size <= _FEW:
-            words.append((value.shape, value.tobytes()))
-        else:
-            return None
-    return tuple(words)
-
-
 @lru_cache(maxsize=64)
 def _constants_of(names: tuple[str, ...]) -> Any:
     # pyrefly: ignore[bad-class-definition]
     return namedtuple("Constants", names)
 
 
-def check_home(name: str, home: Any) -> None:
-    """Whether a module or class holds a law. Raises LawError."""
-    wanted = {
-        "command": ("p", "s", "samples", "i"),
-        "known_ahead": ("p", "s", "samples", "i"),
-        "command_ahead": ("p", "s", "samples", "i", "j"),
-        "quiet_level": ("p", "s"),
-    }
-    for function, arguments in wanted.items():
-        found = getattr(home, function, None)
-        if found is None and function != "command":
-            continue
-        signature = f"{function}({', '.join(arguments)})"
-        if not callable(found):
-            raise LawError(f"{name}: is not a law; the function {signature} is missing. Add it.")
-        code = getattr(getattr(found, "py_func", found), "__code__", None)
-        if code is None or code.co_argcount != len(arguments):
-            raise LawError(f"{name}: {function} has the wrong arguments. Define it as {signature}.")
-    if hasattr(home, "known_ahead") != hasattr(home, "command_ahead"):
-        raise LawError(
-            f"{name}: defines only one of known_ahead and command_ahead. Define both or none."
-        )
-    keys = getattr(home, "Parameters", Keys)
-    if not (isinstance(keys, type) and issubclass(keys, Keys)):
-        raise LawError(f"{name}: Parameters must be a class derived from hertzloop.law.Keys.")
+def key_field(start: Any, low: Any, high: Any, description: str) -> tuple[type[float], Any]:
+    """A scene key of a law that is not written in Python, within bounds that may be None."""
+    low, high = (None if bound is None else float(bound) for bound in (low, high))
+    return float, Field(float(start), ge=low, le=high, description=description)

@@ -25,8 +25,10 @@ from hertzloop.common.text_files import python_text
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.identity import TEXT_DIGITS, identify, law_digest, same_law
-from hertzloop.controller.loading.law import Law, LawError, check_home, error_text
-from hertzloop.controller.loading.library import library_law, unit_law
+from hertzloop.controller.loading.interface import check_home
+from hertzloop.controller.loading.law import Law, LawError, error_text
+from hertzloop.controller.loading.library import library_law
+from hertzloop.controller.loading.unit import unit_law
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")

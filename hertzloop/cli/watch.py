@@ -40,7 +40,7 @@ def watch(
     """
     import rerun as rr  # 0.5 s, as the next line
 
-    from hertzloop.recordings.replay import viewer
+    from hertzloop.recordings.replay import live, viewer
 
     bus_name = BUS_NAME if name is None else name
     check_name(bus_name)
@@ -56,13 +56,13 @@ def watch(
     samples, ended_by, code = 0, "", 0
     try:
         with _viewed(stream, save):
-            stream.send_blueprint(viewer.live_blueprint())
+            stream.send_blueprint(live.live_blueprint())
             err.print(f"waiting for run '{bus_name}'")
             try:
                 for payload in truth_blocks(bus_name, endpoints, machine):
                     is_first = samples == 0
                     with contextlib.suppress(MessageError):  # of another subscriber
-                        samples += viewer.send_block(stream, payload)
+                        samples += live.send_block(stream, payload)
                         if is_first and samples:
                             with deferred():  # else the line could come twice
                                 err.print(f"watching run '{bus_name}'")

@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.controller.controller import Controller
 from hertzloop.loop import kernels as loop_kernels
-from hertzloop.plant.metrics.truth_kernels import NEVER, ImpactFollower
+from hertzloop.plant.metrics.impact_kernels import NEVER, ImpactFollower
 from hertzloop.plant.plant import Plant
 from hertzloop.sensors.acquisition import Sensor
 

@@ -1,7 +1,7 @@
 """When a simulated loop may end, if only its first impact counts."""
 
 from hertzloop.plant.actuator import rest_force_n
-from hertzloop.plant.metrics.truth_kernels import ImpactFollower, new_follower
+from hertzloop.plant.metrics.impact_kernels import ImpactFollower, new_follower
 from hertzloop.scene.setup import Setup
 
 _QUIET_S = 1e-4  # without force; a law that acts again later acts on another contact

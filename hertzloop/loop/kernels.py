@@ -17,8 +17,8 @@ from hertzloop.common.jit import kernel
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED
-from hertzloop.plant.metrics import truth_kernels
-from hertzloop.plant.metrics.truth_kernels import BACK, OVER
+from hertzloop.plant.metrics import impact_kernels
+from hertzloop.plant.metrics.impact_kernels import BACK, OVER
 from hertzloop.plant.state_kernels import F_A, F_C, STEP, XI
 from hertzloop.plant.time_series import record_step
 from hertzloop.sensors import kernels as sensor_kernels
@@ -339,12 +339,12 @@ def closed_loop(
         step_and_record(plant, plant_state, forces[step], window)
         if impact.quiet_steps < 0:
             continue
-        truth_kernels.follow(impact, plant_state.body[F_C], plant_state.body[F_A], gap)
+        impact_kernels.follow(impact, plant_state.body[F_C], plant_state.body[F_A], gap)
         if impact.counts[OVER] == 1:
             return True
-        if truth_kernels.is_silent(impact) and controller_kernels.is_quiet(line_state):
+        if impact_kernels.is_silent(impact) and controller_kernels.is_quiet(line_state):
             back = impact.counts[BACK] == 1
-            if not back and not truth_kernels.keeps(
+            if not back and not impact_kernels.keeps(
                 impact, laws.quiet_level(law, law_state), value
             ):
                 continue

@@ -14,7 +14,7 @@ from hertzloop.loop.impact_end import impact_follower_of_loop
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.loop.watchdog import watching
-from hertzloop.plant.metrics.truth_kernels import NEVER
+from hertzloop.plant.metrics.impact_kernels import NEVER
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.state_kernels import FLIGHT_V
 from hertzloop.plant.time_series import COLUMNS

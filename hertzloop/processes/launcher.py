@@ -13,7 +13,8 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import Any
 
-from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
+from hertzloop.bus.compiling import LONGEST_S
+from hertzloop.bus.process_clock import ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions

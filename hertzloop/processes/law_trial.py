@@ -18,7 +18,6 @@ from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
-from hertzloop.controller.loading.compiled import compiled_abreast
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import load_anew, shipped
 from hertzloop.plant.contact.hertz import rigid_penetration_m
@@ -48,8 +47,7 @@ def try_law(setup: Setup) -> str:
             f"law {law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an endless "
             "loop."
         ) from None
-    with compiled_abreast():
-        bound = bound_law(setup, True)
+    bound = bound_law(setup, True)
     samples = impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:

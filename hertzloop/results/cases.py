@@ -14,8 +14,9 @@ import numpy as np
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
+from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
-from hertzloop.plant.metrics.truth_kernels import all_finite, fingerprint, first_of
+from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
 from hertzloop.results.effects import EffectState, names_by_state
 from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of_truth
 from hertzloop.results.metric_fields import described, fields_of, metric
@@ -220,7 +221,7 @@ def latched_us(setup: Setup, run: SimulatedRun) -> float:
 def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" for the first impact (see `plant.metrics.truth_kernels`), "run" for all.
+    `span`: "impact" for the first impact (see `plant.metrics.impact_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """

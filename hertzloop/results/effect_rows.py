@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hertzloop.plant.contact.hertz import rigid_impact
-from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates import criteria
 from hertzloop.plant.estimates.model_order import (
     beyond_m_n,
     energy_beyond,

@@ -1,6 +1,6 @@
 """Impacts cut out of a run's truth as they come, with their noise metrics.
 
-The metrics of an impact reach as far as `plant.metrics.truth_kernels` says; they are summed over
+The metrics of an impact reach as far as `plant.metrics.impact_kernels` says; they are summed over
 pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
 blocks nor what follows the impact counts.
 """
@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.plant.metrics import truth_kernels
+from hertzloop.plant.metrics import impact_kernels
+from hertzloop.plant.metrics.impact_kernels import END, OVER
 from hertzloop.plant.metrics.impacts import (
     Impact,
     ImpactPart,
@@ -23,7 +24,6 @@ from hertzloop.plant.metrics.impacts import (
     peak_speed_m_s,
 )
 from hertzloop.plant.metrics.noise import ImpactNoise, impact_noise, published_noise, turned
-from hertzloop.plant.metrics.truth_kernels import END, OVER
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
@@ -113,7 +113,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: truth_kernels.ImpactFollower,
+        lasts: impact_kernels.ImpactFollower,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -170,7 +170,7 @@ class ConsistentWindow:
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        truth_kernels.follow_steps(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        impact_kernels.follow_steps(self._lasts, piece[F_C], piece[F_A], piece[XI])
         count = max(int(self._lasts.counts[END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
@@ -271,7 +271,7 @@ def first_impact(
     if not SCHEMES[setup.scheme].conserves:
         return next(_published(setup, [(0, truth)]), None)
     lasts = impact_follower(setup)
-    start = truth_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
+    start = impact_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
     count = int(lasts.counts[END])
     if start < 0:
         return None

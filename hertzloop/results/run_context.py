@@ -5,8 +5,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from hertzloop.plant.contact.yielding import YieldPressure
-from hertzloop.plant.estimates import plate_theory as criteria
-from hertzloop.plant.estimates.plate_theory import KirchhoffError
+from hertzloop.plant.estimates import criteria
+from hertzloop.plant.estimates.plate_theory import (
+    KirchhoffError,
+    kirchhoff_error,
+    zener_inelasticity,
+)
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
@@ -51,7 +55,7 @@ def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
     return StaticContext(
         local,
         bodies.weaker,
-        math.nan if local is None else criteria.zener_inelasticity(sphere, local, spec.contact),
+        math.nan if local is None else zener_inelasticity(sphere, local, spec.contact),
         revival_s,
         air_share,
         criteria.squeezed_film(sphere),
@@ -93,7 +97,7 @@ class RunContext:
             self.first_return_s = criteria.first_return_s(
                 self.local, setup.size_m, self.spec.contact_point_m, run.contact_s
             )
-        self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
+        self.kirchhoff: KirchhoffError = kirchhoff_error(
             self.local, contact.stiffness, lasts_s, peak_n, contact.exponent
         )
         self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)

@@ -13,8 +13,8 @@ from hertzloop.results.metric_fields import described, fields_of, metric
 class SpanMetrics:
     """Metrics of the first impact, or of the whole run.
 
-    `plant.metrics.truth_kernels` defines the first impact. The whole run lasts from the first touch
-    to its end. Radiated energies are nan unless the structure is a simply supported plate.
+    `plant.metrics.impact_kernels` defines the first impact. The whole run lasts from the first
+    touch to its end. Radiated energies are nan unless the structure is a simply supported plate.
     """
 
     # fmt: off

@@ -15,8 +15,8 @@ from hertzloop.recordings.replay.decimation import Decimator, full_rate_spans
 from hertzloop.recordings.replay.plots import SIGNALS, Plot, PlotCurve, ReferenceRun, curve_of
 from hertzloop.recordings.replay.replay_data import ReplayData, ReplayLabels, check_replayable
 from hertzloop.recordings.replay.replay_data import prepare as prepare_replay
+from hertzloop.recordings.replay.screenshot import screenshot
 from hertzloop.recordings.replay.spectrum import spectrum
-from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.curves import Overlay, overlay
 from hertzloop.results.deflection import deflection
@@ -112,9 +112,8 @@ def prepare(
 
 
 def _without_gap(recording: Recording) -> Recording:
-    """Return the part before a gap, in memory if it is short."""
-    truth = recording.truth.before_gap().in_memory()
-    return dataclasses.replace(recording, truth=truth, daq=recording.daq.in_memory())
+    """Return the part before a gap."""
+    return dataclasses.replace(recording, truth=recording.truth.before_gap())
 
 
 def scene_of(recording: Recording) -> Setup:

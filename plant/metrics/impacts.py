@@ -38,7 +38,7 @@ class Impact:
         rebound_speed_m_s: speed of the sphere at the end, positive upwards, m/s.
         peak_force_n: largest contact force, N.
         plate_energy_j: work of contact force and actuator force on the plate, J, from the start
-            of this contact until the impact is over (`truth_kernels`; in `impacts` below until
+            of this contact until the impact is over (`impact_kernels`; in `impacts` below until
             the next contact or the end of the time series).
         plate_speed_max_m_s: largest plate speed at the contact point, m/s.
     """

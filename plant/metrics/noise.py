@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Sphere
-from hertzloop.plant.metrics import truth_kernels
+from hertzloop.plant.metrics import spectrum_kernels
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -149,9 +149,9 @@ def force_spectrum(
     """
     powers, held, tilted = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
     found = np.zeros(len(held), complex)
-    truth_kernels.add_spectrum(force_n, 1.0, powers, held, found)
+    spectrum_kernels.add_spectrum(force_n, 1.0, powers, held, found)
     if slope_n is not None:
-        truth_kernels.add_spectrum(slope_n, 1.0, powers, tilted, found)
+        spectrum_kernels.add_spectrum(slope_n, 1.0, powers, tilted, found)
     return found
 
 
@@ -178,10 +178,10 @@ def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarr
 
 
 @lru_cache(maxsize=16)
-def spectra_of(modes: Oscillators, step_s: float) -> truth_kernels.Spectra:
+def spectra_of(modes: Oscillators, step_s: float) -> spectrum_kernels.Spectra:
     """What forces at contact and actuator become at the frequencies of some oscillators."""
     by = _transform((modes.omega / (2.0 * np.pi)).tobytes(), step_s)
-    return truth_kernels.Spectra(*by, modes.contact, modes.actuator)
+    return spectrum_kernels.Spectra(*by, modes.contact, modes.actuator)
 
 
 def modal_shares_j(
@@ -219,7 +219,7 @@ def modal_drive(
     the whole.
     """
     driven, none = np.zeros(len(modes.omega), complex), np.zeros(0)
-    truth_kernels.drive(
+    spectrum_kernels.drive(
         contact_n,
         none if slope_n is None else slope_n,
         1.0,

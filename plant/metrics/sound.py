@@ -73,6 +73,12 @@ class Grid:
         bins = np.arange(int(self.up_to_hz * self.period_s) + 1)
         return np.asarray(self.sigma + 2j * math.pi * bins / self.period_s)
 
+    def some_bins(self, spread_s: float) -> np.ndarray:
+        """Bins between which what arrives within `spread_s` can be interpolated, both ends too."""
+        last = len(self.s) - 1
+        apart = max(1, int(self.period_s / (_ACROSS * spread_s)))
+        return np.unique(np.append(np.arange(0, last, apart), last))
+
     def band(self) -> np.ndarray:
         """Weight of each bin: one, towards the upper end fading to zero."""
         share = self.s.imag / (2.0 * math.pi * self.up_to_hz)
@@ -141,8 +147,7 @@ def transfer(radiator: Radiator, listener_m: np.ndarray, grid: Grid) -> np.ndarr
     middle = 0.5 * (delay.min() + delay.max())
     spread = max(float(delay.max() - delay.min()), 1e-6)
     s = grid.s
-    apart = max(1, int(grid.period_s / (_ACROSS * spread)))
-    at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
+    at = grid.some_bins(spread)
     weights = radiator.shapes * (AIR_DENSITY_KG_M3 / (2.0 * math.pi) * radiator.area_m2 / distance)
     coarse = np.empty((len(radiator.omega), len(at)), complex)
     some = max(1, _PAIRS_AT_ONCE // len(distance))
@@ -201,8 +206,7 @@ def radiated_j(
     """Energy that goes through a half sphere far away within the grid's time, J."""
     s = grid.s
     spread = float(np.hypot(np.ptp(products.x_m), np.ptp(products.y_m))) / SOUND_SPEED_M_S
-    apart = max(1, int(grid.period_s / (_ACROSS * spread)))
-    at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
+    at = grid.some_bins(spread)
     force = _transforms(drive, grid)
     total_j, every = 0.0, directions(count)
     together = max(1, _PRESSURES_AT_ONCE // len(s))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
+from hertzloop.plant.metrics.spectrum_kernels import Spectra, drive, nonzero
 
 # Indices into the sums and counts of `exchanged`.
 INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N, m
@@ -13,7 +14,6 @@ SUMS = 6
 NEXT, SINCE, HELD = range(3)  # steps, -1 for none; whether a last row waits for the next
 COUNTS = 3
 _WHOLE = 4  # steps that a contact has at least, for two whole ones beside each other
-_AT_ONCE = 128  # frequencies, so that their powers of a block stay in the processor's cache
 
 
 @kernel(inline=True)
@@ -373,85 +373,6 @@ def contact_metrics(
     return True
 
 
-@kernel
-def nonzero(values):
-    """First index of what is not zero, and the one after the last; 0, 0 where all is."""
-    first, end = 0, values.size
-    while first < end and values[first] == 0.0:
-        first += 1
-    while end > first and values[end - 1] == 0.0:
-        end -= 1
-    return (first, end) if first < end else (0, 0)
-
-
-class Spectra(NamedTuple):
-    """What sums of samples become at the frequencies of oscillators.
-
-    `powers`: real and imaginary part of z^n, z = exp(-i w h), for n up to a block's length, shape
-    (2, block + 1, frequencies). Shapes (frequencies,): `held`, `tilted`: spectra of a mean of 1 and
-    of a slope of 1 over a step; `contact`, `actuator`: values of the modes there.
-    """
-
-    powers: np.ndarray
-    held: np.ndarray
-    tilted: np.ndarray
-    contact: np.ndarray
-    actuator: np.ndarray
-
-
-@kernel(allocates=True)
-def add_spectrum(force, sign, powers, factor, found):
-    """Add `factor` times the sum of `sign` F_n z^n to `found`; `powers` as in Spectra.
-
-    In blocks, by Horner's rule: from power to power one would lose digits.
-    """
-    end = nonzero(force)[1]
-    block = powers.shape[1] - 1
-    blocks = -(-end // block)
-    real, imaginary = np.empty(_AT_ONCE), np.empty(_AT_ONCE)
-    for low in range(0, found.size if end else 0, _AT_ONCE):
-        count = min(_AT_ONCE, found.size - low)
-        re, im = real[:count], imaginary[:count]
-        for j in range(count):
-            re[j] = im[j] = 0.0
-        turn_re, turn_im = powers[0, block, low : low + count], powers[1, block, low : low + count]
-        for b in range(blocks - 1, -1, -1):
-            for j in range(count):
-                turned = re[j] * turn_re[j] - im[j] * turn_im[j]
-                im[j] = re[j] * turn_im[j] + im[j] * turn_re[j]
-                re[j] = turned
-            start = b * block
-            for n in range(min(block, end - start)):
-                f = sign * force[start + n]
-                if f == 0.0:
-                    continue
-                power_re, power_im = (
-                    powers[0, n, low : low + count],
-                    powers[1, n, low : low + count],
-                )
-                for j in range(count):
-                    re[j] += f * power_re[j]
-                    im[j] += f * power_im[j]
-        for j in range(count):
-            found[low + j] += factor[low + j] * complex(re[j], im[j])
-
-
-@kernel(allocates=True)
-def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
-    """Phi_c F_c + Phi_a F_a of every oscillator into `found`; the contact's force is `sign` times
-    what is given. See plant.metrics.noise.modal_drive."""
-    part = np.zeros(found.size, np.complex128)
-    add_spectrum(contact_n, sign, by.powers, by.held, part)
-    add_spectrum(slope_n, sign, by.powers, by.tilted, part)
-    for i in range(found.size):
-        found[i] = by.contact[i] * part[i]
-        part[i] = 0.0
-    add_spectrum(actuator_n, 1.0, by.powers, by.held, part)
-    add_spectrum(actuator_slope_n, 1.0, by.powers, by.tilted, part)
-    for i in range(found.size):
-        found[i] += by.actuator[i] * part[i]
-
-
 class Reading(NamedTuple):
     """What the steps of an impact are read with. `mobility`: of what follows the forces at once,
     m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
@@ -548,138 +469,3 @@ def read_impact(
         touching += 1
     drive(f_c[own], f_c1[own], -1.0, f_a[own], f_a1[own], by.spectra, found)
     return known, start, until, touching, largest(v_p[own])
-
-
-# A fingerprint of samples: 128 bits that chance does not repeat. It is no protection from intent.
-_FOLD, _SHIFT = np.uint64(0x9E3779B97F4A7C15), np.uint64(29)
-
-
-@kernel(inline=True)
-def _fold(state, word):
-    """Mix a word of 64 bits into a state of 64 bits, one to one."""
-    mixed = (state ^ word) * _FOLD
-    return mixed ^ (mixed >> _SHIFT)
-
-
-@kernel(inline=True)
-def _fold_all(words, lanes):
-    """Mix words into four lanes in turn, which the processor follows beside each other."""
-    a, b, c, d = lanes
-    whole = words.size - words.size % 4
-    for i in range(0, whole, 4):
-        a, b = _fold(a, words[i]), _fold(b, words[i + 1])
-        c, d = _fold(c, words[i + 2]), _fold(d, words[i + 3])
-    for i in range(whole, words.size):
-        a = _fold(a, words[i])
-    return _fold(a, np.uint64(words.size)), b, c, d
-
-
-@kernel
-def fingerprint(truth, samples):
-    """Two words of 64 bits that tell truth, shape (columns, steps), and samples from others; both
-    are arrays of words of 64 bits."""
-    lanes = (np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4))
-    for row in truth:
-        lanes = _fold_all(row, lanes)
-    a, b, c, d = _fold_all(samples, lanes)
-    return _fold(_fold(a, b), _fold(c, d)), _fold(_fold(b, c), _fold(d, a))
-
-
-# When an impact is over: the definition that all metrics of an impact rest on.
-#
-# An impact lasts from the first touch until the sphere has left and no force of the law's answer
-# remains, at the latest until the next contact, or the end of the run.
-#
-# Forces alone decide, not what a law promises. A force belongs to the answer if it begins while
-# the law answers still: until the actuator has been silent for `quiet_steps`. For `line_steps`
-# after the contact it may be on its way. A force that begins later belongs to the answer as well,
-# unless the sphere has come back before: the gap has fallen below half of its largest value. Then
-# the force meets the next contact.
-
-# Indices into the counts: steps since the first touch; one past the last step of contact or answer;
-# from where on silence counts; whether the sphere has left, has come back, and whether it is over.
-STEP, END, BUSY, LEFT, BACK, OVER = range(6)
-_BACK = 0.5  # of the largest gap
-
-
-class ImpactFollower(NamedTuple):
-    """An impact that is followed step by step; `quiet_steps` below zero: none is.
-
-    `rest_n`: force of the actuator without a command.
-
-    `blur_m`: by how much a sample of the gap may be too small; inf where samples are no gap.
-    `widest_m`, shape (1,): largest gap since the sphere has left.
-    """
-
-    quiet_steps: int
-    line_steps: int
-    blur_m: float
-    counts: np.ndarray
-    widest_m: np.ndarray
-    rest_n: float
-
-
-def new_follower(
-    quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf, rest_n: float = 0.0
-) -> ImpactFollower:
-    """An impact before its first touch."""
-    counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
-    return ImpactFollower(quiet_steps, line_steps, blur_m, counts, widest_m, rest_n)
-
-
-NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
-
-
-@kernel(inline=True)
-def is_silent(impact):
-    """Whether nothing has touched or pushed for so long, and nothing from before is on its way."""
-    counts = impact.counts
-    return counts[LEFT] == 1 and counts[STEP] - counts[BUSY] >= impact.quiet_steps
-
-
-@kernel(inline=True)
-def follow(impact, f_c, f_a, gap):
-    """Take a step: its contact force and actuator force (N), and the gap at its start (m)."""
-    counts = impact.counts
-    if counts[OVER] == 1 or (f_c == 0.0 and counts[STEP] == 0):
-        return
-    if f_c != 0.0:
-        if counts[LEFT] == 1:
-            counts[OVER] = 1
-            return
-        counts[END] = counts[STEP] + 1
-        counts[BUSY] = counts[END] + impact.line_steps
-    else:
-        counts[LEFT] = 1
-        silent = is_silent(impact)
-        impact.widest_m[0] = max(impact.widest_m[0], gap)
-        if silent and gap < _BACK * impact.widest_m[0]:
-            counts[BACK] = 1
-        if f_a != impact.rest_n:
-            if silent and counts[BACK] == 1:
-                counts[OVER] = 1
-                return
-            counts[END] = counts[STEP] + 1
-            counts[BUSY] = max(counts[BUSY], counts[END])
-    counts[STEP] += 1
-
-
-@kernel
-def follow_steps(impact, f_c, f_a, gap):
-    """Take steps, arrays of shape (steps,), until the impact is over; the first in contact."""
-    touch = -1
-    for i in range(f_c.size):
-        follow(impact, f_c[i], f_a[i], gap[i])
-        if touch < 0 and f_c[i] != 0.0:
-            touch = i
-        if impact.counts[OVER] == 1:
-            break
-    return touch
-
-
-@kernel(inline=True)
-def keeps(impact, level, value):
-    """Whether a promise of no force while samples stay above `level` holds until the sphere has
-    come back; `value`: the latest sample."""
-    below = level + impact.blur_m < _BACK * impact.widest_m[0]
-    return value > level and (level == -math.inf or below)

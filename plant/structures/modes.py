@@ -143,6 +143,15 @@ class Groups:
         return np.asarray(np.concatenate(parts)[self.order])
 
 
+def _equal(modes: Modes) -> tuple[np.ndarray, np.ndarray]:
+    """The first mode of every group of equal frequency and loss, and its size, (groups,) both."""
+    new = np.diff(modes.omega, prepend=-1.0) > _SAME_FREQUENCY * modes.omega
+    if isinstance(modes.eta, np.ndarray):
+        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
+    starts = np.flatnonzero(new)
+    return starts, np.diff(starts, append=len(modes.omega))
+
+
 def grouped(modes: Modes, same_point: bool) -> Groups:
     """Merge modes of equal frequency and loss, and drop those that neither point moves.
 
@@ -152,11 +161,7 @@ def grouped(modes: Modes, same_point: bool) -> Groups:
     the last bit.
     """
     omega, at_contact, at_actuator = modes.omega, modes.at_contact, modes.at_actuator
-    new = np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega
-    if isinstance(modes.eta, np.ndarray):
-        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
-    starts = np.flatnonzero(new)
-    counts = np.diff(starts, append=len(omega))
+    starts, counts = _equal(modes)
     along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
     moved = along > modes.silent_below
     if same_point:
@@ -196,11 +201,7 @@ def spanned(modes: Modes, sensor: np.ndarray) -> Oscillators:
     A group of equal frequency and loss has one oscillator along its shapes at the sensor, which
     alone a mass there moves, and at most two beside it.
     """
-    new = np.diff(modes.omega, prepend=-1.0) > _SAME_FREQUENCY * modes.omega
-    if isinstance(modes.eta, np.ndarray):
-        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
-    starts = np.flatnonzero(new)
-    counts = np.diff(starts, append=len(modes.omega))
+    starts, counts = _equal(modes)
     left = [sensor, modes.at_contact, modes.at_actuator]
     parts: list[np.ndarray] = []
     for _ in left:

@@ -87,12 +87,10 @@ class Samples:
     def pieces(self, name: str) -> Iterator[Piece]:
         """Samples of a stream within the span, block by block. Raises RecordingError if the file
         changes meanwhile."""
-        stream, at = self.stream(name), 0
+        stream = self.stream(name)
         low, high = self.span_ns
-        for arrays in stream.blocks():
-            count = len(next(iter(arrays.values())))
-            steps = stream.step_at(np.arange(at, at + count))
-            at += count
+        for at, arrays in stream.placed():
+            steps = stream.step_at(np.arange(at, at + len(next(iter(arrays.values())))))
             inside = (steps >= -(-low // stream.step_ns)) & (steps <= high // stream.step_ns)
             if inside.all():
                 yield steps, self.renamed(name, arrays)

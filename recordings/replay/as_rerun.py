@@ -7,7 +7,7 @@ import rerun as rr
 
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.recordings.recording import Event, Recording
-from hertzloop.recordings.replay import blueprint, scene3d
+from hertzloop.recordings.replay import axis_range, blueprint, scene3d
 from hertzloop.recordings.replay import spectrum as spectra_drawn
 from hertzloop.recordings.replay.decimation import enough
 from hertzloop.recordings.replay.law_states import law_states
@@ -81,7 +81,7 @@ def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) ->
         at, full_n = replay.labels.actuator_m, _full_arrow_n(replay)
         scene3d.send_actuator(stream, at_frames["f_a_n"], deflection, at, drawn, full_n)
     for plot in replay.plots:
-        low, high = blueprint.zoomed(plot, replay.when.around_ns)
+        low, high = axis_range.zoomed(plot, replay.when.around_ns)
         for curve in (one for one in plot.curves if len(one.values)):
             _send_curve(stream, plot, curve, _EXACT_SHARE * (high - low))
     if replay.labels.spectra:
@@ -148,15 +148,11 @@ def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
 
 def _send_states(stream: rr.RecordingStream, replay: ReplayData) -> None:
     recording, truth = replay.recording, replay.recording.truth
-
-    def begins_ns(step: int) -> int:
-        return int(truth.step_at(step)) * truth.step_ns
-
-    contact = [(begins_ns(0), "apart")]
+    contact = [(truth.time_ns_at(0), "apart")]
     for touched in replay.contacts:
-        contact.append((begins_ns(touched.first), "in contact"))
+        contact.append((truth.time_ns_at(touched.first), "in contact"))
         if touched.end < truth.samples:
-            contact.append((begins_ns(touched.end), "apart"))
+            contact.append((truth.time_ns_at(touched.end), "apart"))
     law = law_states(recording, replay.labels.controlled)
     for name, states in (("contact", contact), ("law", law)):
         known = list(dict.fromkeys(state for _, state in states))

@@ -88,15 +88,11 @@ def prepare(
     truth, labels = recording.truth, labels or ReplayLabels()
     if contacts is None:
         contacts = contacts_of(truth.pieces())
-
-    def at_ns(position: int) -> int:
-        return int(truth.step_at(position)) * truth.step_ns
-
     touching = None
     if contacts:
-        begun = at_ns(contacts[0].first)
+        begun = truth.time_ns_at(contacts[0].first)
         touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
-    run_ns = at_ns(0), at_ns(truth.samples - 1)
+    run_ns = truth.time_ns_at(0), truth.time_ns_at(truth.samples - 1)
     when = moments(run_ns, touching, truth.step_ns, labels.until_ns)
     hammer = recording.scene_value("hammer", "mass_kg") is not None
     where = ("hammer", "tip_radius_m") if hammer else ("sphere", "radius_m")

@@ -4,9 +4,9 @@ import json
 
 import zenoh
 
+from hertzloop.bus.access_control import access_control
 from hertzloop.bus.access_monitor import names_allowed
 from hertzloop.bus.streams import PLANT
-from hertzloop.bus.zenoh_config import access_control
 
 
 def test_names_count_where_access_control_is_on_and_goes_by_them() -> None:

@@ -1,9 +1,11 @@
 """Ports between processes: who is there, and what a zenoh port opens."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -24,22 +26,41 @@ def zenoh() -> Iterator[dict[str, ZenohPort]]:
         port.close()
 
 
+@pytest.fixture
+def opened() -> Iterator[Callable[..., ZenohPort]]:
+    """Opens a port, which is closed after the test."""
+    with ExitStack() as closing:
+
+        def port(*arguments: Any, **more: Any) -> ZenohPort:
+            made = ZenohPort(*arguments, **more)
+            closing.callback(made.close)
+            return made
+
+        yield port
+
+
+Opened = Callable[..., ZenohPort]
+
+
 @pytest.mark.parametrize("twice", [PLANT, CONTROLLER, RECORDER])
-def test_a_role_that_is_there_twice_is_refused_before_a_run(twice: str) -> None:
+def test_a_role_that_is_there_twice_is_refused_before_a_run(opened: Opened, twice: str) -> None:
     """One of the others sees both, whatever the order in which they came."""
     looks = RECORDER if twice == PLANT else PLANT
     a, b, c = (url(port) for port in free_ports(3))
-    looking = ZenohPort(looks, "twins", [a])
-    twins = [ZenohPort(twice, "twins", [where], [a]) for where in (b, c)]
-    try:
-        for port in twins:
-            port.liveliness.announce()
-        wait_for(lambda: len(looking.liveliness.alive[twice]) == 2)
-        with pytest.raises(BusError, match=f"2 processes are the {twice} on bus 'twins'"):
-            looking.liveliness.wait_for([twice], PATIENCE_S)
-    finally:
-        for port in (*twins, looking):
-            port.close()
+    looking = opened(looks, "twins", [a])
+    for where in (b, c):
+        opened(twice, "twins", [where], [a]).liveliness.announce()
+    wait_for(lambda: len(looking.liveliness.alive[twice]) == 2)
+    with pytest.raises(BusError, match=f"2 processes are the {twice} on bus 'twins'"):
+        looking.liveliness.wait_for([twice], PATIENCE_S)
+
+
+def heard(plant: ZenohPort, recorder: ZenohPort) -> None:
+    """What the plant says reaches the recorder."""
+    recorder.liveliness.announce()
+    plant.liveliness.wait_for([RECORDER], PATIENCE_S)
+    plant.publish(Envelope("truth", b"heard"))
+    assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
 
 
 class TestPresence:
@@ -64,23 +85,17 @@ class TestPresence:
         with pytest.raises(PeerLost, match="nothing came"):
             zenoh[RECORDER].receive(ABSENCE_S, "more")
 
-    def test_a_role_that_left_before_the_start_may_come_again(self) -> None:
-        ports = free_ports(2)
-        plant = ZenohPort(PLANT, "again", [url(ports[0])])
-        try:
-            first = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            first.liveliness.announce()
-            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
-            first.close()
-            assert plant.liveliness.wait_until_gone(RECORDER, PATIENCE_S)
-            recorder = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            recorder.liveliness.announce()
-            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
-            plant.publish(Envelope("truth", b"heard"))
-            assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
-            recorder.close()
-        finally:
-            plant.close()
+    def test_a_role_that_left_before_the_start_may_come_again(self, opened: Opened) -> None:
+        here, there = map(url, free_ports(2))
+        plant, first = (
+            opened(PLANT, "again", [here]),
+            opened(RECORDER, "again", [there], [here]),
+        )
+        first.liveliness.announce()
+        plant.liveliness.wait_for([RECORDER], PATIENCE_S)
+        first.close()
+        assert plant.liveliness.wait_until_gone(RECORDER, PATIENCE_S)
+        heard(plant, opened(RECORDER, "again", [there], [here]))
 
     def test_a_role_leaves_with_or_without_confirming_completion(
         self, zenoh: dict[str, ZenohPort]
@@ -146,40 +161,31 @@ class TestPresence:
         with pytest.raises(KeyboardInterrupt):
             zenoh[PLANT].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
 
-    def test_waiting_names_who_is_missing(self) -> None:
-        ports = free_ports(2)
-        plant = ZenohPort(PLANT, "lonely", [url(ports[0])])
-        recorder = ZenohPort(RECORDER, "lonely", [url(ports[1])], [url(ports[0])])
-        try:
-            recorder.liveliness.announce()
-            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
-            with pytest.raises(PeerLost) as caught:
-                plant.liveliness.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
-            assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
-            assert "recorder" not in str(caught.value)
-        finally:
-            plant.close()
-            recorder.close()
+    def test_waiting_names_who_is_missing(self, opened: Opened) -> None:
+        here, there = map(url, free_ports(2))
+        plant = opened(PLANT, "lonely", [here])
+        opened(RECORDER, "lonely", [there], [here]).liveliness.announce()
+        plant.liveliness.wait_for([RECORDER], PATIENCE_S)
+        with pytest.raises(PeerLost) as caught:
+            plant.liveliness.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
+        assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
+        assert "recorder" not in str(caught.value)
 
-    def test_runs_of_other_names_are_not_heard(self) -> None:
-        ports = free_ports(3)
-        recorder = ZenohPort(RECORDER, "mine", [url(ports[0])])
+    def test_runs_of_other_names_are_not_heard(self, opened: Opened) -> None:
+        here, *others = map(url, free_ports(3))
+        recorder = opened(RECORDER, "mine", [here])
         plants = [
-            ZenohPort(PLANT, name, [url(port)], [url(ports[0])])
-            for name, port in zip(["other", "mine"], ports[1:], strict=True)
+            opened(PLANT, name, [where], [here])
+            for name, where in zip(["other", "mine"], others, strict=True)
         ]
-        try:
-            for plant in plants:
-                plant.liveliness.announce()
-            recorder.liveliness.wait_for([PLANT], PATIENCE_S)
-            for plant in plants:
-                plant.publish(Envelope("truth", plant.name.encode()))
-            assert recorder.receive(PATIENCE_S, "truth").payload == b"mine"
-            with pytest.raises(PeerLost, match="nothing came"):
-                recorder.receive(ABSENCE_S, "more")
-        finally:
-            for port in (*plants, recorder):
-                port.close()
+        for plant in plants:
+            plant.liveliness.announce()
+        recorder.liveliness.wait_for([PLANT], PATIENCE_S)
+        for plant in plants:
+            plant.publish(Envelope("truth", plant.name.encode()))
+        assert recorder.receive(PATIENCE_S, "truth").payload == b"mine"
+        with pytest.raises(PeerLost, match="nothing came"):
+            recorder.receive(ABSENCE_S, "more")
 
 
 class TestLargeMessages:
@@ -243,28 +249,24 @@ class TestEndpoints:
             counts.append(psutil.Process().num_fds())
         assert counts[-1] <= counts[1]
 
-    def test_a_configuration_file_without_endpoints_opens_none(self, tmp_path: Path) -> None:
+    def test_a_configuration_file_without_endpoints_opens_none(
+        self, opened: Opened, tmp_path: Path
+    ) -> None:
         """zenoh's own default would be every interface."""
         file = tmp_path / "bus.json5"
         file.write_text("{ transport: { link: { tx: { lease: 4000 } } } }")
         before = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
-        plant = ZenohPort(PLANT, "filed", [], config_file=file)
-        try:
-            after = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
-        finally:
-            plant.close()
+        opened(PLANT, "filed", [], config_file=file)
+        after = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
         assert after == before
 
-    def test_a_port_in_use_gives_a_sentence(self) -> None:
-        [number] = free_ports(1)
-        first = ZenohPort(PLANT, "taken", [url(number)])
-        try:
-            with pytest.raises(BusError) as caught:
-                ZenohPort(CONTROLLER, "taken", [url(number)])
-        finally:
-            first.close()
+    def test_a_port_in_use_gives_a_sentence(self, opened: Opened) -> None:
+        [where] = map(url, free_ports(1))
+        opened(PLANT, "taken", [where])
+        with pytest.raises(BusError) as caught:
+            ZenohPort(CONTROLLER, "taken", [where])
         sentence = str(caught.value)
-        assert f"controller cannot open the bus at {url(number)}: is the port in use?" in sentence
+        assert f"controller cannot open the bus at {where}: is the port in use?" in sentence
         assert "\n" not in sentence
         assert ".rs" not in sentence  # zenoh adds where it says so in its own source
 
@@ -272,20 +274,12 @@ class TestEndpoints:
         with pytest.raises(BusError, match="plant cannot open the bus at"):
             ZenohPort(PLANT, "wrong", ["pigeon/1"])
 
-    def test_a_configuration_file_gives_the_endpoints(self, tmp_path: Path) -> None:
-        numbers = free_ports(2)
+    def test_a_configuration_file_gives_the_endpoints(self, opened: Opened, tmp_path: Path) -> None:
+        here, there = map(url, free_ports(2))
         file = tmp_path / "bus.json5"
-        file.write_text(f'{{ listen: {{ endpoints: ["{url(numbers[0])}"] }} }}')
-        plant = ZenohPort(PLANT, "filed", [], config_file=file)
-        recorder = ZenohPort(RECORDER, "filed", [url(numbers[1])], [url(numbers[0])])
-        try:
-            recorder.liveliness.announce()
-            plant.liveliness.wait_for([RECORDER], PATIENCE_S)
-            plant.publish(Envelope("truth", b"heard"))
-            assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
-        finally:
-            plant.close()
-            recorder.close()
+        file.write_text(f'{{ listen: {{ endpoints: ["{here}"] }} }}')
+        plant = opened(PLANT, "filed", [], config_file=file)
+        heard(plant, opened(RECORDER, "filed", [there], [here]))
 
     @pytest.mark.parametrize(
         ("content", "why"),
@@ -326,7 +320,7 @@ class TestCompiling:
     def test_one_that_never_ends_is_named(
         self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("hertzloop.bus.liveliness.LONGEST_S", ABSENCE_S)
+        monkeypatch.setattr("hertzloop.bus.compiling.LONGEST_S", ABSENCE_S)
         zenoh[CONTROLLER].compiling(True)
         said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
         with pytest.raises(PeerLost, match=said):

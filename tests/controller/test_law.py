@@ -36,49 +36,12 @@ ROWS = {
         [0, 0, 1, 1, 1, 1, 1, 1, 3, 3, 3, 3, 3],
         [0, 0, 4, 4, 0, 0, 0, 0, 4, 32, 108, 108, 0],
     ),
-    "slope equal to the threshold is not above it": (
-        replace(SLOPE, v_thr_m_s=-3.0),
-        [2, -1, -4, -6, 1],
-        "IWWAA",
-        [0, 0, 0, 2, 2],
-        [0, 0, 0, 4, 32],
-    ),
-    "no slope is known at the first sample of the run": (
-        replace(SLOPE, v_thr_m_s=-5.0),
-        [-1, -4, 1],
-        "WAA",
-        [0, 1, 1],
-        [0, 4, 32],
-    ),
-    "new contact while the old one still acts": (
-        # Contact is lost at sample 5 and comes back at 6; the delayed samples reach the gap
-        # at 8, from then on the new contact is watched, with its own start.
-        SLOPE,
-        [1, -1, -4, -9, -9, 1, -4, -1, -1, -1, 1, 1, 1, 1],
-        "IWWWAAAAWAAAAI",
-        [0, 0, 0, 0, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3],
-        [0, 0, 0, 0, 4, 32, 108, 108, 0, 32, 4, 4, 4, 0],
-    ),
-    "a value at the contact level is contact": (
-        replace(SLOPE, contact_level=-1.0),
-        [0, -1, -1, -0.5, 0],
-        "IWAAI",
-        [0, 0, 1, 1, 1],
-        [0, 0, 4, 4, 0],
-    ),
     "constant force, spent until the contact ends": (
         CONSTANT,
         [1, -1, -1, -1, -1, 1, -1, -1],
         "IAASSIAA",
         [0] * 8,
         [0, 5, 5, 0, 0, 0, 5, 5],
-    ),
-    "profile is not started again by a contact that it outlasts": (
-        PROFILE,
-        [1, -1, 1, -1, -1, 1, -1],
-        "IAAASIA",
-        [0] * 7,
-        [0, 0, 2, -3, 0, 0, 0],
     ),
     "off": (replace(SLOPE, law="off"), [1, -1, -4, -4, 1], "IIIII", [0] * 5, [0] * 5),
 }

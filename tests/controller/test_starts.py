@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.controller import SignalPath
-from hertzloop.controller.loading.compiled import state_of
+from hertzloop.controller.loading.records import state_of
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.sensors.acquisition import Sensor, SensorSpec
 from tests.controller.drive import make
@@ -34,8 +34,8 @@ def test_random_numbers_are_those_of_all_earlier_runs() -> None:
     def numbers(stream: int) -> np.random.Generator:
         return np.random.Generator(np.random.Philox(key=[7, stream]))
 
-    noise = Sensor(SensorSpec(noise_rms=2.0), 1e-6, 50, seed=7).model.noise
-    assert np.array_equal(noise, 2.0 * numbers(1).standard_normal(50))
+    noise = Sensor(SensorSpec(noise_rms=2.0, every_steps=2), 1e-6, 50, seed=7).model.noise
+    assert np.array_equal(noise, 2.0 * numbers(1).standard_normal(25))
     both = SignalPath(jitter_steps=5, drop_out_probability=0.3)
     line = make(CONSTANT, both, 50, seed=7, after=0).line
     assert np.array_equal(line.added_steps, numbers(2).integers(0, 6, 50))

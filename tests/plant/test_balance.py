@@ -1,18 +1,27 @@
 """The balance of energy and momentum: closed to rounding, and open as soon as anything is wrong."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
+from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.elastic_kernels import M0
+from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.collocation_kernels import STORED
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED, MODAL_DISSIPATED
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.solid_plate import SolidPlate
+from hertzloop.plant.time_series import series_under
 from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
+from tests.tiers import default
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.
 CLOSED = 1e-10
@@ -29,7 +38,7 @@ SCENES = {
     "start in contact": ("aluminium-20mm", ["run.lead_in_s=0", "run.duration_s=0.012"]),
     "end in contact": ("aluminium-20mm", ["run.duration_s=0.0013", "controller.law=off"]),
     "long steps": ("aluminium-20mm", ["run.step_ns=20000"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -56,20 +65,76 @@ def test_the_balance_closes(name: str) -> None:
         assert abs(balance.injected_j) > 1e-3 * balance.energy_start_j  # the actuator did act
 
 
-def test_the_balance_closes_for_a_random_force_on_a_damped_plate() -> None:
-    # Flights, contacts and pushes of every length follow each other.
+STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+SOFT = Limit(0.3e9, 0.003)
+VISCOUS, HUNT_CROSSLEY, YIELDS, YIELDS_VISCOUS, YIELDS_HUNT_CROSSLEY = (
+    Contact(STIFFNESS, **changes)
+    for changes in (
+        {"viscous_n_s_m": 2.0},
+        {"hunt_crossley_s_m": 0.5},
+        {"limit": SOFT},
+        {"viscous_n_s_m": 2.0, "limit": SOFT},
+        {"hunt_crossley_s_m": 0.5, "limit": SOFT},
+    )
+)
+ALL_OF_IT = Actuator(1e5, 0.3, mass_kg=1e-3, force_limit_n=40.0, preload_n=-6.0)
+TAIL = {"residual_flexibility": True, "damped_residual": True}
+SOLID = {"plate": SolidPlate(spec().plate), "residual_flexibility": True, "frequency_limit_hz": 2e5}
+# What a plant may have, as fields of its description.
+PARTS: dict[str, dict[str, Any]] = {
+    "elastic": {},
+    "viscous": {"contact": VISCOUS},
+    "hunt_crossley": {"contact": HUNT_CROSSLEY},
+    "limited actuator": {"actuator": Actuator(force_limit_n=15.0)},
+    "actuator with mass": {"actuator": Actuator(mass_kg=3e-3)},
+    "slow actuator": {"actuator": Actuator(5e3, 0.3, force_limit_n=8.0)},
+    "preloaded actuator": {"actuator": Actuator(preload_n=6.0)},
+    "full actuator": {"actuator": ALL_OF_IT},
+    "yields": {"contact": YIELDS},
+    "yields, viscous, full actuator": {"contact": YIELDS_VISCOUS, "actuator": ALL_OF_IT},
+    "yields, hunt_crossley": {"contact": YIELDS_HUNT_CROSSLEY},
+    "air": {"radiating_faces": 1, "residual_flexibility": True},
+    "air on two faces, all parts": {
+        "radiating_faces": 2,
+        "residual_flexibility": True,
+        "contact": YIELDS_HUNT_CROSSLEY,
+        "actuator": ALL_OF_IT,
+    },
+    "damped mode": TAIL,
+    "damped mode, hunt_crossley": TAIL | {"contact": HUNT_CROSSLEY},
+    "damped mode, viscous": TAIL | {"contact": VISCOUS},
+    "damped mode, yields, viscous": TAIL
+    | {"contact": YIELDS_VISCOUS, "actuator": Actuator(bandwidth_hz=2e5)},
+    "solid": SOLID,
+    "solid, yields": SOLID | {"contact": YIELDS},
+}
+
+
+@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
+@pytest.mark.parametrize("name", default(PARTS, ["elastic"]))
+def test_the_balance_closes_at_any_step_under_random_pushes(name: str, step_us: float) -> None:
+    """Flights, contacts and pushes of every length follow each other."""
     random = np.random.default_rng(11)
-    force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
-    for beside in (None, (0.3, 0.21)):
-        plant = CollocationPlant(
-            spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4)
+    force = np.repeat(60.0 * random.standard_normal(25) * (random.random(25) < 0.5), 40)
+    parts = {"frequency_limit_hz": min(40e3, 0.45e6 / step_us)} | PARTS[name]
+    springs = (
+        [parts.pop("residual_flexibility")] if "residual_flexibility" in parts else (True, False)
+    )
+    for beside, sprung in product((None, (0.3, 0.21)), springs):
+        what = spec(
+            step_s=step_us * 1e-6, loss_factor=0.02, actuator_point_m=beside, drop_height_m=2e-3
         )
-        run(plant, len(force), force)
-        balance = plant.close_balance()
+        plant = CollocationPlant(replace(what, residual_flexibility=sprung, **parts))
+        series_under(plant, force)
+        balance, had = plant.close_balance(), plant.spec
         assert balance.contact_steps > 0
-        assert balance.modal_dissipated_j > 0.1 * abs(balance.injected_j)
-        assert abs(balance.energy_residual) < CLOSED
-        assert abs(balance.momentum_residual) < CLOSED
+        assert abs(balance.energy_residual) < 1e-11
+        assert abs(balance.momentum_residual) < 1e-11
+        assert balance.modal_dissipated_j > 0.0
+        assert (balance.contact_dissipated_j > 0.0) == had.contact.has_damper
+        assert (balance.plastic_dissipated_j > 0.0) == (had.contact.limit is not None)
+        assert (balance.air_dissipated_j > 0.0) == (had.radiating_faces > 0)
+        assert (balance.truncated_dissipated_j > 0.0) == had.damped_residual
 
 
 FAULT = 1e-4
@@ -110,9 +175,15 @@ def forgotten_injection(plant: Plant) -> None:
 
 
 FAULTS = [
-    none, stronger_force, moved_sphere, moved_plate, more_stored, weaker_plate,
-    less_dissipation, forgotten_injection,
-]  # fmt: skip
+    none,
+    stronger_force,
+    moved_sphere,
+    moved_plate,
+    more_stored,
+    weaker_plate,
+    less_dissipation,
+    forgotten_injection,
+]
 
 
 @pytest.mark.parametrize("fault", FAULTS)

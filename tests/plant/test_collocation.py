@@ -73,19 +73,6 @@ def test_gap_converges_as_the_fourth_power_of_the_step(case: str) -> None:
     assert errors[2] < 1e-4
 
 
-@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0, 1000.0])
-@pytest.mark.parametrize("residual", [False, True])
-def test_energy_and_momentum_are_kept_at_any_step(step_us: float, residual: bool) -> None:
-    what = spec(step_s=step_us * 1e-6, loss_factor=0.0, limit_hz=30e3)
-    plant = CollocationPlant(replace(what, residual_flexibility=residual))
-    gaps(plant, lambda _: 0.0, 2000)
-    balance = plant.close_balance()
-    assert balance.contact_steps > 0
-    assert abs(balance.energy_residual) < 1e-11
-    assert abs(balance.momentum_residual) < 1e-11
-    assert balance.modal_j + balance.kinetic_j + balance.gravity_j > 0.0
-
-
 @settings(max_examples=100, deadline=None)
 @given(
     st.floats(-8, -3),

@@ -6,7 +6,7 @@ import pytest
 
 from hertzloop.plant.contact.hertz import Sphere, hertz_stiffness
 from hertzloop.plant.contact.yielding import softer, strength
-from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates import criteria
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.plant.structures.plate import Plate
 

@@ -21,7 +21,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import as_rerun, scene3d, viewer
 from hertzloop.recordings.replay.replay_data import check_replayable, prepare
-from hertzloop.recordings.replay.viewer import screenshot
+from hertzloop.recordings.replay.screenshot import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
 from hertzloop.views import replaying

@@ -9,7 +9,7 @@ from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.replay import spectrum, viewer
+from hertzloop.recordings.replay import live, spectrum
 from hertzloop.recordings.replay.contacts import ContactSpan
 from hertzloop.recordings.replay.plots import LATE, plots
 
@@ -72,7 +72,7 @@ def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
     rest = {name: np.zeros(3) for name in ("f_c_n", "f_a_n", "v_p_m_s")}
     block = TruthBlock(first_step=1000, step_ns=500)
     shown = SentData()
-    sent = viewer.send_block(shown, codec.encode(block, xi_m=gap, **rest))
+    sent = live.send_block(shown, codec.encode(block, xi_m=gap, **rest))
     times, values = shown.columns["live/gap/xi"]
     assert times == [500_000, 500_500, 501_000]
     np.testing.assert_allclose(values, [3.0, -2.0, 1.0])

@@ -74,20 +74,6 @@ class TestByTheMcapLibrary:
                     expected = 0 if topic in ("/hello", "/law") else STEPS * STEP_NS
                 assert message.log_time == expected
 
-    @pytest.mark.parametrize(
-        ("topic", "name", "every"),
-        [("/truth", "xi_m", 1), ("/force", "force_n", 1), ("/daq", "value", 2)],
-    )
-    def test_every_step_exactly_once(
-        self, decoded: dict[str, list[Any]], topic: str, name: str, every: int
-    ) -> None:
-        steps: list[int] = []
-        for number, (_, _, message, content) in enumerate(decoded[topic]):
-            count = len(getattr(content, name))
-            steps += range(content.first_step, content.first_step + every * count, every)
-            assert message.sequence == content.sequence == number
-        assert steps == list(range(0, STEPS, every))
-
     def test_the_embedded_schemas_have_every_field(self, decoded: dict[str, list[Any]]) -> None:
         ours = {stream.topic: stream.message.DESCRIPTOR for stream in STREAMS.values()}
         for topic, items in decoded.items():

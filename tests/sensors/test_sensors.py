@@ -109,24 +109,6 @@ def test_noise_of_a_seed_is_the_same_in_every_version() -> None:
     )
 
 
-def test_noise_is_white_of_the_right_size_and_repeats_with_its_seed() -> None:
-    steps = 200_000
-    spec = SensorSpec(noise_rms=3.0, every_steps=2)
-    noise = Sensor(spec, STEP_S, steps, seed=4).model.noise
-    n = len(noise)
-    assert n == steps // 2
-    assert np.array_equal(noise, Sensor(spec, STEP_S, steps, seed=4).model.noise)
-    assert not np.any(noise == Sensor(spec, STEP_S, steps, seed=5).model.noise)
-    # Five standard errors of each estimate (the seed is fixed: no chance of a rare failure).
-    assert noise.std() == pytest.approx(3.0, rel=5.0 / math.sqrt(2 * n))
-    assert noise.mean() == pytest.approx(0.0, abs=5.0 * 3.0 / math.sqrt(n))
-    for lag in (1, 2, 10):
-        assert abs(np.mean(noise[lag:] * noise[:-lag])) < 5.0 * 9.0 / math.sqrt(n)
-    # Gaussian: 4.55 % lie beyond two standard deviations.
-    beyond = np.mean(abs(noise) > 6.0)
-    assert beyond == pytest.approx(0.0455, abs=5.0 * math.sqrt(0.0455 / n))
-
-
 def test_noise_comes_before_the_converter() -> None:
     clean = run()[1]
     noisy = run("sensors.noise_rms=1e-6")[1]

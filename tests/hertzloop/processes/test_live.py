@@ -5,7 +5,6 @@ import signal
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hertzloop.loop.in_process import record_in_process
@@ -26,17 +25,6 @@ from tests.ports import free_ports
 
 RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-
-
-def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
-    values = np.zeros(1000)
-    values[[17, 801]] = -3.0, 5.0
-    chosen = viewer.extremes_of(values)
-    assert {17, 801} <= set(chosen.tolist())
-    assert len(chosen) <= 8
-    long = np.tile(values, 10)  # a fast plant's blocks are as long; each thousand steps count
-    assert {17 + 1000 * i for i in range(10)} <= set(viewer.extremes_of(long).tolist())
-    assert viewer.extremes_of(np.array([2.0])).tolist() == [0]
 
 
 @pytest.mark.full

@@ -14,7 +14,7 @@ import pytest
 import hertzloop
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics import truth_kernels
+from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
@@ -221,9 +221,9 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> No
 
 def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0) -> list[int]:
     """Where an impact ends and whether it is over, 3 steps of silence being enough."""
-    impact = truth_kernels.new_follower(3, line)
-    truth_kernels.follow_steps(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
-    return [int(impact.counts[i]) for i in (truth_kernels.END, truth_kernels.OVER)]
+    impact = impact_kernels.new_follower(3, line)
+    impact_kernels.follow_steps(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
+    return [int(impact.counts[i]) for i in (impact_kernels.END, impact_kernels.OVER)]
 
 
 def test_an_impact_is_over_with_its_last_force_or_the_next_contact() -> None:
