@@ -24,7 +24,6 @@ from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
 from hertzloop.results.stability import Stability, StabilityAccumulator
 from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
-from hertzloop.scene import model_error
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
@@ -181,7 +180,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
     for most_s in (_SOON * quiet * setup.step_s, math.inf):
-        lasts_s = model_error.infinite_plate_lasts_s(setup, most_s)
+        lasts_s = setup.infinite_plate.lasts_s(most_s)
         steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet
