@@ -34,7 +34,7 @@ from hertzloop.identification.modes.measured_modes import prediction_errors
 from hertzloop.identification.modes.universal_file import Points
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.setup import load
 
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"

@@ -27,7 +27,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene import model_error
 from hertzloop.scene.setup import Setup, load
 

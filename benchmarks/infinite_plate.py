@@ -23,7 +23,6 @@ from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
-from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup, load
 
@@ -94,7 +93,7 @@ def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
 def outcome(number: int, setup: Setup, request: float) -> Outcome:
     """Follow a scene on the infinite plate as long as it is offered, then on the modes."""
     setup = setup.vary({"run.accuracy": request})
-    lasts_s = model_error.infinite_plate_lasts_s(setup)
+    lasts_s = setup.infinite_plate.lasts_s()
     about = (
         number,
         setup.plate_material,

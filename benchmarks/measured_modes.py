@@ -23,7 +23,7 @@ from hertzloop.identification.modes.response_rows import real_rows
 from hertzloop.identification.modes.universal_file import RESPONSES, Points
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.setup import load
 
 _NOISE = 1e-3

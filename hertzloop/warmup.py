@@ -20,7 +20,6 @@ from hertzloop.common.jit.progress import report_functions
 from hertzloop.common.jit.storage import all_written, types_digest
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.processes.signals import end_with_parent
-from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor, free_series
 from hertzloop.scene.controller import bound_law, build_controller
 from hertzloop.scene.toml import to_toml
@@ -189,12 +188,12 @@ def _plant_of_loop(setup: "Setup") -> None:
     from hertzloop.loop.simulate import simulate
 
     simulate(setup)
-    model_error.infinite_plate_lasts_s(setup)
+    setup.infinite_plate.lasts_s()
 
 
 def _plant_of_results(setup: "Setup") -> None:
     next(free_series(setup))
-    model_error.infinite_plate_lasts_s(setup)
+    setup.infinite_plate.lasts_s()
 
 
 def _paced_plant(setup: "Setup") -> None:

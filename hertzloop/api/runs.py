@@ -17,18 +17,16 @@ from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.scene import Scene
-from hertzloop.scene.setup import Setup, resolve
+from hertzloop.scene.setup import Setup, parse, resolve
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from hertzloop.bus.messages_pb2 import EnergyBalance as EnergyBalance
-    from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
-    from hertzloop.recordings.recording import Event, Recording
+    from hertzloop.recordings.recording import Event
     from hertzloop.results.comparison import Comparison
     from hertzloop.results.metrics import RunResult
     from hertzloop.results.repeatability import NotRepeatable
@@ -59,7 +57,7 @@ class Run:
     noise: list[ImpactNoise]
     energy_residual: float
     momentum_residual: float
-    events: "list[Event]"
+    events: "list[Event]" = field(default_factory=list)
     path: Path | None = None
     pacing: dict[str, Any] | None = None
     note: str = ""
@@ -78,7 +76,7 @@ class Run:
         actuator force `f_a_n` (N, means of a step). Needs the extra `python`.
         """
         assert self._streams is not None
-        return labelled_arrays().truth_of(self._streams.columns, self._streams.step_s)
+        return labelled_arrays().truth_of(self._streams.columns, self._streams.setup.step_s)
 
     @cached_property
     def samples(self) -> "xr.DataArray":
@@ -87,9 +85,9 @@ class Run:
         Needs the extra `python`.
         """
         assert self._streams is not None
-        values, every_s = self._streams.values, self._streams.sample_s
-        label = sensed_label(self._streams.quantity)
-        return labelled_arrays().labelled(values, label, "sample", np.arange(len(values)) * every_s)
+        values, setup = self._streams.values, self._streams.setup
+        time_s = np.arange(len(values)) * (setup.every_steps * setup.step_s)
+        return labelled_arrays().labelled(values, sensed_label(setup.quantity), "sample", time_s)
 
     @cached_property
     def force(self) -> "xr.DataArray | None":
@@ -98,12 +96,11 @@ class Run:
         Needs the extra `python`.
         """
         assert self._streams is not None
-        values, step_s = self._streams.commanded, self._streams.step_s
+        values = self._streams.commanded
         if values is None:
             return None
-        return labelled_arrays().labelled(
-            values, FORCE_LABEL, "step", np.arange(len(values)) * step_s
-        )
+        time_s = np.arange(len(values)) * self._streams.setup.step_s
+        return labelled_arrays().labelled(values, FORCE_LABEL, "step", time_s)
 
     @cached_property
     def _result(self) -> "RunResult":
@@ -146,14 +143,12 @@ class Run:
 
 @dataclass(frozen=True)
 class _Streams:
-    """Arrays of a run and what labels them."""
+    """Arrays of a run."""
 
+    setup: Setup
     columns: Mapping[str, np.ndarray]
     values: np.ndarray
-    commanded: np.ndarray | None
-    quantity: str
-    step_s: float
-    sample_s: float
+    commanded: np.ndarray | None = None
 
 
 def labelled_arrays() -> Any:
@@ -178,11 +173,24 @@ def simulate(scene: AnyScene) -> Run:
     """
     from hertzloop.loop.plant_streams import truth_columns
     from hertzloop.loop.simulate import simulate as simulate_setup
+    from hertzloop.results.metrics import RunResult, metrics_of
 
     setup = resolved(scene)
     found = simulate_setup(setup)
-    columns = truth_columns(found.truth, setup, setup.plant.same_point)
-    return _run_from(setup, found.truth, columns, found.values, None, found.balance)
+    truth, balance = found.truth, found.balance
+
+    def compute_result() -> RunResult:
+        return RunResult(
+            metrics_of(setup, truth),
+            setup.law_reference,
+            model_error.expected_error(setup),
+            balance.injected_j,
+            balance.dent_m,
+            law_models_yield=setup.law_models_yield,
+        )
+
+    columns = truth_columns(truth, setup, setup.plant.same_point)
+    return _run_from(setup, truth, _Streams(setup, columns, found.values), balance, compute_result)
 
 
 def run(
@@ -214,8 +222,9 @@ def run(
         The run, as read from its recording.
 
     Raises:
-        SceneError: the scene cannot be run, or `pace` does not fit the other arguments.
-        ValueError: `note` is too long, or not one line of visible characters.
+        SceneError: the scene cannot be run, or not at this `pace`.
+        ValueError: `note` is too long, or not one line of visible characters; or two arguments
+            exclude each other.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.
         StreamFault: a message was lost, repeated or malformed.
@@ -229,7 +238,11 @@ def run(
     )
     setup = resolved(scene)
     if pace is not None:
-        _check_pace(setup, options)
+        from hertzloop.loop.paced import check_pace
+        from hertzloop.warmup import RUN, Work, ensure_compiled
+
+        check_pace(setup, pace, options.timeout_s)
+        ensure_compiled(setup, works=[*RUN, Work.PACED])  # a process that compiles answers nobody
     if recording is not None:
         record(setup, Path(recording), options, on_progress)
         return read(recording)
@@ -237,28 +250,6 @@ def run(
         path = Path(folder) / "run.mcap"
         record(setup, path, options, on_progress)
         return replace(read(path), path=None)
-
-
-def _check_pace(setup: Setup, options: "RunOptions") -> None:
-    """Raise SceneError for a run that cannot be by the wall clock."""
-    from hertzloop.loop.paced import check_pace
-    from hertzloop.loop.run_options import Transport
-    from hertzloop.warmup import RUN, Work, ensure_compiled
-
-    assert options.pace is not None
-    if options.transport is not Transport.ZENOH:
-        raise SceneError(
-            f"pace = {options.pace:g} needs processes of their own; transport = "
-            f"'{options.transport}' has none"
-        )
-    if options.horizon is not None:
-        raise SceneError(
-            f"horizon = {options.horizon} needs the lock-step; with a pace the plant waits for no "
-            "force"
-        )
-    check_pace(setup, options.pace, options.timeout_s)
-    # A process that compiles answers nobody.
-    ensure_compiled(setup, works=[*RUN, Work.PACED])
 
 
 def read(recording: str | Path) -> Run:
@@ -276,7 +267,11 @@ def read(recording: str | Path) -> Run:
     """
     from hertzloop.recordings.reader import read as read_recording
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.results.recorded import truth_of
+    from hertzloop.results.metrics import metrics_of
+    from hertzloop.results.recorded import law_of, pacing_of, truth_of
+    from hertzloop.results.recorded_result import recorded_result
+    from hertzloop.results.repeatability import why_not_repeatable
+    from hertzloop.views.run_json import pacing_as_json
 
     found = read_recording(Path(recording))
     if found.problems or found.balance is None:
@@ -284,67 +279,49 @@ def read(recording: str | Path) -> Run:
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
         )
     try:
-        scene = parse_scene(found.scene_toml)
+        setup = parse(found.scene_toml)
     except SceneError as error:
         words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
         raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
-    kept = {name: found.truth.arrays[name] for name in names}
-    return _run_from(resolve(scene), truth_of(found), kept, found.daq_values, found, found.balance)
+    columns = {name: found.truth.arrays[name] for name in names}
+    commanded = found.force.arrays.get("force_n", np.empty(0))
+    truth, law, pacing = truth_of(found), law_of(found), pacing_of(found)
+    return _run_from(
+        setup,
+        truth,
+        _Streams(setup, columns, found.daq_values, commanded),
+        found.balance,
+        lambda: recorded_result(setup, found, metrics_of(setup, truth), law, pacing),
+        events=found.events,
+        path=found.path,
+        pacing=pacing_as_json(pacing),
+        note=found.note,
+        _not_repeatable=why_not_repeatable(found),
+    )
 
 
 def _run_from(
     setup: Setup,
     truth: np.ndarray,
-    columns: Mapping[str, np.ndarray],
-    values: np.ndarray,
-    recording: "Recording | None",
+    streams: _Streams,
     balance: "Balance | EnergyBalance",
+    compute_result: Callable[[], "RunResult"],
+    **recorded: Any,
 ) -> Run:
+    """Return a run; `recorded`: the fields of `Run` that a recording has beside."""
     from hertzloop.results.impacts import impacts_of_truth
-    from hertzloop.results.metrics import RunResult, metrics_of
-    from hertzloop.results.recorded import law_of, pacing_of, stacked
-    from hertzloop.results.repeatability import why_not_repeatable
-    from hertzloop.results.verdict import saturation_of
-    from hertzloop.views.run_json import pacing_as_json
 
-    step_s = setup.step_s
     found = impacts_of_truth(setup, truth)
-    law, not_repeatable, saturation, pacing = setup.law_reference, None, None, None
-    if recording is not None:
-        law, not_repeatable = law_of(recording).scene_law or "", why_not_repeatable(recording)
-        saturation, pacing = saturation_of(recording.events), pacing_of(recording)
-
-    def compute_result() -> RunResult:
-        return RunResult(
-            metrics_of(setup, stacked(dict(columns))),
-            law,
-            model_error.expected_error(setup),
-            balance.injected_j,
-            balance.dent_m,
-            pacing is not None,
-            saturation,
-            setup.law_models_yield,
-        )
-
-    commanded = None
-    if recording is not None:
-        commanded = recording.force.arrays.get("force_n", np.empty(0))
     return Run(
         scene=setup.scene,
         impacts=[one.impact for one in found],
         noise=[one.noise for one in found],
         energy_residual=balance.energy_residual,
         momentum_residual=balance.momentum_residual,
-        events=recording.events if recording is not None else [],
-        path=recording.path if recording is not None else None,
-        pacing=pacing_as_json(pacing),
-        note=recording.note if recording is not None else "",
         _compute_result=compute_result,
-        _streams=_Streams(
-            columns, values, commanded, setup.quantity, step_s, setup.every_steps * step_s
-        ),
-        _not_repeatable=not_repeatable,
+        _streams=streams,
+        **recorded,
     )
 
 

@@ -36,7 +36,7 @@ def modes(scene: AnyScene) -> "xr.Dataset":
     Raises:
         SceneError: the scene has no modes or cannot be simulated.
     """
-    from hertzloop.results.deflection import modes_of_scene
+    from hertzloop.results.scene_modes import modes_of_scene
 
     return labelled_arrays().modes_of(modes_of_scene(resolved(scene)))
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from hertzloop.cli import options, outputs, prepare
-from hertzloop.cli.terminal import err, fail, out
+from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.common.jit.object_code import outline
 from hertzloop.common.optional_dependencies import need
 from hertzloop.recordings.reader import read
@@ -56,8 +56,7 @@ def export(
     for path in written:
         outputs.check_output(path, overwrite, read=[file])
     recording = read(file)
-    for problem in recording.problems:
-        err.say(f"{file}: {problem}")
+    say_problems(recording)
     samples = Samples(recording, export_labels(recording.scene_value("sensors", "quantity", "xi")))
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)

@@ -13,7 +13,7 @@ from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import StreamFault
 from hertzloop.cli import options, outputs, prepare
-from hertzloop.cli.terminal import err, fail, out
+from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import fork_server
@@ -26,7 +26,7 @@ from hertzloop.processes.controller_check import (
     run_case,
 )
 from hertzloop.processes.launcher import RunFailed
-from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
+from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.recorded import reported_law
@@ -134,8 +134,7 @@ def replay(
     keys = dict(parse_setting(text) for text in settings or [])
     setup = scene_with(recording, law, keys)
     found = replay_law(recording, setup)
-    for problem in recording.problems:
-        err.say(f"{file}: {problem}")
+    say_problems(recording)
     if note := loaded_law(setup).identity_note():
         err.say(note)
     law_used = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
@@ -178,20 +177,21 @@ def controller_test(
 
     The plant names the first thing that the program does wrong.
     """
-    run_options = RunOptions(name=name, timeout_s=timeout_s, controller=controller)
     if controller is None:
         fail("--controller: missing. Give the command line of your program.")
     check_command(controller)
+    run_options = RunOptions(
+        name=name_on_bus(controller, name), timeout_s=timeout_s, controller=controller
+    )
     cases = cases_of(law, settings or [])
     prepare.compile_first(*(case.setup for case in cases), works=[Work.EXCHANGE])
     fork_server.prepare()  # before anything starts a thread
-    bus_name = name or (None if "{name}" in controller else BUS_NAME)
     recordings: list[Recording] = []
     for case in cases:
         try:
             with meeting_endpoints(controller, port) as endpoints, own_folder() as folder:
-                meeting = replace(run_options, endpoints=endpoints, name=bus_name)
-                recordings.append(run_case(case, meeting, Path(folder)))
+                met = replace(run_options, endpoints=endpoints)
+                recordings.append(run_case(case, met, Path(folder)))
             if law:
                 compare_with_law(recordings[-1], case.setup)
             if case.horizon:

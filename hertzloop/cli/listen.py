@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from hertzloop.cli import options, outputs
-from hertzloop.cli.terminal import err, fail, out
+from hertzloop.cli.terminal import fail, out, say_problems
 from hertzloop.plant.metrics.sound import DIRECTIONS
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
@@ -60,8 +60,7 @@ def listen(
         fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.")
     outputs.check_json(json_file)
     recording = read(file, keep=True)
-    for problem in recording.problems:
-        err.say(f"{file}: {problem}")
+    say_problems(recording)
     outputs.make_folder(folder)
     try:
         data = write_sounds(recording, scene_of(recording), folder, at, slow, tail, energy)

@@ -4,7 +4,7 @@ import os
 from collections.abc import Collection
 from functools import cache
 
-from hertzloop.cli.terminal import err, fail, progress
+from hertzloop.cli.terminal import err, progress
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.law_trial import try_law
@@ -61,20 +61,9 @@ def check_law(setup: Setup) -> None:
 
 
 def check_pace(setup: Setup, options: RunOptions) -> None:
-    """End the command for an impossible pace, or for options that a paced run excludes."""
+    """Raise SceneError for an impossible pace."""
     if options.pace is None:
         return
-    need_lock_step = {
-        "horizon": options.horizon,
-        "verify": options.verify,
-        "repeat": options.repeat,
-    }
-    for name, value in need_lock_step.items():
-        if value:
-            fail(
-                f"--{name}: cannot be combined with --pace, which does not wait for forces. "
-                f"Remove one of the two."
-            )
     from hertzloop.loop import paced  # 0.05 s, which other runs save
 
     paced.check_pace(setup, options.pace, options.timeout_s)

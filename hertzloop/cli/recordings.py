@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hertzloop.cli import options, outputs
-from hertzloop.cli.terminal import err, fail, out
+from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
@@ -142,9 +142,8 @@ def compare(
         fail("--tolerance: cannot be combined with --metrics. Remove one of the two.")
     outputs.check_json(json_file, a, b)
     left, right = read(a), read(b)
-    for recording in (left, right):
-        for problem in recording.problems:
-            err.say(f"{recording.path}: {problem}")
+    say_problems(left)
+    say_problems(right)
     if metrics:
         _compare_metrics(left, right, json_file)
         return
@@ -250,9 +249,9 @@ def replay(
             "no screen is available. Write a picture with --screenshot F.png, or a file for the "
             "Rerun viewer with --save F.rrd."
         )
-    for one in (recording, compared) if compared else (recording,):
-        for problem in one.problems:
-            err.say(f"{one.path}: {problem}")
+    say_problems(recording)
+    if compared:
+        say_problems(compared)
     replaying.replay(recording, save, screenshot, compared, alone)
     for output in (save, screenshot):
         if output is not None:
@@ -322,8 +321,7 @@ def report(
 
     recording = read(source, keep=True)
     page = _page(source, folder, overwrite)
-    for problem in recording.problems:
-        err.say(f"{source}: {problem}")
+    say_problems(recording)
     try:
         _write(page, page_of(recording))
     except (RecordingError, SceneError) as error:

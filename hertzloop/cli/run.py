@@ -18,7 +18,7 @@ from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import fork_server
-from hertzloop.processes.program import BUS_NAME, check_command, meeting_endpoints
+from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess
@@ -133,31 +133,14 @@ def _checked(arguments: RunArguments) -> tuple[Setup, Path]:
     outputs.check_json(arguments.json_file, recording)
     if asked.verify:
         check_verifiable(setup)
-    _check_transport(asked, arguments.live)
+    if arguments.live and asked.transport is not Transport.ZENOH:
+        fail(f"--live: not available with --transport {asked.transport}. Use --transport zenoh.")
     if asked.controller is not None:
         check_command(asked.controller)
     prepare.check_pace(setup, asked)
     if repeated is not None:
         repeat_or_fail(repeated, setup)  # before three processes are started for nothing
     return setup, recording
-
-
-def _check_transport(asked: RunOptions, live: bool) -> None:
-    """End the command for options that need processes, with a transport that has none."""
-    if asked.transport is Transport.ZENOH:
-        return
-    need_processes = {
-        "live": live,
-        "pace": asked.pace,
-        "repeat": asked.repeat,
-        "controller": asked.controller,
-    }
-    for name, value in need_processes.items():
-        if value:
-            fail(
-                f"--{name}: not available with --transport {asked.transport}. Use --transport "
-                "zenoh."
-            )
 
 
 def _run(arguments: RunArguments, setup: Setup, recording: Path) -> RunReport:
@@ -183,7 +166,7 @@ def _meeting(arguments: RunArguments) -> Iterator[RunOptions]:
     with ExitStack() as stack:
         if run_options.controller:
             endpoints = stack.enter_context(meeting_endpoints(run_options.controller, port))
-            name = name or (None if "{name}" in run_options.controller else BUS_NAME)
+            name = name_on_bus(run_options.controller, name)
         elif port:
             endpoints = on_loopback([port, port + 1, port + 2])
         if arguments.live:

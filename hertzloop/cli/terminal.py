@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NoReturn, Protocol
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -14,6 +14,9 @@ from rich.text import Text
 from hertzloop.common.optional_dependencies import sentence_on
 from hertzloop.common.sanitize import visible
 from hertzloop.processes.signals import INTERRUPTED
+
+if TYPE_CHECKING:
+    from hertzloop.recordings.recording import Recording
 
 _LINE_S = 10.0  # between two lines on progress
 
@@ -64,6 +67,12 @@ def fail(sentence: str, code: int = 2) -> NoReturn:
     """
     err.say(Text.assemble(("error:", "red"), f" {sentence}"))
     raise typer.Exit(code)
+
+
+def say_problems(recording: "Recording") -> None:
+    """Print what is missing or damaged in a recording."""
+    for problem in recording.problems:
+        err.say(f"{recording.path}: {problem}")
 
 
 @contextmanager

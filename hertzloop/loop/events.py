@@ -72,8 +72,9 @@ class _LimitedEvents:
     The last event of a run states their number.
     """
 
-    def __init__(self, name: str, steps: int, step_ns: int) -> None:
-        self._name, self._steps, self._step_ns = name, steps, step_ns
+    def __init__(self, name: str, setup: Setup) -> None:
+        self._name, self._steps, self._step_ns = name, setup.steps, setup.step_ns
+        self._every = setup.every_steps
         self._found = 0
 
     def _published(self, found: Iterable[StepEvent], end: int) -> Iterator[Event]:
@@ -91,10 +92,10 @@ class _LimitedEvents:
 class PlantEvents(_LimitedEvents):
     """Contacts, saturation of the converter, and late forces."""
 
-    def __init__(self, step_ns: int, every_steps: int, quantity: str, steps: int = 0) -> None:
-        super().__init__("plant", steps, step_ns)
-        self._every, self._quantity = every_steps, quantity
-        self._late = LateForces(steps)
+    def __init__(self, setup: Setup) -> None:
+        super().__init__("plant", setup)
+        self._quantity = setup.quantity
+        self._late = LateForces(setup.steps)
         self._touching = self._clipped = False
         self._contacts = 0
 
@@ -140,8 +141,7 @@ class ControllerEvents(_LimitedEvents):
     """Changes of the law's mode, with the delay that was latched at the threshold."""
 
     def __init__(self, setup: Setup) -> None:
-        super().__init__("controller", setup.steps, setup.step_ns)
-        self._every = setup.every_steps
+        super().__init__("controller", setup)
         self._latches = loaded_law(setup).latches
         self._mode = IDLE
 

@@ -92,9 +92,7 @@ class PlantStreams:
         self.sensor = build_sensor(setup)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
         self.hello = hello(setup, self.plant.model.stiffness)
-        spec = self.sensor.spec
-        quantity = setup.quantity
-        self._events = PlantEvents(setup.step_ns, spec.every_steps, quantity, setup.steps)
+        self._events = PlantEvents(setup)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0
         self._every_s, self._next_s = every_s, 0.0  # no block is due before `_next_s`

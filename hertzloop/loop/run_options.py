@@ -68,7 +68,8 @@ class RunOptions:
         note: Text of the user for the recording, one line of at most LONGEST_NOTE characters.
 
     Raises:
-        OptionError: The name cannot be part of a key on the bus, or the note cannot be recorded.
+        OptionError: The name cannot be part of a key on the bus, the note cannot be recorded, or
+            two options exclude each other.
     """
 
     transport: Transport = Transport.ZENOH
@@ -89,6 +90,18 @@ class RunOptions:
         if self.name is not None:
             check_name(self.name)
         check_note(self.note)
+        for option in ("pace", "repeat", "controller"):
+            if getattr(self, option) and self.transport is not Transport.ZENOH:
+                raise OptionError(
+                    f"--{option}: not available with --transport {self.transport}. Use --transport "
+                    "zenoh."
+                )
+        for option in ("horizon", "verify", "repeat"):
+            if getattr(self, option) and self.pace is not None:
+                raise OptionError(
+                    f"--{option}: cannot be combined with --pace, which does not wait for forces. "
+                    "Remove one of the two."
+                )
 
 
 USUAL_RUN = RunOptions()

@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from hertzloop.scene.controller import loaded_law
@@ -55,29 +55,23 @@ _started = threading.Lock()
 _thread = threading.Thread()
 
 
+@contextmanager
 def watching(
     setup: Setup,
     progress: Callable[[], int],
     on_stuck: Callable[[str], None] = lambda sentence: None,
     what: str = "samples",
     patience_s: float | None = None,
-) -> AbstractContextManager[None]:
-    """Watch a run of a scene; those of shipped laws need no watching."""
-    if setup.law_is_shipped:
-        return nullcontext()
-    return watched(loaded_law(setup).name, progress, on_stuck, what, patience_s)
-
-
-@contextmanager
-def watched(
-    law: str,
-    progress: Callable[[], int],
-    on_stuck: Callable[[str], None] = lambda sentence: None,
-    what: str = "samples",
-    patience_s: float | None = None,
 ) -> Iterator[None]:
-    """End this process with exit code 1 and a sentence when `progress` stays the same for too
-    long; `on_stuck` can save what there is first. Needs kernels that release the interpreter."""
+    """End this process with exit code 1 and a sentence when `progress` of a run stays the same for
+    too long; `on_stuck` can save what there is first. Needs kernels that release the interpreter.
+
+    Runs of shipped laws are not watched.
+    """
+    if setup.law_is_shipped:
+        yield
+        return
+    law = loaded_law(setup).name
     run = _Run(law, progress, on_stuck, what, patience_s or PATIENCE_S)
     _runs.append(run)
     _ensure_watch()

@@ -24,6 +24,11 @@ def filled_in(command: str, name: str, endpoints: Sequence[str]) -> list[str]:
     return words
 
 
+def name_on_bus(command: str, name: str | None) -> str | None:
+    """Return the name of a run on the bus; None for a new one, which the command line passes on."""
+    return name or (None if "{name}" in command else BUS_NAME)
+
+
 def check_command(command: str) -> None:
     """Raise OptionError for a command line that cannot be started."""
     try:

@@ -1,13 +1,12 @@
 """One case of a sweep: a scene simulated in one compiled call, and its metrics."""
 
 import math
-from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from operator import attrgetter
 from types import SimpleNamespace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
 from hertzloop.results.stability import Stability, StabilityAccumulator
 from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
-from hertzloop.scene import model_error
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
@@ -35,13 +33,11 @@ Span = Literal["impact", "run"]
 # The other span, and both in words.
 OTHER: dict[Span, Span] = {"impact": "run", "run": "impact"}
 IN_WORDS: dict[Span, str] = {"impact": "in the first impact", "run": "over all contacts"}
-Result = TypeVar("Result")
 # After the lead-in, unless an impact is expected to last longer; four times as many until it is
 # over. A run that is over ends before.
 _FIRST_STEPS = 512
 _SLOWER = 4.0  # than on a rigid plate: as long as most contacts last
 _SOON = 2.0  # times the silence that ends an impact: until then most are over
-_FEW_BYTES = 1 << 18  # of truth, of which several cases fit a cache
 
 
 class CaseState(StrEnum):
@@ -182,7 +178,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
     for most_s in (_SOON * quiet * setup.step_s, math.inf):
-        lasts_s = model_error.infinite_plate_lasts_s(setup, most_s)
+        lasts_s = setup.infinite_plate.lasts_s(most_s)
         steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet
@@ -225,25 +221,6 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """
-    return together([case_in_parts(setup, span)])[0]
-
-
-def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
-    """Results of cases in parts, the same part of all in turn: what one runs is still in the
-    processor's caches when the next one does."""
-    found: dict[int, Result] = {}
-    while len(found) < len(cases):
-        for number, case in enumerate(cases):
-            if number not in found:
-                try:
-                    next(case)
-                except StopIteration as end:
-                    found[number] = end.value
-    return [found[number] for number in range(len(cases))]
-
-
-def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics]:
-    """`metrics_of_case`, which pauses between its parts unless its steps are many."""
     check_conserves(setup.scheme)
     try:
         setup, run = _follow(setup, span)
@@ -251,19 +228,12 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseMetrics
         # A loop that has run away for long enough commands what is no number any more.
         _bounded(setup, error.truth)
         raise
-    few = run.truth.nbytes <= _FEW_BYTES
-    if few:
-        yield
     found = _bounded(setup, run.truth)
     if not (all_finite(run.truth) and math.isfinite(run.balance.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its metrics would say nothing")
     metrics, impacts, end = _metrics(setup, span, run.truth)
-    if few:
-        yield
     left_out = _left_out(setup, run.truth[:, :end], [one.impact for one in impacts])
     free = uncontrolled(setup, span)
-    if few:
-        yield
     change = SimpleNamespace(**changes_db(metrics, free))
     case = _Case(setup, run, metrics, impacts[0], free, change, found, left_out)
     return CaseMetrics(*(take(case) for take in _TAKEN))

@@ -12,9 +12,8 @@ import numpy as np
 
 from hertzloop.plant.numerics import RIGID_RAD_S, phi
 from hertzloop.plant.plant import PlantSpec, air_eta
-from hertzloop.plant.schemes.collocation import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.plant.structures.structure import Structure, oscillator_shapes, oscillators
+from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.contacts import ContactSpan, Span, contacts_of
@@ -66,35 +65,25 @@ def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
     return numbers[largest > 1e-9]
 
 
-def _modes(
-    spec: PlantSpec,
-    omega: np.ndarray,
-    eta: float | np.ndarray,
-    scale: float,
-    at_contact: np.ndarray,
-    at_actuator: np.ndarray,
-    shapes: tuple[np.ndarray, ...],
-) -> PlateModes:
+def _plate_modes(spec: PlantSpec, modes: Modes, shapes: tuple[np.ndarray, ...]) -> PlateModes:
     """Modes that move as the plant's do; those above its limit stay at rest."""
-    h = spec.step_s
+    h, omega, eta = spec.step_s, modes.omega, modes.eta
     root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
     theta = np.maximum(omega, RIGID_RAD_S) * root
     s = theta * (1j - eta / (2.0 * root))
     x = s * h
-    grown = scale / theta * h * phi(1, x)
-    grown_1 = scale / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
+    grown = modes.scale_per_kg / theta * h * phi(1, x)
+    grown_1 = modes.scale_per_kg / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
     for by in (grown, grown_1):
         by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
     powers = np.exp(np.arange(_PIECE, -1, -1).reshape(-1, *(1,) * omega.ndim) * x)
-    return PlateModes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
+    return PlateModes(shapes, x, grown, grown_1, modes.at_contact, modes.at_actuator, powers)
 
 
-def separable_modes(
-    spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray, per_axis: int = MODES_PER_AXIS
-) -> PlateModes:
-    """Modes of a simply supported plate with both numbers up to `per_axis`."""
+def _separable_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
+    """Modes of a simply supported plate with both numbers up to MODES_PER_AXIS."""
     plate = spec.simply_supported
-    numbers = np.arange(1, per_axis + 1)
+    numbers = np.arange(1, MODES_PER_AXIS + 1)
     points = (spec.contact_point_m, spec.actuator_point_m)
     m, n = (
         _taking_part(numbers, *(p[axis] / plate.size_m[axis] for p in points)) for axis in (0, 1)
@@ -102,38 +91,35 @@ def separable_modes(
     mm, nn = np.meshgrid(m, n, indexing="ij")
     wave_number = (mm * np.pi / plate.size_m[0]) ** 2 + (nn * np.pi / plate.size_m[1]) ** 2
     omega = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2) * wave_number
-    shapes = (
-        np.sin(np.outer(x_m, m) * np.pi / plate.size_m[0]),
-        np.sin(np.outer(n, y_m) * np.pi / plate.size_m[1]),
-    )
-    return _modes(
-        spec,
+    modes = Modes(
         omega,
         plate.eta + air_eta(spec, omega),
         plate.modal_scale_per_kg,
         plate.mode_shape(mm, nn, points[0]),
         plate.mode_shape(mm, nn, points[1]),
-        shapes,
     )
+    shapes = (
+        np.sin(np.outer(x_m, m) * np.pi / plate.size_m[0]),
+        np.sin(np.outer(n, y_m) * np.pi / plate.size_m[1]),
+    )
+    return _plate_modes(spec, modes, shapes)
 
 
-def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
+def _edged_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
     """The lower modes of what has shapes of its own."""
-    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    plate, limit = spec.plate, 2.0 * np.pi * spec.frequency_limit_hz
     modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
     if len(modes.omega) > _MOST_MODES:
         limit = float(modes.omega[_MOST_MODES - 1])
         modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
     moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
-    return _modes(
-        spec,
-        modes.omega[moved],
-        modes.eta,
-        modes.scale_per_kg,
-        modes.at_contact[moved],
-        modes.at_actuator[moved],
-        (plate.on_grid(limit, x_m, y_m)[moved],),
+    moving = replace(
+        modes,
+        omega=modes.omega[moved],
+        at_contact=modes.at_contact[moved],
+        at_actuator=modes.at_actuator[moved],
     )
+    return _plate_modes(spec, moving, (plate.on_grid(limit, x_m, y_m)[moved],))
 
 
 def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -144,40 +130,29 @@ def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
     return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
 
 
-def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, PlateModes]:
-    """Grid and modes of a structure that has no shapes: it stays flat."""
-    limit = 2.0 * np.pi * spec.frequency_limit_hz
-    modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
-    flat = np.zeros((len(modes.omega), 3, 3))
-    return *_flat_grid(spec), _modes(
-        spec,
-        modes.omega,
-        modes.eta,
-        modes.scale_per_kg,
-        modes.at_contact,
-        modes.at_actuator,
-        (flat,),
-    )
-
-
-def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, PlateModes]:
-    """Grid and modes of a file; without a grid in it a small one that stays flat."""
-    if table.grid is None:
-        grid = _flat_grid(spec)
-        shapes = np.zeros((len(table.omega_rad_s), 3, 3))
-    else:
-        grid, shapes = table.grid[:2], table.grid[2]
+def _modes_of_file(spec: PlantSpec, table: ModeTable, shapes: np.ndarray) -> PlateModes:
+    """Modes of a file, with their shapes on its grid."""
     mass = np.sqrt(table.per_modal_mass_1_kg)
-    modes = _modes(
-        spec,
-        table.omega_rad_s,
-        table.loss_factor,
-        1.0,
-        mass * table.shape_contact,
-        mass * table.shape_actuator,
-        (mass[:, None, None] * shapes,),
-    )
-    return *grid, modes
+    at_contact, at_actuator = mass * table.shape_contact, mass * table.shape_actuator
+    modes = Modes(table.omega_rad_s, table.loss_factor, 1.0, at_contact, at_actuator)
+    return _plate_modes(spec, modes, (mass[:, None, None] * shapes,))
+
+
+def _grid_and_modes(
+    setup: Setup,
+) -> tuple[np.ndarray, np.ndarray, PlateModes] | None:
+    """Return the grid of a structure, and its modes; None for one without shapes."""
+    spec, structure = setup.plant, setup.plant.plate
+    if structure.mode_table is not None:
+        grid = structure.mode_table.grid
+        if grid is None:
+            return None
+        return *grid[:2], _modes_of_file(spec, structure.mode_table, grid[2])
+    if structure.size_m is None:
+        return None
+    x, y = axes(setup.size_m or (1.0, 1.0), spec.contact_point_m, NODES)
+    separable = structure.separable is not None
+    return x, y, (_separable_modes if separable else _edged_modes)(spec, x, y)
 
 
 def _under_force(modes: PlateModes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -210,6 +185,15 @@ def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
         speed = truth[V_P] if same else np.gradient(truth[XI_A], spec.step_s)
         forces[2, :-1] -= mass_kg * np.diff(speed) / spec.step_s
     return forces
+
+
+def refuse_third_mass(spec: PlantSpec, what: str) -> None:
+    """Raise SceneError for a sensor's mass beside contact and actuator."""
+    if spec.masses[1] > 0.0:
+        raise SceneError(
+            f"sensors.mass_kg = {spec.sensor_mass_kg:g}: at a point that is not the actuator's, "
+            f"{what}. Remove the key."
+        )
 
 
 def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
@@ -341,100 +325,30 @@ def deflection(
     setup: Setup,
     recording: Recording,
     frames: np.ndarray | None = None,
-    per_axis: int = MODES_PER_AXIS,
     contacts: Sequence[ContactSpan] | None = None,
 ) -> Deflection:
     """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording;
-    `contacts` if they are known.
+    `contacts` if they are known. A structure without shapes stays flat.
 
-    Modes beyond `per_axis` along an axis (or _MOST_MODES) are left out: they matter next to the
+    Modes beyond MODES_PER_AXIS along an axis (or _MOST_MODES) are left out: they matter next to the
     contact, and only while it lasts; after _MOST_PUSHED steps under force, those beyond the first
     _FEW. Raises SceneError if the recorded scene cannot be simulated.
     """
-    spec = setup.plant
+    spec, truth = setup.plant, recording.truth
     if frames is None:
-        found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
-        frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
-    contact, structure, known = spec.contact_point_m, spec.plate, True
-    if structure.mode_table is not None:
-        known = structure.mode_table.grid is not None
-        x, y, modes = _modes_of_file(spec, structure.mode_table)
-    elif structure.size_m is None:
-        known = False
-        x, y, modes = _without_shapes(spec)
-    else:
-        x, y = axes(setup.size_m or (1.0, 1.0), contact, NODES)
-        if structure.separable is None:
-            modes = _edged_modes(spec, structure, x, y)
-        else:
-            modes = separable_modes(spec, x, y, per_axis)
-    begin = int(recording.truth.step_at(0))
-    blocks = ((first - begin, truth) for first, truth in pieces_of(recording))
+        found = contacts_of(truth.pieces()) if contacts is None else contacts
+        frames = frame_steps(truth.samples, [(one.first, one.end) for one in found])
+    shaped = _grid_and_modes(setup)
+    if shaped is None:
+        times_ns, flat = truth.step_at(frames) * truth.step_ns, np.zeros((len(frames), 3, 3))
+        return Deflection(times_ns, *_flat_grid(spec), flat, spec.contact_point_m, False)
+    x, y, modes = shaped
+    begin = int(truth.step_at(0))
+    blocks = ((first - begin, steps) for first, steps in pieces_of(recording))
     states = _states(modes, force_blocks(spec, blocks), frames)
     if len(modes.shapes) == 2:
         w = modes.shapes[0] @ states @ modes.shapes[1]
     else:
         w = np.tensordot(states, modes.shapes[0], 1)
-    times_ns = recording.truth.step_at(frames[: len(states)]) * recording.truth.step_ns
-    return Deflection(times_ns, x, y, w, contact, known)
-
-
-_NODES = 441  # of the grid, about
-_GRID_MODES = 1200  # at most that many modes go onto a grid
-
-
-def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
-    """Return the modes that a scene's plant computes with, up to its limit: those of equal
-    frequency merged, without those that no force moves. With `grid`: their shapes on a grid, too.
-
-    The same run with them gives the same bytes. Raises SceneError.
-    """
-    spec = setup.plant
-    if spec.infinite_plate:
-        raise SceneError(
-            "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"
-        )
-    refuse_third_mass(spec, "its modes cannot be written")
-    limit = 2.0 * np.pi * spec.frequency_limit_hz
-    points = spec.contact_point_m, spec.actuator_point_m
-    try:
-        modes = oscillators(spec.plate, *points, limit, spec.sensor_point_m)
-    except ValueError as error:
-        raise SceneError(str(error)) from error
-    count = len(modes.omega)
-    return ModeTable(
-        modes.omega,
-        modes.eta + air_eta(spec, modes.omega),
-        np.full(count, modes.scale_per_kg),
-        modes.contact,
-        modes.actuator,
-        residual_m_n(spec),
-        _on_grid(spec, limit, count) if grid else None,
-        modes.sensor,
-    )
-
-
-def refuse_third_mass(spec: PlantSpec, what: str) -> None:
-    """Raise SceneError for a sensor's mass beside contact and actuator."""
-    if spec.masses[1] > 0.0:
-        raise SceneError(
-            f"sensors.mass_kg = {spec.sensor_mass_kg:g}: at a point that is not the actuator's, "
-            f"{what}. Remove the key."
-        )
-
-
-def _on_grid(
-    spec: PlantSpec, limit: float, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
-    if what.size_m is None:
-        if what.mode_table is not None:
-            raise SceneError("the modes come from a file. Use its own grid.")
-        raise SceneError(f"{what} has no shapes on a grid; leave out --grid")
-    if count > _GRID_MODES:
-        raise SceneError(
-            f"{count} modes are too many for shapes on a grid; the limit is {_GRID_MODES}. Use a "
-            "larger run.accuracy"
-        )
-    x, y = axes(what.size_m, points[0], _NODES)
-    return x, y, oscillator_shapes(what, *points, limit, what.on_grid(limit, x, y))
+    times_ns = truth.step_at(frames[: len(states)]) * truth.step_ns
+    return Deflection(times_ns, x, y, w, spec.contact_point_m, True)

@@ -19,7 +19,6 @@ from hertzloop.plant.estimates.model_order import (
 from hertzloop.plant.estimates.plate_theory import thickness_number
 from hertzloop.results.rounding import percent, pressure
 from hertzloop.results.run_context import RunContext
-from hertzloop.scene import model_error
 
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory
 
@@ -83,7 +82,7 @@ def _yields(f: RunContext, x: float) -> str:
 def _reflections(f: RunContext) -> str:
     """In the model unless the plate has no edges, and that costs more than is asked for."""
     missed = f.spec.infinite_plate and not (
-        model_error.infinite_plate_error_at(f.setup, f.end_s) <= f.setup.accuracy
+        f.setup.infinite_plate.error(f.end_s - f.setup.first_touch_s) <= f.setup.accuracy
     )
     return "" if missed else "reflections, as far as they are asked for"
 

@@ -91,7 +91,7 @@ def metrics_of(setup: Setup, truth: np.ndarray | Iterable[Block]) -> Metrics:
     blocks = [(0, truth)] if isinstance(truth, np.ndarray) else truth
     spec = setup.plant
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
-    extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(setup)
+    extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(spec)
     whole = WholeRunAccumulator(spec) if SCHEMES[setup.scheme].conserves else None
     for accumulator in (stable, asked, extremes, push, whole):
         blocks = accumulator.through(blocks) if accumulator else blocks

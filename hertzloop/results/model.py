@@ -16,7 +16,6 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
-from hertzloop.scene import model_error
 from hertzloop.scene.plate_model import NEAREST, wavelengths_to_edge
 from hertzloop.scene.setup import Setup
 
@@ -139,7 +138,7 @@ def chosen_model(setup: Setup) -> PlateModel | None:
     if not SCHEMES[setup.scheme].limits_modes:
         return None
     spec = setup.plant
-    lasts_s, local = model_error.infinite_plate_lasts_s(setup), spec.plate.local_plate
+    lasts_s, local = setup.infinite_plate.lasts_s(), spec.plate.local_plate
     return PlateModel(
         plate_model="infinite" if spec.infinite_plate else "modal",
         impedance_n_s_m=impedance_n_s_m(local) if local else None,

@@ -64,7 +64,7 @@ class StabilityAccumulator(Accumulator):
 
     def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        force = control_force_n(self.setup, truth)
+        force = control_force_n(self.spec, truth)
         truth_kernels.exchanged(
             first, force, truth[self._place], self.impact_j, self._sums, self._counts
         )

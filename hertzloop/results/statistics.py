@@ -13,16 +13,11 @@ from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
 from hertzloop.results.impacts import Block
-from hertzloop.scene.setup import Setup
 
 
-def control_force_n(setup: Setup, truth: np.ndarray) -> np.ndarray:
+def control_force_n(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     """Return the actuator's force beyond that without a command, N, of a time series,
     shape (10, steps)."""
-    return _commanded_n(setup.plant, truth)
-
-
-def _commanded_n(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     rest_n = rest_force_n(spec.actuator, spec.step_s)
     return np.asarray(truth[F_A] - rest_n if rest_n else truth[F_A])
 
@@ -76,7 +71,7 @@ class ExtremesAccumulator(Accumulator):
         force_n, actuator_n, deflection_m = truth_kernels.extremes(
             truth[F_C],
             truth[F_C1],
-            _commanded_n(self._spec, truth),
+            control_force_n(self._spec, truth),
             truth[F_A1],
             truth[XI_P],
         )
@@ -179,8 +174,8 @@ def _added(so_far: float, values: np.ndarray) -> float:
 class ForceTimingAccumulator(Accumulator):
     """Accumulates when the actuator acts, relative to the contacts."""
 
-    def __init__(self, setup: Setup) -> None:
-        self._setup, self._step_s = setup, setup.step_s
+    def __init__(self, spec: PlantSpec) -> None:
+        self._spec = spec
         self._apart = self._all = 0.0  # impulse while nothing touches, and all, in N steps
         self._touch: int | None = None
         self._push: int | None = None
@@ -188,7 +183,7 @@ class ForceTimingAccumulator(Accumulator):
     def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
         touching = truth[F_C] != 0.0
-        pushed = np.abs(control_force_n(self._setup, truth))
+        pushed = np.abs(control_force_n(self._spec, truth))
         if self._touch is None and touching.any():
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():
@@ -201,4 +196,4 @@ class ForceTimingAccumulator(Accumulator):
         if self._push is None:
             return None
         steps = math.nan if self._touch is None else self._push - self._touch
-        return ForceTiming(steps * self._step_s, self._apart / self._all)
+        return ForceTiming(steps * self._spec.step_s, self._apart / self._all)

@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.recordings.recording import Event, Recording
+from hertzloop.recordings.recording import Recording
 from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
-from hertzloop.results.metrics import Metrics, RunResult, Saturation, metrics_of
+from hertzloop.results.metrics import Metrics, RunResult, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import Predictability, errors_of, predictability
 from hertzloop.results.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
+from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
 from hertzloop.results.span_metrics import DECIBELS, change_db
 from hertzloop.scene.setup import Setup
@@ -174,20 +174,13 @@ def assess_recording(
         free: Metrics of the same run without control, None if it is that itself.
         not_repeatable: Why the closed loop cannot be simulated again, where that is so.
     """
-    balance, law = recording.balance, law_of(recording)
+    law = law_of(recording)
     metrics, pacing = metrics_of(setup, blocks_of(recording)), pacing_of(recording)
-    result = RunResult(
-        metrics,
-        law.scene_law,
-        balance.expected_error if balance else None,
-        injected_j=balance.injected_j if balance else 0.0,
-        dent_m=balance.dent_m if balance else 0.0,
-        late=pacing is not None,
-        saturation=saturation_of(recording.events),
-        law_models_yield=setup.law_models_yield,
-    )
+    result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(law, result, yield_of(balance), setup.accuracy, pacing, free, found)
+    return RunAssessment(
+        law, result, yield_of(recording.balance), setup.accuracy, pacing, free, found
+    )
 
 
 def assess(
@@ -308,24 +301,3 @@ def _reasons(result: RunResult, contact_s: float) -> Reasons:
         injected_j=result.injected_j if result.injected_j > 0.0 else None,
         dent_m=result.dent_m if mistaken else None,
     )
-
-
-def saturation_of(events: Iterable[Event]) -> Saturation | None:
-    """How often, and since when, samples were out of the converter's range where it matters, by a
-    recording's events: a gap during a contact, anything else at any time. None if never."""
-    since_ns: list[int] = []
-    touching = out = counted = of_gap = False
-    for event in events:
-        if event.name != "plant":
-            continue
-        kind = event.data.kind
-        if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
-            touching = kind == EventKind.CONTACT_BEGAN
-        elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
-            out, counted = kind == EventKind.RANGE_LEFT, False
-            of_gap = event.data.quantity == "xi"
-        matters = touching or not of_gap
-        if out and matters and not counted:
-            since_ns.append(event.time_ns)
-            counted = True
-    return Saturation(len(since_ns), since_ns[0] * 1e-9) if since_ns else None

@@ -112,7 +112,7 @@ def past_first_impact(setup: Setup, truth: np.ndarray) -> int | None:
         return None
     first, end = found.start, min(found.end + 2, truth.shape[1])
     after = truth[:, end : 2 * end - first]
-    pushed = np.abs(control_force_n(setup, truth))
+    pushed = np.abs(control_force_n(setup.plant, truth))
     small = _SMALL * pushed[first:end].max()
     over = np.flatnonzero((pushed[end : 2 * end - first] <= small) | (after[F_C] != 0.0))
     return end + (int(over[0]) if len(over) else after.shape[1])

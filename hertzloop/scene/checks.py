@@ -4,7 +4,8 @@ from functools import lru_cache
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.plant_checks import PlantTables, plant_problems
+from hertzloop.scene.plant_checks import plant_problems
+from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.tables import ActuatorTable, RunTable, SensorsTable
 
@@ -13,15 +14,18 @@ _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
 _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told apart
 
 
-def problems(plant: PlantTables, sensors: SensorsTable, control: ControllerTable) -> list[str]:
+def problems(
+    plant: PlantTables, sensors: SensorsTable, control: ControllerTable, run: RunTable
+) -> list[str]:
     """Sentences on values that are possible alone, but not together. Raises LawError."""
-    of_plate, of_run = plant_problems(plant)
-    found = list(of_plate)
-    found += _line_problems(control, plant.actuator, plant.run, control.whole_step_keys)
-    found += _quantity_problems(sensors, control)
-    found += of_run
-    found += _converter_problems(sensors, control)
-    return found
+    of_plate, of_run = plant_problems(plant, run)
+    return [
+        *of_plate,
+        *_line_problems(control, plant.actuator, run, control.whole_step_keys),
+        *_quantity_problems(sensors, control),
+        *of_run,
+        *_converter_problems(sensors, control),
+    ]
 
 
 def _quantity_problems(sensors: SensorsTable, control: ControllerTable) -> list[str]:
@@ -99,11 +103,11 @@ def _line_problems(
             f"run.duration_s = {run.duration_s:g} gives {steps} steps of run.step_ns = "
             f"{run.step_ns}. A run has 1 to {_MAX_STEPS} steps; change one of the two."
         )
-    for key in whole_step_keys:
-        value = getattr(control, key)
+    times_us = {f"controller.{key}": getattr(control, key) for key in whole_step_keys}
+    for key, value in (times_us | {"actuator.dead_time_us": actuator.dead_time_us or 0.0}).items():
         if abs(value * 1000 / run.step_ns - in_steps(value)) > 1e-9 * max(1.0, value):
             found.append(
-                f"controller.{key} = {value:g}: must be a whole number of steps. Give a multiple "
+                f"{key} = {value:g}: must be a whole number of steps. Give a multiple "
                 f"of {run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
             )
     late = control.latency_us > 0.0 and in_steps(control.latency_us) + 1 >= steps
@@ -116,11 +120,5 @@ def _line_problems(
         found.append(
             f"controller.latency_us = {control.latency_us:g}: has no effect beside "
             "controller.latency_trace. Leave one of them out"
-        )
-    dead_us = actuator.dead_time_us or 0.0
-    if abs(dead_us * 1000 / run.step_ns - in_steps(dead_us)) > 1e-9 * max(1.0, dead_us):
-        found.append(
-            f"actuator.dead_time_us = {dead_us:g}: must be a whole number of steps. Give a "
-            f"multiple of {run.step_ns / 1000:g} us"
         )
     return found

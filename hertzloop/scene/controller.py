@@ -76,18 +76,22 @@ def bound_law(setup: Setup, ahead: bool = True) -> BoundLaw:
         setup.accuracy,
     )
     table = setup.scene.controller
-    return _bound(_loaded_law(table), table, law_context(setup), setup.mechanics, free, ahead)
+    return _bound(loaded_law(setup), table, law_context(setup), setup.mechanics, free, ahead)
 
 
 def law_constants(setup: Setup) -> Any:
     """Return what the functions of the law know. Raises SceneError."""
-    return _constants(setup.scene.controller, law_context(setup), setup.mechanics)
+    keys = setup.scene.controller.keys
+    return _constants(loaded_law(setup), keys, law_context(setup), setup.mechanics)
 
 
 def loaded_law(setup: Setup) -> Law:
     """Return the law as it was found, without constants. Raises SceneError where a recording has
     outlived its law."""
-    return _loaded_law(setup.scene.controller)
+    try:
+        return setup.scene.controller.loaded_law
+    except LawError as error:
+        raise SceneError(str(error)) from error
 
 
 def law_flight_m(setup: Setup) -> float:
@@ -124,18 +128,17 @@ def _bound(
         SceneError: the law cannot be prepared for the run.
     """
     try:
-        return law.bound_to(_constants(table, about, mechanics), ahead)
+        return law.bound_to(_constants(law, table.keys, about, mechanics), ahead)
     except LawError as error:
         raise SceneError(str(error)) from error
 
 
-def _constants(table: ControllerTable, about: LawContext, mechanics: Mechanics) -> Any:
+def _constants(law: Law, keys: Any, about: LawContext, mechanics: Mechanics) -> Any:
     """Return what the functions of the law know. Raises SceneError if it refuses the run."""
-    law = _loaded_law(table)
     try:
-        if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, table.keys, about):
+        if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, keys, about):
             mechanics.local_plate  # noqa: B018 - says what is missing
-        return law.constants(table.keys, about)
+        return law.constants(keys, about)
     except LawError as error:
         raise SceneError(str(error)) from error
 
@@ -151,14 +154,6 @@ def _needs_impedance(law: Law, keys: Any, about: LawContext) -> bool:
         law.constants(keys, replace(about, impedance_n_s_m=tried)) for tried in _TRIED_N_S_M
     )
     return any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def _loaded_law(table: ControllerTable) -> Law:
-    """The law that a scene names. Raises SceneError."""
-    try:
-        return table.loaded_law
-    except LawError as error:
-        raise SceneError(str(error)) from error
 
 
 def build_idle_controller() -> Controller:

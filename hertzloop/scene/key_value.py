@@ -21,7 +21,7 @@ def value_of_key(setup: Setup, key: str) -> Any:
     if key == "contact.stiffness_factor":
         return setup.scene.contact.stiffness_factor or 1.0
     if table in ("plate", "sphere") and last.startswith("material."):
-        body: Any = "plate" if table == "plate" else "sphere"
-        name = last.partition(".")[2]
-        return getattr(setup.scene.material(body), _MATERIAL_KEYS.get(name, name), None)
+        tables, name = setup.scene.plant_tables, last.partition(".")[2]
+        material = tables.plate_material if table == "plate" else tables.striker_material
+        return getattr(material, _MATERIAL_KEYS.get(name, name), None)
     return getattr(getattr(setup.scene, table, None), last, None)

@@ -28,16 +28,9 @@ from hertzloop.plant.structures.registry import Description, structure
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.materials import find_material
 from hertzloop.scene.plant_checks import not_in_three_dimensions
-from hertzloop.scene.tables import (
-    ActuatorTable,
-    ContactTable,
-    HammerTable,
-    MaterialTable,
-    PlateTable,
-    Striker,
-)
+from hertzloop.scene.plant_tables import PlantTables
+from hertzloop.scene.tables import ContactTable, HammerTable, PlateTable, Striker
 
 
 @dataclass(frozen=True)
@@ -98,53 +91,36 @@ class Mechanics:
 
 @lru_cache(maxsize=16)
 def resolve_mechanics(
-    striker: Striker,
-    plate: PlateTable,
-    contact_table: ContactTable,
-    actuator_table: ActuatorTable,
-    materials: tuple[MaterialTable, ...] | None,
-    scheme: str,
-    without_modes: bool,
-    accuracy: float,
-    sensor: tuple[Point | None, float],
+    tables: PlantTables, scheme: str, without_modes: bool, accuracy: float
 ) -> Mechanics:
     """Build the bodies.
 
     Args:
-        materials: the scene's own, by name.
         scheme: `run.scheme`; a solid plate is known to one of them only.
         without_modes: whether `run.plate_model` is "infinite"; such a plate is thin.
         accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
-        sensor: point and mass (kg) of the sensor.
 
     Raises:
         SceneError: a file of modes does not make a structure.
     """
-    of_plate = find_material(plate.material, materials or ())
-    of_striker = find_material(striker.material, materials or ())
+    plate, of_plate = tables.plate, tables.plate_material
     try:
         description = _describe_plate(plate, of_plate, accuracy)
     except ValueError as error:
         raise SceneError(str(error)) from error
-    sphere, contact, weaker = _impact(striker, contact_table, of_striker, of_plate)
-    rigid = rigid_impact(sphere, contact)
-    thin_only = not_in_three_dimensions(
-        striker,
-        plate,
-        contact_table,
-        actuator_table,
-        scheme,
-        "infinite" if without_modes else "auto",
-        of_plate.orthotropic,
-        sensor[1] or None,
+    sphere, contact, weaker = _impact(
+        tables.striker, tables.contact, tables.striker_material, of_plate
     )
+    rigid = rigid_impact(sphere, contact)
+    plate_model = "infinite" if without_modes else "auto"
+    thin_only = not_in_three_dimensions(tables, scheme, plate_model)
     theory = plate.theory
     if theory == "auto":
         theory = "kirchhoff"
         if not thin_only:
             expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)
             theory = "kirchhoff" if expected.largest <= accuracy else "3d"
-    contact_point, actuator_point = plate.points_m
+    actuator, (contact_point, actuator_point) = tables.actuator, plate.points_m
     try:
         struck = structure("modes" if plate.modes else theory, description)
     except ValueError as error:
@@ -154,16 +130,16 @@ def resolve_mechanics(
         structure=struck,
         contact=contact,
         actuator=Actuator(
-            actuator_table.bandwidth_hz,
-            actuator_table.damping,
-            actuator_table.mass_kg or 0.0,
-            actuator_table.force_limit_n,
-            actuator_table.preload_n,
+            actuator.bandwidth_hz,
+            actuator.damping,
+            actuator.mass_kg or 0.0,
+            actuator.force_limit_n,
+            actuator.preload_n,
         ),
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,
-        sensor_point_m=struck.sensor_at(contact_point, actuator_point, sensor[0]),
-        sensor_mass_kg=sensor[1],
+        sensor_point_m=struck.sensor_at(contact_point, actuator_point, tables.sensor_point_m),
+        sensor_mass_kg=tables.sensor_mass_kg or 0.0,
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
         theory=theory,

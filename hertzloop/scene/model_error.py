@@ -12,36 +12,8 @@ from hertzloop.plant.estimates.model_order import (
     velocity_share,
 )
 from hertzloop.plant.estimates.model_order import expected_error as error_of_modes
-from hertzloop.scene import infinite_plate
 from hertzloop.scene.plate_model import widest_limit_hz
 from hertzloop.scene.setup import Setup
-
-
-def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
-    """Return the error that an infinite plate is expected to have in a run that ends at `end_s`, s,
-    relative to the penetration or the plate energy; inf where it is not known."""
-    return infinite_plate.infinite_plate_error(
-        setup.mechanics,
-        setup.scheme,
-        setup.reach,
-        setup.line_smoothness,
-        setup.step_s,
-        end_s - setup.first_touch_s,
-    )
-
-
-def infinite_plate_lasts_s(setup: Setup, at_most_s: float = math.inf) -> float:
-    """Return how long after the first touch an infinite plate meets the accuracy, s, or `at_most_s`
-    if that is longer; zero where it does not do so for a whole contact."""
-    return infinite_plate.infinite_plate_lasts_s(
-        setup.mechanics,
-        setup.scheme,
-        setup.reach,
-        setup.line_smoothness,
-        setup.step_s,
-        setup.accuracy,
-        at_most_s,
-    )
 
 
 def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
@@ -51,7 +23,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
     `until_hz`: of these steps count in a solid only what they do below this frequency."""
     spec = setup.plant
     if spec.infinite_plate:
-        return infinite_plate_error_at(setup, setup.duration_s)
+        return setup.infinite_plate.error(setup.duration_s - setup.first_touch_s)
     bodies = (spec.sphere, spec.plate, spec.contact)
     if spec.plate.solid:
         found = expected_solid_error(*bodies, spec.frequency_limit_hz)

@@ -2,63 +2,38 @@
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.scene.errors import SceneError, shortened
-from hertzloop.scene.materials import find_material
-from hertzloop.scene.tables import (
-    ActuatorTable,
-    ContactTable,
-    HammerTable,
-    MaterialTable,
-    PlateTable,
-    RunTable,
-    SphereTable,
-    Striker,
-)
+from hertzloop.scene.plant_tables import PlantTables
+from hertzloop.scene.tables import PlateTable, Point, RunTable
 from hertzloop.scene.unused_keys import unused_key_problems
 
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
 _MIDDLE = 0.5  # touch phase of a run that says nothing else
 
 
-class PlantTables(NamedTuple):
-    """The tables of a scene that are neither sensor nor controller."""
-
-    sphere: SphereTable | None
-    hammer: HammerTable | None
-    plate: PlateTable
-    contact: ContactTable
-    actuator: ActuatorTable
-    materials: tuple[MaterialTable, ...] | None
-    run: RunTable
-    sensor_point_m: tuple[float, float] | None
-    sensor_mass_kg: float | None
-
-
 @lru_cache(maxsize=64)
-def plant_problems(scene: PlantTables) -> tuple[list[str], list[str]]:
+def plant_problems(scene: PlantTables, run: RunTable) -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
-    of_plate = _structure_problems(scene) + _point_problems(scene.plate, scene.sensor_point_m)
-    of_striker = _striker_problems(scene)
+    of_plate = _structure_problems(scene.plate) + _point_problems(scene.plate, scene.sensor_point_m)
+    of_striker = _striker_problems(scene, run.scheme)
     if of_striker:  # what else there is may follow from it
         return of_striker, []
-    return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unused_key_problems(scene)
+    of_run = _phase_problems(scene, run) + _scheme_problems(scene, run)
+    return of_plate, of_run + unused_key_problems(scene)
 
 
-def _striker_problems(scene: PlantTables) -> list[str]:
+def _striker_problems(scene: PlantTables, scheme: str) -> list[str]:
     """What a scene says of the sphere or the hammer that does not make one striker."""
     sphere, hammer = scene.sphere, scene.hammer
     if (sphere is None) == (hammer is None):
         count = "no table" if sphere is None else "two tables"
         return [f"[sphere] and [hammer]: {count} of what strikes the plate. Give one of the two."]
-    striker = sphere or hammer
-    assert striker is not None
-    if find_material(striker.material, scene.materials or ()).orthotropic:
+    if scene.striker_material.orthotropic:
         key = "sphere.material" if sphere is not None else "hammer.tip_material"
         return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
     if sphere is not None:
@@ -94,16 +69,10 @@ def _striker_problems(scene: PlantTables) -> list[str]:
             "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
             "hammer.tip_exponent."
         ]
-    return _hammer_problems(scene, hammer)
-
-
-def _hammer_problems(scene: PlantTables, hammer: HammerTable) -> list[str]:
-    stiffness, exponent = hammer.tip_stiffness, hammer.tip_exponent
-    found = not_supported("supports_hammer", scene.run.scheme, "modal", "[hammer]")
+    found = not_supported("supports_hammer", scheme, "modal", "[hammer]")
     if exponent not in (None, HERTZ):
-        found += not_supported(
-            "supports_exponent", scene.run.scheme, "modal", f"hammer.tip_exponent = {exponent:g}"
-        )
+        asked = f"hammer.tip_exponent = {exponent:g}"
+        found += not_supported("supports_exponent", scheme, "modal", asked)
     if stiffness is not None and scene.contact.plasticity != "none":
         found.append(
             f"contact.plasticity = '{scene.contact.plasticity}': needs the radius of the tip, "
@@ -112,9 +81,8 @@ def _hammer_problems(scene: PlantTables, hammer: HammerTable) -> list[str]:
     return found
 
 
-def _phase_problems(scene: PlantTables) -> list[str]:
+def _phase_problems(scene: PlantTables, run: RunTable) -> list[str]:
     """A touch phase of a run that does not begin in flight, or counts whole steps only."""
-    run = scene.run
     if run.touch_phase == _MIDDLE:
         return []
     phase = f"run.touch_phase = {run.touch_phase!r}"
@@ -135,16 +103,14 @@ def _phase_problems(scene: PlantTables) -> list[str]:
     return []
 
 
-def _sensor_problems(scene: PlantTables) -> list[str]:
+def _sensor_problems(scene: PlantTables, run: RunTable) -> list[str]:
     """What does not go with a sensor elsewhere, or with a mass."""
     point, mass = scene.sensor_point_m, scene.sensor_mass_kg
     found: list[str] = []
     for key, value in (("point_m", point), ("mass_kg", mass)):
         if value is not None:
             asked = f"sensors.{key} = {list(value) if isinstance(value, tuple) else f'{value:g}'}"
-            found += not_supported(
-                "supports_sensor_elsewhere", scene.run.scheme, scene.run.plate_model, asked
-            )
+            found += not_supported("supports_sensor_elsewhere", run.scheme, run.plate_model, asked)
     if point is not None and scene.plate.modes is not None:
         found.append(
             f"sensors.point_m = {list(point)}: plate.modes of {scene.plate.modes.file} know points "
@@ -153,7 +119,7 @@ def _sensor_problems(scene: PlantTables) -> list[str]:
     return found
 
 
-def _point_problems(plate: PlateTable, sensor_point_m: tuple[float, float] | None) -> list[str]:
+def _point_problems(plate: PlateTable, sensor_point_m: Point | None) -> list[str]:
     found: list[str] = []
     if plate.modes is not None or plate.size_m is None:
         return found
@@ -182,15 +148,15 @@ def _point_problems(plate: PlateTable, sensor_point_m: tuple[float, float] | Non
     return found
 
 
-def _beyond_simply_supported(scene: PlantTables) -> list[str]:
+def _beyond_simply_supported(scene: PlantTables, run: RunTable) -> list[str]:
     """What is known of a simply supported plate only."""
     plate, found = scene.plate, []
     if plate.modes is not None:
         key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
     elif plate.edges not in (None, "ssss"):
         key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
-    elif find_material(plate.material, scene.materials or ()).orthotropic:
-        key, words = "plate.material", f"{_plate_in_words(scene)}, which is orthotropic"
+    elif scene.plate_material.orthotropic:
+        key, words = "plate.material", f"{_material_words(plate)}, which is orthotropic"
     else:
         return []
     if plate.radiating_faces:
@@ -198,25 +164,24 @@ def _beyond_simply_supported(scene: PlantTables) -> list[str]:
             f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported plate "
             "only. Remove one of the two."
         )
-    if not SCHEMES[scene.run.scheme].supports_edges:
+    if not SCHEMES[run.scheme].supports_edges:
         found.append(
-            f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
+            f"{words}: run.scheme = '{run.scheme}' supports a simply supported plate only. "
             f"Remove {key}, or use the scheme {supporting('supports_edges')}."
         )
-    if scene.run.plate_model == "infinite" and key == "plate.material":
+    if run.plate_model == "infinite" and key == "plate.material":
         found.append(
             f"{words}: run.plate_model = 'infinite' is isotropic. Use run.plate_model = 'auto'."
         )
-    if scene.run.plate_model == "infinite" and plate.modes is not None:
+    if run.plate_model == "infinite" and plate.modes is not None:
         found.append(
             f"{words}: run.plate_model = 'infinite' has no modes. Use run.plate_model = 'auto'."
         )
     return found
 
 
-def _structure_problems(scene: PlantTables) -> list[str]:
-    """What the tables say of the plate that does not make one structure."""
-    plate = scene.plate
+def _structure_problems(plate: PlateTable) -> list[str]:
+    """What a table says of the plate that does not make one structure."""
     if plate.modes is None:
         if plate.residual_flexibility_m_n is not None:
             return [
@@ -242,9 +207,8 @@ def _structure_problems(scene: PlantTables) -> list[str]:
     return found
 
 
-def _plate_in_words(scene: PlantTables) -> str:
-    given = scene.plate.material
-    name = given if isinstance(given, str) else given.name
+def _material_words(plate: PlateTable) -> str:
+    name = plate.material if isinstance(plate.material, str) else plate.material.name
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
 
 
@@ -272,17 +236,9 @@ def not_supported(capability: str, scheme: str, plate_model: str, key: str) -> l
     return []
 
 
-def not_in_three_dimensions(
-    striker: Striker,
-    plate: PlateTable,
-    contact: ContactTable,
-    actuator: ActuatorTable,
-    scheme: str,
-    plate_model: str,
-    orthotropic: bool,
-    sensor_mass_kg: float | None,
-) -> list[str]:
+def not_in_three_dimensions(scene: PlantTables, scheme: str, plate_model: str) -> list[str]:
     """What does not fit a plate in three dimensions."""
+    plate, contact, hammer = scene.plate, scene.contact, scene.hammer
     asked = "plate.theory = '3d'"
     found = not_supported("supports_solid", scheme, plate_model, asked)
     only = f"{asked} supports a simply supported plate only"
@@ -290,7 +246,7 @@ def not_in_three_dimensions(
         found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
     elif plate.edges not in (None, "ssss"):
         found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
-    elif orthotropic:
+    elif scene.plate_material.orthotropic:
         found.append(
             f"plate.material: {asked} supports an isotropic plate only. Use another material, or "
             "'kirchhoff'."
@@ -301,17 +257,19 @@ def not_in_three_dimensions(
             "velocity of a point on a solid diverges with the number of modes. Use "
             "contact.plasticity, or 'kirchhoff'."
         )
-    for table, mass in (("actuator", actuator.mass_kg), ("sensors", sensor_mass_kg)):
+    for table, mass in (
+        ("actuator", scene.actuator.mass_kg),
+        ("sensors", scene.sensor_mass_kg),
+    ):
         if mass is not None:
             found.append(
                 f"{table}.mass_kg = {mass:g}: not supported by {asked}, because a point mass on a "
                 "solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
             )
-    stiffness = getattr(striker, "tip_stiffness", None)
-    if stiffness is not None:
+    if hammer is not None and hammer.tip_stiffness is not None:
         found.append(
-            f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
-            "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
+            f"hammer.tip_stiffness = {hammer.tip_stiffness:g}: not supported by {asked}, which "
+            "needs the radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
         )
     if plate.tail == "damped":
         found.append(
@@ -321,7 +279,7 @@ def not_in_three_dimensions(
     return found
 
 
-def _truncation_problems(scene: PlantTables) -> list[str]:
+def _truncation_problems(scene: PlantTables, run: RunTable) -> list[str]:
     """Where the modes left out are no damped mode."""
     if scene.plate.tail != "damped":
         return []
@@ -335,53 +293,41 @@ def _truncation_problems(scene: PlantTables) -> list[str]:
                 f"{asked}: not supported with {table}.mass_kg = {mass:g} at the contact point. Use "
                 "'spring' or 'auto'."
             ]
-    return not_supported("supports_truncated_modes", scene.run.scheme, scene.run.plate_model, asked)
+    return not_supported("supports_truncated_modes", run.scheme, run.plate_model, asked)
 
 
 # Keys of the actuator that belong to the line, or act with a bandwidth only.
 _BESIDE_DYNAMICS = ("damping", "dead_time_us", "stuck_from_s")
 
 
-def _scheme_problems(scene: PlantTables) -> list[str]:
-    found = []
-    contact, run = scene.contact, scene.run
-    scheme = SCHEMES[run.scheme]
+def _scheme_problems(scene: PlantTables, run: RunTable) -> list[str]:
+    found: list[str] = []
+    contact, scheme = scene.contact, SCHEMES[run.scheme]
 
     def needs(capability: str, key: str) -> list[str]:
         return not_supported(capability, run.scheme, run.plate_model, key)
 
     if contact.plasticity != "none":
         found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
-        plate = find_material(scene.plate.material, scene.materials or ())
+        plate = scene.plate_material
         if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
             found.append(
                 f"contact.plasticity = '{contact.plasticity}': the yield pressure of "
-                f"{_plate_in_words(scene)} is unknown. Give plate.material.yield_pa, "
+                f"{_material_words(scene.plate)} is unknown. Give plate.material.yield_pa, "
                 "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
             )
     for key, field in type(scene.actuator).model_fields.items():  # a later key is refused, too
         value = getattr(scene.actuator, key)
         if key not in _BESIDE_DYNAMICS and value != field.default:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
-    found += _truncation_problems(scene) + _sensor_problems(scene)
+    found += _truncation_problems(scene, run) + _sensor_problems(scene, run)
     theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
     if theory is not None and theory.solid:
-        striker = scene.sphere or scene.hammer
-        assert striker is not None
-        found += not_in_three_dimensions(
-            striker,
-            scene.plate,
-            contact,
-            scene.actuator,
-            run.scheme,
-            run.plate_model,
-            find_material(scene.plate.material, scene.materials or ()).orthotropic,
-            scene.sensor_mass_kg,
-        )
+        found += not_in_three_dimensions(scene, run.scheme, run.plate_model)
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m
-    found += _beyond_simply_supported(scene)
+    found += _beyond_simply_supported(scene, run)
     apart = point is not None and point != scene.plate.contact_point_m
     if run.plate_model == "infinite":
         if not scheme.supports_infinite_plate:

@@ -2,18 +2,17 @@
 
 import re
 import unicodedata
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
-from hertzloop.plant.structures.materials import Material
 from hertzloop.scene.checks import problems
 from hertzloop.scene.controller_table import ControllerTable, is_recorded, without_law
 from hertzloop.scene.errors import SceneError, shown
-from hertzloop.scene.materials import check_materials, find_material
-from hertzloop.scene.plant_checks import PlantTables
+from hertzloop.scene.materials import check_materials
+from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.tables import (
     ActuatorTable,
@@ -26,7 +25,6 @@ from hertzloop.scene.tables import (
     SceneTable,
     SensorsTable,
     SphereTable,
-    Striker,
 )
 
 _LONGEST = 80  # letters of a name
@@ -75,11 +73,18 @@ class Scene(SceneTable):
         return name
 
     @property
-    def striker(self) -> Striker:
-        """The table of what strikes the plate; a scene has one."""
-        found = self.sphere or self.hammer
-        assert found is not None
-        return found
+    def plant_tables(self) -> PlantTables:
+        """The tables that make the plant."""
+        return PlantTables(
+            self.sphere,
+            self.hammer,
+            self.plate,
+            self.contact,
+            self.actuator,
+            self.materials,
+            self.sensors.point_m,
+            self.sensors.mass_kg,
+        )
 
     @property
     def step_s(self) -> float:
@@ -91,11 +96,6 @@ class Scene(SceneTable):
         """Length of the run in steps."""
         return self.run.steps
 
-    def material(self, body: Literal["plate", "sphere"]) -> Material:
-        """The material of the plate, or of the sphere or the hammer's tip."""
-        given = self.plate.material if body == "plate" else self.striker.material
-        return find_material(given, self.materials or ())
-
     def without_control(self) -> "Scene":
         """The same scene with the law switched off."""
         return self.replaced(controller=without_law(self.controller))
@@ -103,19 +103,8 @@ class Scene(SceneTable):
     def problems(self) -> list[str]:
         """Sentences on values that are possible alone, but not together. Raises SceneError if the
         law is missing."""
-        plant = PlantTables(
-            self.sphere,
-            self.hammer,
-            self.plate,
-            self.contact,
-            self.actuator,
-            self.materials,
-            self.run,
-            self.sensors.point_m,
-            self.sensors.mass_kg,
-        )
         try:
-            return problems(plant, self.sensors, self.controller)
+            return problems(self.plant_tables, self.sensors, self.controller, self.run)
         except LawError as error:
             raise SceneError(str(error)) from error
 

@@ -23,27 +23,18 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.infinite_plate import Smoothness, infinite_plate_error
+from hertzloop.scene.infinite_plate import InfinitePlate
 from hertzloop.scene.law_context import about_mechanics, law_models_yield, law_reach
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
 from hertzloop.scene.plant_checks import not_in_three_dimensions
+from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite_plate
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.sensor import resolve_sensor
-from hertzloop.scene.signal_path import resolve_line, resolve_smoothness
-from hertzloop.scene.tables import (
-    ActuatorTable,
-    ContactTable,
-    HammerTable,
-    MaterialKey,
-    MaterialTable,
-    PlateTable,
-    RunTable,
-    SensorsTable,
-    SphereTable,
-)
+from hertzloop.scene.signal_path import keeps_force_smooth, resolve_line
+from hertzloop.scene.tables import MaterialKey, RunTable, SensorsTable
 from hertzloop.scene.varying import resolution_of
 from hertzloop.scene.varying import vary as vary_scene
 from hertzloop.sensors.acquisition import SensorSpec
@@ -73,13 +64,14 @@ class Setup:
     line: SignalPath = field(compare=False)
     latency_us: float = field(compare=False)
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
-    line_smoothness: Smoothness = field(compare=False)
     reach: ForceBound = field(compare=False)
     """bound on the law's force"""
     law_models_yield: bool = field(compare=False)
     """whether the law declares that it allows for a permanent dent; false if it is missing"""
     with_edges: PlantSpec = field(compare=False)
     """the plant with modes, whether or not these are used"""
+    infinite_plate: InfinitePlate = field(compare=False)
+    """an infinite plate in the place of the modes, whether or not it is used"""
     plate_model: str = field(compare=False)
     """model of the plate, "modal" or "infinite", that `run.plate_model` comes to"""
     plant: PlantSpec = field(compare=False)
@@ -176,7 +168,7 @@ class Setup:
     @property
     def striker_material(self) -> str:
         """Name of the material of the sphere or the hammer's tip; "" for numbers without a name."""
-        return _name(self.scene.striker.material)
+        return _name(self.scene.plant_tables.striker.material)
 
     # What collides, and the sensor.
 
@@ -266,18 +258,10 @@ class Setup:
     def plant_only(self) -> "Setup":
         """Return the setup without control, converters, seed and names: the same for all setups
         whose plant alone behaves in the same way."""
-        scene = self.scene
-        return _plant_only(
-            scene.sphere,
-            scene.hammer,
-            scene.plate,
-            scene.contact,
-            scene.actuator,
-            scene.materials,
-            scene.run,
-            self.touch_phase,
-            _felt(scene.sensors),
-        )
+        tables = self.scene.plant_tables
+        if tables.sensor_mass_kg is None:  # the plant feels nothing of the sensor
+            tables = tables._replace(sensor_point_m=None)
+        return _plant_only(tables, self.scene.run, self.touch_phase)
 
     def _scene_with_run(self, key: str, value: str | float) -> Scene:
         return self.scene.replaced(run=_run_with(self.scene.run, key, value))
@@ -299,24 +283,18 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    mechanics = resolve_mechanics(
-        scene.striker,
-        scene.plate,
-        scene.contact,
-        scene.actuator,
-        scene.materials,
-        run.scheme,
-        scene.plate.theory == "auto" and run.plate_model == "infinite",
-        run.accuracy,
-        (sensors.point_m, sensors.mass_kg or 0.0),
-    )
+    without_modes = scene.plate.theory == "auto" and run.plate_model == "infinite"
+    tables = scene.plant_tables
+    mechanics = resolve_mechanics(tables, run.scheme, without_modes, run.accuracy)
+    why_not_solid = mechanics.why_not_solid
+    if run.plate_model == "infinite":
+        why_not_solid = not_in_three_dimensions(tables, run.scheme, run.plate_model)[0]
     first_touch_s = _first_touch_s(run, mechanics.sphere)
 
     line = resolve_line(control, scene.actuator, sensors.every_steps, run.step_ns)
     latency_us = control.latency_us
     if control.latency_trace is not None:
         latency_us = line.latency_steps * run.step_ns / 1000
-    smoothness = resolve_smoothness(control, sensors, line, latency_us)
     reach = law_reach(control)
 
     controlled = mechanics.structure.solid and control.law != NO_CONTROL
@@ -328,10 +306,18 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         run.lead_in_s,
         run.accuracy / (UNDER_LAW if controlled else 1.0),
     )
+    infinite_plate = InfinitePlate(
+        mechanics=mechanics,
+        scheme=run.scheme,
+        step_s=run.step_s,
+        accuracy=run.accuracy,
+        reach=reach,
+        smooth=keeps_force_smooth(control, sensors, line),
+        latency_s=1e-6 * latency_us,
+    )
     plate_model = run.plate_model
     if plate_model == "auto":
-        until_s = run.duration_s - first_touch_s
-        error = infinite_plate_error(mechanics, run.scheme, reach, smoothness, run.step_s, until_s)
+        error = infinite_plate.error(run.duration_s - first_touch_s)
         plate_model = "infinite" if error <= run.accuracy else "modal"
     if plate_model == "infinite":
         plant = on_infinite_plate(with_edges, run.step_ns)
@@ -345,13 +331,13 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         touch_phase=_touch_phase(run),
         first_touch_s=first_touch_s,
         mechanics=mechanics,
-        why_not_solid=_why_not_solid(scene, mechanics),
+        why_not_solid=why_not_solid,
         line=line,
         latency_us=latency_us,
-        line_smoothness=smoothness,
         reach=reach,
         law_models_yield=law_models_yield(control),
         with_edges=with_edges,
+        infinite_plate=infinite_plate,
         plate_model=plate_model,
         plant=plant,
         sensor=resolve_sensor(sensors, mechanics, run.step_s, latency_us),
@@ -384,55 +370,25 @@ def _touch_phase(run: RunTable) -> float:
     return float(np.random.Generator(np.random.Philox(key=key)).random())
 
 
-def _why_not_solid(scene: Scene, mechanics: Mechanics) -> str | None:
-    if scene.run.plate_model != "infinite":
-        return mechanics.why_not_solid
-    return not_in_three_dimensions(
-        scene.striker,
-        scene.plate,
-        scene.contact,
-        scene.actuator,
-        scene.run.scheme,
-        scene.run.plate_model,
-        False,
-        scene.sensors.mass_kg,
-    )[0]
-
-
 def _name(material: MaterialKey) -> str:
     return material if isinstance(material, str) else material.name or ""
 
 
-def _felt(sensors: SensorsTable) -> SensorsTable:
-    """A sensor of which the plant feels as much as of another: its mass and where that is."""
-    if sensors.mass_kg is None:
-        return _PLAIN_SENSORS
-    return _PLAIN_SENSORS.replaced(point_m=sensors.point_m, mass_kg=sensors.mass_kg)
-
-
 @lru_cache(maxsize=64)
-def _plant_only(
-    sphere: SphereTable | None,
-    hammer: HammerTable | None,
-    plate: PlateTable,
-    contact: ContactTable,
-    actuator: ActuatorTable,
-    materials: tuple[MaterialTable, ...] | None,
-    run: RunTable,
-    touch_phase: float,
-    sensors: SensorsTable,
-) -> Setup:
+def _plant_only(tables: PlantTables, run: RunTable, touch_phase: float) -> Setup:
     scene = Scene.model_construct(
         name="plain",
         shows="",
-        materials=materials,
-        sphere=sphere,
-        hammer=hammer,
-        plate=plate,
-        contact=contact,
-        sensors=sensors,
+        materials=tables.materials,
+        sphere=tables.sphere,
+        hammer=tables.hammer,
+        plate=tables.plate,
+        contact=tables.contact,
+        sensors=_PLAIN_SENSORS.replaced(
+            point_m=tables.sensor_point_m, mass_kg=tables.sensor_mass_kg
+        ),
         controller=_NO_CONTROL,
-        actuator=actuator,
+        actuator=tables.actuator,
         run=run.replaced(seed=0, touch_phase=touch_phase),
     )
     return resolve(scene)

@@ -5,25 +5,20 @@ from functools import lru_cache
 
 from hertzloop.controller.controller import SignalPath
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.infinite_plate import Smoothness
 from hertzloop.scene.tables import ActuatorTable, SensorsTable
 
 
-@lru_cache(maxsize=16)
-def resolve_smoothness(
-    control: ControllerTable, sensors: SensorsTable, line: SignalPath, latency_us: float
-) -> Smoothness:
-    """What sensor and line do to the smoothness of a law's force."""
-    return Smoothness(
-        smooth=sensors.bits == control.bits == "ideal"
+def keeps_force_smooth(control: ControllerTable, sensors: SensorsTable, line: SignalPath) -> bool:
+    """Whether sensor and line neither lose a command nor make steps in a law's force."""
+    return (
+        sensors.bits == control.bits == "ideal"
         and sensors.every_steps == 1
         and sensors.noise_rms == control.jitter_us == 0.0
         and sensors.fault is None
         and not line.varies
         and line.stuck_step is None
         and control.drop_out_probability == 0.0
-        and control.slew_n_s is None,
-        latency_s=1e-6 * latency_us,
+        and control.slew_n_s is None
     )
 
 

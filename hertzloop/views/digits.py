@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Sequence
 
 from hertzloop.results.metric_fields import MetricField
+from hertzloop.results.span_metrics import change_db
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 
 LEGEND = f"{UNKNOWN}: not predictable"
 
+_FROM_NOTHING = 1e3  # ratio from which on a reference is nearly zero
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
 
 
@@ -86,7 +88,36 @@ def with_unit(number: str, unit: str) -> str:
     return number if number == UNKNOWN else f"{number} {unit}"
 
 
-def in_db(found: tuple[float, float], form: str) -> str:
-    """Return a change in dB with the digits that its error leaves; empty for nan."""
-    change, wrong = found
-    return "" if math.isnan(change) else with_unit(known_digits(change, form, wrong), "dB")
+def change_cell(
+    db: float,
+    values: Sequence[float],
+    errors: Sequence[float],
+    decimals: int,
+    from_nothing: str = "",
+) -> str:
+    """Return the change from the second value to the first, with its predictable digits.
+
+    Args:
+        db: Factor of the logarithm for a change in dB; 0 for one in per cent.
+        values: The two values.
+        errors: Their largest absolute errors.
+        decimals: Decimals of a change in dB; one in per cent has one fewer.
+        from_nothing: Text for a value without control that lies within the model's error.
+
+    Returns:
+        The change with its unit; empty if the change has no meaning.
+    """
+    (value, reference), (error, reference_error) = values, errors
+    if math.isnan(value) or math.isnan(reference) or reference == 0.0:
+        return ""
+    if db:
+        change, wrong = change_db(value, reference, db, error, reference_error)
+        known = known_digits(change, f"+.{decimals}f", wrong)
+        return "" if math.isnan(change) else with_unit(known, "dB")
+    if reference < 0.0 or value < 0.0:
+        return ""
+    if value > _FROM_NOTHING * reference:
+        return from_nothing
+    wrong = 100.0 * (error + reference_error * (value / reference)) / reference
+    change = 100.0 * (value / reference - 1.0)
+    return with_unit(known_digits(change, f"+.{decimals - 1}f", wrong), "%")

@@ -24,9 +24,9 @@ from hertzloop.results.recorded import (
     law_of,
     pacing_of,
 )
+from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import why_not_repeatable
 from hertzloop.results.span_metrics import SPAN_METRICS
-from hertzloop.results.verdict import saturation_of
 from hertzloop.results.verdict import verdict as verdict_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
@@ -74,20 +74,15 @@ def inspected(recording: Recording) -> Inspected:
     A file may hold any numbers. If no metrics follow from them, that is one more problem of the
     recording, not an error of the program.
     """
-    balance, law, pacing = recording.balance, law_of(recording), pacing_of(recording)
-    bare = Inspected(recording, recording.problems, law, pacing, yield_of(balance), None, None)
+    law, pacing, yielded = law_of(recording), pacing_of(recording), yield_of(recording.balance)
+    bare = Inspected(recording, recording.problems, law, pacing, yielded, None, None)
     try:
         setup = parse(recording.scene_toml, recorded=True)
         problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
-                result = RunResult(
-                    metrics_of(setup, blocks_of(recording)),
-                    law.scene_law,
-                    balance.expected_error if balance else None,
-                    late=pacing is not None,
-                    saturation=saturation_of(recording.events),
-                )
+                metrics = metrics_of(setup, blocks_of(recording))
+                result = recorded_result(setup, recording, metrics, law, pacing)
                 known = predictability(setup, result, None, why_not_repeatable(recording))
                 verdict = verdict_sentences(verdict_of(result, known=known))
                 return replace(bare, result=result, known=known, verdict=verdict)

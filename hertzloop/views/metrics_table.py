@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
-from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS, change_db
-from hertzloop.views.digits import cells, in_db, known_digits, with_unit
+from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS
+from hertzloop.views.digits import cells, change_cell
 from hertzloop.views.format import Table
 
 # Label, span, key and format of a metric.
@@ -24,7 +24,7 @@ _METRICS: tuple[tuple[str, str, str, str], ...] = (
     ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", ".3g"),
 )
 
-_IN_DB = {*DECIBELS} - {"peak_force_n"}
+_IN_DB = DECIBELS | {"peak_force_n": 0.0}
 
 
 def metrics_table(result: RunResult, known: Predictability, free: Metrics | None = None) -> Table:
@@ -49,7 +49,9 @@ def metrics_table(result: RunResult, known: Predictability, free: Metrics | None
         wrong = [_error_of(digits, span, key) for _, digits in cases]
         row = cells(SPAN_METRICS[key], found, wrong, form, "-")
         if compare:
-            row.append("" if key == "contacts" else _change_of_metric(key, *found, *wrong))
+            row.append(
+                "" if key == "contacts" else change_cell(_IN_DB.get(key, 0.0), found, wrong, 1)
+            )
         table.add_row(label, *(cell.strip() for cell in row))
     return table
 
@@ -62,18 +64,3 @@ def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> flo
     if key != "plate_energy_j":
         return 0.0
     return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
-
-
-def _change_of_metric(
-    key: str, value: float, reference: float, error: float, reference_error: float
-) -> str:
-    """Return the change that control makes; empty if it has no meaning."""
-    if math.isnan(value) or math.isnan(reference) or reference == 0.0:
-        return ""
-    if key in _IN_DB:
-        times = DECIBELS[key]
-        return in_db(change_db(value, reference, times, error, reference_error), "+.1f")
-    if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
-        return ""
-    wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
-    return with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")

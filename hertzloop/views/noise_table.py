@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.metric_fields import MetricField
-from hertzloop.results.span_metrics import SPAN_METRICS, change_db
-from hertzloop.views.digits import LEGEND, UNKNOWN, cells, in_db, known_digits, with_unit
+from hertzloop.results.span_metrics import SPAN_METRICS
+from hertzloop.views.digits import LEGEND, UNKNOWN, cells, change_cell
 from hertzloop.views.format import Table
 
 # Words and units of the noise metrics that no span has.
@@ -75,30 +75,6 @@ def noise_rows(
         wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
         written = cells(row, values, wrong, ".4g", "not defined")
         if compare:
-            written.append(_change(row, *values, *wrong))
+            written.append(change_cell(row.db, values, wrong, 2, "from nearly zero"))
         rows.append([row.words, *written])
     return rows
-
-
-def _change(
-    row: MetricField,
-    value: float,
-    reference: float,
-    error: float = 0.0,
-    reference_error: float = 0.0,
-) -> str:
-    """Return the change in dB for energies and amplitudes, in per cent for other metrics.
-
-    It is empty if the sign of a value makes the change meaningless.
-    """
-    if reference == 0.0 or math.isnan(value):
-        return ""
-    if not row.db:
-        if reference < 0.0 or value < 0.0:
-            return ""
-        if value > 1e3 * reference:  # what is divided by lies within the model's error
-            return "from nearly zero"
-        share = 100.0 * (value / reference - 1.0)
-        wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
-        return with_unit(known_digits(share, "+.1f", wrong), "%")
-    return in_db(change_db(value, reference, row.db, error, reference_error), "+.2f")

@@ -13,7 +13,7 @@ from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene import model_error
 from hertzloop.scene.build import check_modes_reach_impact
 from hertzloop.scene.errors import SceneError

@@ -106,4 +106,4 @@ class LoopModel(FrozenModel):
     def acts(self, values: Mapping[str, float], until_s: float) -> bool:
         """Whether the actuator acts on the plate before `until_s` after the touch."""
         truth = self.run(values, until_s).truth
-        return float(np.max(np.abs(control_force_n(self.loop, truth)))) > _ACTS
+        return float(np.max(np.abs(control_force_n(self.loop.plant, truth)))) > _ACTS

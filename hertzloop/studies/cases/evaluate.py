@@ -1,6 +1,6 @@
 """Simulate cases of a scene: one case, a chunk that a worker takes, or all cases in a pool."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -10,8 +10,7 @@ from hertzloop.results.cases import (
     CaseState,
     Span,
     UnstableLoop,
-    case_in_parts,
-    together,
+    metrics_of_case,
 )
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
@@ -19,7 +18,6 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.studies.worst.of_case import WORST_OF, worst_columns, worst_of_case
 
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
-_BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
 
 Case = dict[str, Any]  # values by scene key
 Numbered = list[tuple[int, Case]]
@@ -52,19 +50,15 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str
     sentence, and the others go on. The values of a case are scene keys; with a metric under
     `WORST_OF` among them, its row has the columns of `worst_of_case`, too.
     """
-    alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
-    some = _CHUNK if alike else 1  # the plants of many cases do not fit into the caches
-    for at in range(0, len(numbered), some):
-        yield from together([_row(setup, span, *case) for case in numbered[at : at + some]])
+    return (run_case(setup, span, *case) for case in numbered)
 
 
-def _row(
-    setup: Setup, span: Span, number: int, values: dict[str, Any]
-) -> Generator[None, None, dict[str, Any]]:
+def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of one case; see `run_cases`."""
     keys = {key: value for key, value in values.items() if key != WORST_OF}
     row: dict[str, Any] = {"case": number, **keys}
     try:
-        metrics = yield from case_in_parts(setup.vary(keys), span)
+        metrics = metrics_of_case(setup.vary(keys), span)
         row |= vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
@@ -82,11 +76,6 @@ def _row(
         )
     except Exception as error:
         return row | dict.fromkeys(worst_columns(metric)) | {"status": f"failed: {error!r}"}
-
-
-def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of one case."""
-    return next(run_cases(setup, span, [(number, values)]))
 
 
 def not_run(rows: Rows) -> Rows:

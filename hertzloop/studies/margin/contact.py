@@ -121,7 +121,7 @@ def impact_facts(setup: Setup) -> ImpactFacts:
 
     def first_force_s(tried: Setup) -> float | None:
         truth = simulate(tried).truth
-        pushes = np.flatnonzero(control_force_n(tried, truth))
+        pushes = np.flatnonzero(control_force_n(tried.plant, truth))
         touches = np.flatnonzero(truth[ts.F_C] > 0.0)
         if not len(pushes) or not len(touches):
             return None

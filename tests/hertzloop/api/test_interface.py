@@ -197,8 +197,8 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter() -> None:
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
         (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
-        (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "processes of their own"),
-        (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon = 3 needs the lock-step"),
+        (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "pace: not available with"),
+        (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon: cannot be combined with"),
         (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
     ],
 )

@@ -12,7 +12,7 @@ from hertzloop.loop.announcement import hello
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load

@@ -14,10 +14,11 @@ from hertzloop.recordings.recording import Event, EventData
 from hertzloop.results.effects import Neglected
 from hertzloop.results.metrics import Metrics, RunResult, Saturation
 from hertzloop.results.predictability import ImpactErrors, Predictability
+from hertzloop.results.recorded_result import saturation_of
 from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.results.stability import Stability
 from hertzloop.results.statistics import ForceTiming
-from hertzloop.results.verdict import saturation_of, verdict
+from hertzloop.results.verdict import verdict
 from hertzloop.views.verdict import verdict_sentences
 from tests.commands import as_options, invoke
 

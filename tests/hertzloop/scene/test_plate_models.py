@@ -16,8 +16,9 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.results.deflection import deflection, modes_of_scene
+from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.results.verification import verify
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant

@@ -21,7 +21,7 @@ STAGES = (
     "with_edges", "plant", "sensor", "latency_us", "converter_step", "line",
 )  # fmt: skip
 FOLLOWING = {
-    "infinite_plate_lasts_s": model_error.infinite_plate_lasts_s,
+    "infinite_plate_lasts_s": lambda setup: setup.infinite_plate.lasts_s(),
     "expected_error": model_error.expected_error,
     "about": law_context,
 }

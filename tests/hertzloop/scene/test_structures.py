@@ -16,8 +16,9 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.deflection import deflection, modes_of_scene
+from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError

@@ -12,7 +12,7 @@ from hertzloop.identification.modes.from_responses import modes_of_responses
 from hertzloop.identification.modes.response_sets import responses_of_sets
 from hertzloop.identification.modes.universal_file import Points, holds_modes
 from hertzloop.plant.structures.mode_file import read_modes
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.setup import load
 from tests.commands import invoke
 from tests.identification.modes.known import (

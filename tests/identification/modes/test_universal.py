@@ -13,7 +13,7 @@ from hertzloop.identification.modes.universal_file import Points
 from hertzloop.identification.modes.universal_modes import modes_of_sets
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import read_modes, write_modes
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.setup import load
 from tests.commands import as_options, invoke
 

@@ -159,9 +159,9 @@ def test_numbers_in_a_scene_are_those_of_the_name() -> None:
     by_numbers = load("aluminium-3mm", [*WOOD, f"plate.material={{{said}}}"])
     assert named.structure == by_numbers.structure
     varied = named.vary({"plate.material.young_y_pa": 1.1e9})
-    assert varied.scene.material("plate").young_y_pa == 1.1e9
+    assert varied.scene.plant_tables.plate_material.young_y_pa == 1.1e9
     # The contact takes the modulus across the thickness.
-    assert named.scene.material("plate").youngs_modulus_pa == 0.51e9
+    assert named.scene.plant_tables.plate_material.youngs_modulus_pa == 0.51e9
 
 
 @pytest.mark.parametrize(("change", "words"), [

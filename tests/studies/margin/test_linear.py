@@ -8,7 +8,7 @@ import pytest
 from benchmarks.margin import eigenvalues
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.results.deflection import modes_of_scene
+from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.setup import Setup, load
 from hertzloop.sensors import kernels as sk
