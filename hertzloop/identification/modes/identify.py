@@ -7,7 +7,7 @@ little for their parameters.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,8 @@ _STEP, _STEP_LOSS = 0.03, 1.0  # largest change of the logarithms in a step
 _APART = 0.02  # least relative distance of the frequencies of modes that are added together
 _PER_ROUND = 4  # most modes that are added together
 _BETTER, _PATIENCE = 0.04, 2  # least relative gain of a round; most rounds in a row without one
-_CHUNK = 100  # candidates that are tried together
+_FEWEST_TRIED, _MOST_TRIED = 300, 2000  # frequencies of a further mode that are tried
+_CHUNK = 100  # of these at once
 _DIFFERENCE = 1e-6  # difference of logarithms, for derivatives
 _TRIES, _HARDER = 8, 5.0  # most tries of a step; factor on its damping after one that fails
 
@@ -196,24 +197,18 @@ def remove_modes_below(observed: ResponseRows, modes: FittedModes, share: float)
             return modes
 
 
-def _candidates(
-    observed: ResponseRows, loss: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield groups of frequencies (rad/s) and loss factors of a further mode, (candidates,)."""
-    low, high = observed.band_hz
-    hz = np.linspace(low, high, int(min(2000, max(300, (high - low) / observed.resolution_hz))))
-    middle = float(np.median(loss)) if len(loss) else 0.01
-    for some in np.array_split(2.0 * np.pi * hz, -(-len(hz) // _CHUNK)):
-        yield some, np.full(len(some), middle)
-
-
 def add_modes(observed: ResponseRows, modes: FittedModes) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (rad/s) and loss factors, (modes,) each, of the modes and of further ones
     that explain most of what these leave."""
+    low, high = observed.band_hz
+    count = int(min(_MOST_TRIED, max(_FEWEST_TRIED, (high - low) / observed.resolution_hz)))
+    omega = 2.0 * np.pi * np.linspace(low, high, count)
+    usual = float(np.median(modes.loss_factor)) if len(modes.loss_factor) else 0.01
+    loss = np.full(count, usual)
     points = _fit_points(observed, observed.columns(modes.omega_rad_s, modes.loss_factor))
-    tried, scores = [], []
-    for omega, loss in _candidates(observed, modes.loss_factor):
-        columns, score = observed.basis(omega, loss), np.zeros(len(omega))
+    scores = np.zeros(count)
+    for some in np.array_split(np.arange(count), -(-count // _CHUNK)):
+        columns = observed.basis(omega[some], loss[some])
         for i, point in enumerate(points):
             across = point.across(columns)
             size = np.linalg.norm(real_rows(columns * point.weights), axis=1)
@@ -221,12 +216,9 @@ def add_modes(observed: ResponseRows, modes: FittedModes) -> tuple[np.ndarray, n
             along = across.T @ point.left
             if i == observed.drive:
                 along = np.maximum(along, 0.0)
-            score += (along / np.where(new > 0.0, new, 1.0)) ** 2
-        tried.append((omega, loss))
-        scores.append(score)
-    omega, loss = (np.concatenate(parts) for parts in zip(*tried, strict=True))
+            scores[some] += (along / np.where(new > 0.0, new, 1.0)) ** 2
     chosen: list[int] = []
-    for i in np.argsort(-np.concatenate(scores)):
+    for i in np.argsort(-scores):
         if all(abs(omega[i] / omega[j] - 1.0) > _APART for j in chosen):
             chosen.append(int(i))
         if len(chosen) == _PER_ROUND:

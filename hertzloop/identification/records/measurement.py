@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
@@ -70,38 +70,24 @@ class Measurement:
 
 def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
     """Return a `[record]` table as an object. Raises RecordError for a wrong key or value."""
-    known = {part.name for part in fields(Measurement)}
-    for key in table:
-        if key not in known:
-            raise RecordError(
-                f"record.{key}: not a key of the record table of {name}. Known keys: "
-                f"{', '.join(sorted(known))}."
-            )
     values = dict(table)
     for key, value in values.items():
-        rule = _RULES.get(key)
-        if rule is not None and not rule.holds(value):
-            raise RecordError(f"record.{key} = {value}: must be {rule.wanted} in {name}.")
+        if key not in _RULES:
+            raise RecordError(
+                f"record.{key}: not a key of the record table of {name}. Known keys: "
+                f"{', '.join(sorted(_RULES))}."
+            )
+        if not _RULES[key].holds(value):
+            raise RecordError(f"record.{key} = {value}: must be {_RULES[key].wanted} in {name}.")
     for key in ("range", "point_m"):
         if key in values:
             low, high = values[key]
-            values[key] = (float(low), float(high))
+            values[key] = float(low), float(high)
     found = Measurement(**values)
-    if found.low_pass not in LOW_PASSES:
-        raise RecordError(
-            f"record.low_pass = '{found.low_pass}': not known in {name}. Give one of "
-            f"{', '.join(LOW_PASSES)}."
-        )
-    order = found.low_pass_order
-    if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= HIGHEST_ORDER:
-        raise RecordError(
-            f"record.low_pass_order = {order}: must be a whole number from 1 to {HIGHEST_ORDER} "
-            f"in {name}."
-        )
     if found.low_pass == "sigma-delta" and "low_pass_order" in values:
         raise RecordError(
-            f"record.low_pass_order = {order}: a sigma-delta converter in {name} has no order. "
-            "Leave it out."
+            f"record.low_pass_order = {found.low_pass_order}: a sigma-delta converter has no order "
+            f"in {name}. Leave it out."
         )
     named = next((key for key in ("low_pass", "low_pass_order") if key in values), None)
     if named and found.low_pass_hz is None:
@@ -111,33 +97,17 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
     return found
 
 
-def _is_name(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_name_or_number(value: Any) -> bool:
-    return isinstance(value, str | int) and not isinstance(value, bool)
-
-
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _is_positive(value: Any) -> bool:
-    return _is_number(value) and 0.0 < value < math.inf
+def _is_whole(value: Any, most: int) -> bool:
+    return _is_number(value) and isinstance(value, Integral) and 1 <= value <= most
 
 
 def _is_pair(value: Any) -> bool:
     two = isinstance(value, list | tuple | np.ndarray) and len(value) == 2
     return two and all(_is_number(one) and math.isfinite(one) for one in value)
-
-
-def _is_rising_pair(value: Any) -> bool:
-    return _is_pair(value) and bool(value[0] < value[1])
-
-
-def _is_bits(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= 64
 
 
 class _Rule(NamedTuple):
@@ -147,9 +117,12 @@ class _Rule(NamedTuple):
     wanted: str
 
 
-_NAME = _Rule(_is_name, "a name")
-_NAME_OR_NUMBER = _Rule(_is_name_or_number, "a name or a number from 1 on")
-_POSITIVE = _Rule(_is_positive, "a positive number")
+_NAME = _Rule(lambda value: isinstance(value, str), "a name")
+_NAME_OR_NUMBER = _Rule(
+    lambda value: isinstance(value, str | int) and not isinstance(value, bool),
+    "a name or a number from 1 on",
+)
+_POSITIVE = _Rule(lambda value: _is_number(value) and 0.0 < value < math.inf, "a positive number")
 _RULES = {
     "quantity": _NAME,
     "unit": _NAME,
@@ -170,11 +143,17 @@ _RULES = {
         lambda value: _is_number(value) and 0.0 <= value < math.inf, "zero or a positive number"
     ),
     "low_pass_hz": _POSITIVE,
+    "low_pass": _Rule(lambda value: value in LOW_PASSES, f"one of {', '.join(LOW_PASSES)}"),
+    "low_pass_order": _Rule(
+        lambda value: _is_whole(value, HIGHEST_ORDER), f"a whole number from 1 to {HIGHEST_ORDER}"
+    ),
     "ac_coupling_hz": _POSITIVE,
     "resonance_hz": _POSITIVE,
     "resonance_damping": _POSITIVE,
-    "range": _Rule(_is_rising_pair, "two rising numbers"),
-    "bits": _Rule(_is_bits, "a whole number from 1 to 64"),
+    "range": _Rule(
+        lambda value: _is_pair(value) and bool(value[0] < value[1]), "two rising numbers"
+    ),
+    "bits": _Rule(lambda value: _is_whole(value, 64), "a whole number from 1 to 64"),
     "point_m": _Rule(_is_pair, "two numbers"),
     "set": _Rule(lambda value: isinstance(value, Mapping), "a table of scene keys"),
     "control": _Rule(lambda value: isinstance(value, bool), "true or false"),

@@ -35,12 +35,13 @@ def read_text(text: str, names: Collection[str] = ()) -> TextTable:
     """Read the table of a text. Arguments and errors are those of `read_table`."""
     if "\r" in text:
         text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
+    text = text.translate(PLAIN_SIGNS)
     inside = {unit for _, unit in _DURATION.findall(text[-2000:])}
     text = _DURATION.sub(r"\1", text) if len(inside) == 1 else text
     lines: list[str] = []
     layout = None
     for most in (300, 3000, 30_000):  # a long preamble needs more lines
-        lines = [line.translate(PLAIN_SIGNS) for line in text.split("\n", most)[:most]]
+        lines = text.split("\n", most)[:most]
         layout = find_table(lines)
         if len(lines) < most or (layout is not None and reaches_end(layout, lines, text[-2000:])):
             break
