@@ -56,7 +56,7 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> F
     return FitResult(
         **common_fields(problem, iterate, iterate, until_s, known, fits),
         estimates=estimates,
-        evaluations=problem.evaluations,
+        evaluations=problem.counter.done,
         wall_s=time.perf_counter() - began,
         notes=collect_notes(problem, setup),
         speeds_m_s=impact_speeds(problem, {}),

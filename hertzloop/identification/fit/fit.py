@@ -91,14 +91,13 @@ def fit(
     records, held_records = split_hold_out(records, hold_out, setup)
     free = add_hit_speeds(setup, records, free)
     problem = prepare_problem(setup, records, free)
-    problem.tally.on_progress = on_progress
+    problem.counter.on_progress = on_progress
     windows = _fit_growing_windows(problem)
-    problem, evaluations = _refreeze_if_moved(setup, windows)
+    problem = _refreeze_if_moved(setup, windows)
     until_s = problem.windows_s()[-1]
     for c, model in zip(problem.channels, problem.models, strict=True):
         exclude_contact(c, model.contact_s)  # only now: the early windows hold little else
-    solution, shifts, more = _solve(problem, windows, until_s, exact)
-    evaluations += more + problem.evaluations
+    solution, shifts = _solve(problem, windows, until_s, exact)
     problem, iterate = solution.problem, solution.iterate
     check_sample_count(iterate)
     known = key_uncertainty(problem, iterate, shifts)
@@ -119,7 +118,7 @@ def fit(
         **common_fields(problem, iterate, plain, until_s, known, assessment),
         estimates=estimates,
         hold_out=held,
-        evaluations=evaluations + problem.evaluations,
+        evaluations=problem.counter.done,
         setup=fitted,
         curves=curves,
         wall_s=time.perf_counter() - began,
@@ -141,55 +140,51 @@ class _WindowsFit:
 
 def _fit_growing_windows(problem: FitProblem) -> _WindowsFit:
     """Fit the keys to growing parts of the records, each from the solution of the one before."""
-    tally, keys = problem.tally, len(problem.varied_keys)
+    counter, keys = problem.counter, len(problem.varied_keys)
     if problem.looped:
         problem = search_whole_steps(problem)
     x = best_start(problem)
     *early_ends, until_s = ends = problem.windows_s()
     shorter = []
     for i, end in enumerate(early_ends):
-        tally.expect(len(ends) - i + _LAST_STAGES, keys)
+        counter.expect(len(ends) - i + _LAST_STAGES, keys)
         x = minimise(problem, x, end, early=True, steps=15, tolerance=1e-3).x
         shorter.append((end, x))
-    tally.expect(1 + _LAST_STAGES, keys)
+    counter.expect(1 + _LAST_STAGES, keys)
     iterate = minimise(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
-    tally.expect(_LAST_STAGES, keys)
+    counter.expect(_LAST_STAGES, keys)
     if not problem.looped:
         iterate = search_lower_minimum(problem, iterate, ends)
     return _WindowsFit(problem, iterate, shorter)
 
 
-def _refreeze_if_moved(setup: Setup, windows: _WindowsFit) -> tuple[FitProblem, int]:
-    """Return the problem, with new frozen models if a key has moved, and the number of simulations
-    of the problem that it replaces."""
+def _refreeze_if_moved(setup: Setup, windows: _WindowsFit) -> FitProblem:
+    """Return the problem, with new frozen models if a key has moved."""
     problem, x = windows.problem, windows.iterate.x
     starts = [math.log(f.start) for f in problem.varied_keys]
     if max((abs(v - s) for s, v in zip(starts, x, strict=False)), default=0.0) <= _REFREEZE:
-        return problem, 0
-    return refreeze(setup, problem, windows.iterate), problem.evaluations
+        return problem
+    return refreeze(setup, problem, windows.iterate)
 
 
 def _solve(
     problem: FitProblem, windows: _WindowsFit, until_s: float, exact: bool
-) -> tuple[Solution, list[np.ndarray], int]:
-    """Return the solution of the whole records, how far its keys are from those of shorter windows
-    beyond noise, and the number of simulations of a solution that was dropped.
+) -> tuple[Solution, list[np.ndarray]]:
+    """Return the solution of the whole records, and how far its keys are from those of shorter
+    windows beyond noise.
 
     Without a model error in the problem the whole record may have bent the keys too far. So, where
     the solution has one, it is also sought from the solution of the first window.
     """
-    problem.tally.expect(1, len(problem.varied_keys))
+    problem.counter.expect(1, len(problem.varied_keys))
     found = solve_with_model_errors(problem, windows.iterate, until_s, exact)
     if not found.has_model_error:
-        return found, [], 0
-    evaluations = 0
+        return found, []
     if windows.shorter and not problem.looped:
         again = problem.evaluate(windows.shorter[0][1], until_s, early=False)
         other = solve_with_model_errors(problem, again, until_s, exact)
-        dropped = max(found, other, key=lambda one: one.cost)
-        evaluations = dropped.problem.evaluations
         found = min(found, other, key=lambda one: one.cost)
-    return found, shifts_beyond_noise(problem, windows.shorter, found.iterate), evaluations
+    return found, shifts_beyond_noise(problem, windows.shorter, found.iterate)
 
 
 def _apply_bootstrap(known: KeyUncertainty, drawn: np.ndarray | None) -> None:

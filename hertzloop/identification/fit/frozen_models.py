@@ -82,7 +82,7 @@ def refreeze(setup: Setup, problem: FitProblem, iterate: Iterate) -> FitProblem:
     accuracy = problem.models[0].setup.accuracy
     looped = [isinstance(model, LoopModel) for model in problem.models]
     models = freeze_models(setup, problem.channels, looped, values, accuracy)
-    return replace(problem, models=models, evaluations=0)
+    return replace(problem, models=models)
 
 
 def velocity_error_gain(channel: Channel, contact_s: float) -> float | None:

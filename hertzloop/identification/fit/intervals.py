@@ -121,13 +121,12 @@ def _chi_square_rise(
     f = problem.varied_keys[j]
 
     def rise(value: float) -> float:
-        held = replace(problem, fixed=problem.fixed | {f.key: value}, evaluations=0)
+        held = replace(problem, fixed=problem.fixed | {f.key: value})
         x = np.delete(iterate.x, j)
         try:
             found = minimise(held, x, until_s, early=False, steps=12, tolerance=1e-4)
         except SceneError:  # with the other values, the scene cannot have this one
             return math.inf
-        problem.evaluations += held.evaluations
         return (found.chi_square - iterate.chi_square) / wider**2
 
     return rise

@@ -21,7 +21,7 @@ def minimise_over_phases(problem: FitProblem, x: np.ndarray, until_s: float) -> 
     """
     if not problem.phase_periods:
         return minimise(problem, x, until_s, early=False)
-    alone = replace(problem, fixed=problem.key_values(x), evaluations=0)
+    alone = replace(problem, fixed=problem.key_values(x))
     keys = len(problem.varied_keys)
     groups = clock_groups(alone)
     places = [
@@ -33,17 +33,15 @@ def minimise_over_phases(problem: FitProblem, x: np.ndarray, until_s: float) -> 
         )
         for some, at in zip(groups, places, strict=True)
     ]
-    problem.evaluations += alone.evaluations
     found = []
     for rank in range(max(len(iterates) for iterates in ranked)):
         start = x.copy()
         for iterates, at in zip(ranked, places, strict=True):
             start[at] = iterates[min(rank, len(iterates) - 1)].x
-        held = replace(problem, phases_held=True, evaluations=0)
+        held = replace(problem, phases_held=True)
         near = (
             minimise(held, start, until_s, early=False, steps=8, tolerance=1e-3) if keys else None
         )
-        problem.evaluations += held.evaluations
         begin = start if near is None else near.x
         found.append(minimise(problem, begin, until_s, early=False, steps=15, tolerance=1e-4))
     return min(found, key=lambda iterate: iterate.chi_square)
@@ -68,7 +66,6 @@ def minima_by_phase(
         for at, period in phases.items():
             start[at] = (number + 0.5) / _PHASES * period
         found.append(minimise(part, start, until_s, early=False, steps=2, tolerance=1e-3))
-    problem.evaluations += part.evaluations
     return sorted(found, key=lambda iterate: iterate.chi_square)
 
 
@@ -88,7 +85,7 @@ def subproblem(problem: FitProblem, some: list[int]) -> FitProblem:
         [problem.models[i] for i in some],
         [problem.chains[i] for i in some],
         problem.fixed,
-        tally=problem.tally,
+        counter=problem.counter,
     )
 
 

@@ -66,9 +66,8 @@ class FitProblem:
         models: frozen model of each channel; channels of one setup share one.
         chains: measuring chain of each channel at the start; a free key of the sensor changes it.
         fixed: keys that are held at a value.
-        evaluations: number of simulations so far.
         phases_held: whether the phases stay as they are.
-        tally: simulations of the whole fit that the problem is a part of.
+        counter: simulations of the whole fit that the problem is a part of.
     """
 
     free: Sequence[FreeKey]
@@ -76,9 +75,8 @@ class FitProblem:
     models: Sequence[FrozenModel]
     chains: Sequence[MeasuringChain]
     fixed: dict[str, float] = field(default_factory=dict)
-    evaluations: int = 0
     phases_held: bool = False
-    tally: SimulationCounter = field(default_factory=SimulationCounter)
+    counter: SimulationCounter = field(default_factory=SimulationCounter)
 
     @property
     def varied_keys(self) -> list[FreeKey]:
@@ -161,8 +159,7 @@ class FitProblem:
         else:
             alone = {k: v for k, v in of_plant.items() if not ignored_without_control(k)}
             simulated = model.run(alone, until_s)
-        self.evaluations += model.simulations - before
-        self.tally.add(model.simulations - before)
+        self.counter.add(model.simulations - before)
         return observe(simulated, channel.record.quantity, chain, model.away_from_contact)
 
     def start_vector(self) -> np.ndarray:

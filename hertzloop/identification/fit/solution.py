@@ -58,9 +58,7 @@ def solve_with_model_errors(
     for _ in range(_ESTIMATES):
         cost, changed = _estimate_errors(found.problem, found.iterate, until_s, exact)
         if changed:
-            before = found.problem.evaluations
             found = _solve_without_outliers(found.problem, found.iterate, until_s)
-            found.problem.evaluations += before
         found.cost = cost
         if not changed:
             break
@@ -70,7 +68,7 @@ def solve_with_model_errors(
 def _solve_without_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> Solution:
     """Return the solution near an iterate without outliers, with channels of its own."""
     channels = [replace(c) for c in problem.channels]
-    problem, profile = replace(problem, channels=channels, evaluations=0), None
+    problem, profile = replace(problem, channels=channels), None
     for rounds in range(_ROUNDS + 1):
         if problem.whole_step_key is not None:
             problem, iterate, profile = profile_whole_steps(problem, iterate, until_s)

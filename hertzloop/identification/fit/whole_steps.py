@@ -136,7 +136,7 @@ def _nuisances_at(
     if f is not None:
         value = k * (f.resolution or 1.0)
         keys, late_us = keys | {f.key: value}, value - f.start
-    alone = replace(problem, fixed=keys, evaluations=0)
+    alone = replace(problem, fixed=keys)
     cost, nuisances = 0.0, []
     for some in clock_groups(alone):
         x = subproblem(alone, some).start_vector()
@@ -145,7 +145,6 @@ def _nuisances_at(
         found = minima_by_phase(alone, some, x, until_s)[0]
         cost += found.chi_square
         nuisances.append(found.x)
-    problem.evaluations += alone.evaluations
     return cost, nuisances
 
 
@@ -169,7 +168,7 @@ def profile_whole_steps(
     iterates: dict[int, Iterate] = {}
 
     def at(k: int) -> FitProblem:
-        return replace(problem, fixed=problem.fixed | {f.key: k * resolution}, evaluations=0)
+        return replace(problem, fixed=problem.fixed | {f.key: k * resolution})
 
     def tried(k: int, near: Iterate, late: int) -> bool:
         held = at(k)
@@ -182,8 +181,6 @@ def profile_whole_steps(
             iterates[k] = minimise_over_phases(held, x, until_s)
         except SceneError:
             return False
-        finally:
-            problem.evaluations += held.evaluations
         return True
 
     start = round(problem.fixed[f.key] / resolution)
@@ -200,9 +197,7 @@ def profile_whole_steps(
             k += way
     costs = {k: one.chi_square for k, one in iterates.items()}
     found = StepProfile(f, costs, {k: one.x for k, one in iterates.items()})
-    best = at(found.best)
-    best.evaluations = problem.evaluations
-    return best, iterates[found.best], found
+    return at(found.best), iterates[found.best], found
 
 
 def expected_profile(problem: FitProblem, iterate: Iterate, until_s: float) -> StepProfile:
@@ -217,10 +212,8 @@ def expected_profile(problem: FitProblem, iterate: Iterate, until_s: float) -> S
     for index, c in enumerate(problem.channels):
         predicted = problem.predict(iterate.x, index, until_s)
         channels.append(replace(c, value=predicted.reading))
-    clean = replace(problem, channels=channels, evaluations=0)
-    found = profile_whole_steps(clean, iterate, until_s)[2]
-    problem.evaluations += clean.evaluations
-    return found
+    clean = replace(problem, channels=channels)
+    return profile_whole_steps(clean, iterate, until_s)[2]
 
 
 def _only_actuator_force(channels: Iterable[Channel]) -> bool:
