@@ -101,13 +101,8 @@ class Plate(ModeSource):
     @cached_property
     def fundamental_hz(self) -> float:
         """Frequency of mode (1, 1), the lowest, Hz."""
-        if self.orthotropic:
-            omega = float(self._orthotropic_omega(np.ones(1), np.ones(1))[0])
-        else:
-            wave_number_squared = sum((math.pi / side) ** 2 for side in self.size_m)
-            speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
-            omega = speed * wave_number_squared
-        return omega / (2.0 * math.pi)
+        along_x, along_y, speed = self._squared_wave_numbers(0.0)
+        return float(speed * self._met(along_x, along_y)[0]) / (2.0 * math.pi)
 
     # Capabilities, see `hertzloop.plant.structures.structure`; that module imports this one.
 
@@ -145,44 +140,30 @@ class Plate(ModeSource):
 
     def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
-        if self.orthotropic:
-            return self._orthotropic_numbers(omega_max)
         along_x, along_y, speed = self._squared_wave_numbers(omega_max)
-        omega = speed * (along_y[:, np.newaxis] + along_x)
+        omega = speed * self._met(along_x, along_y[:, np.newaxis])
         n, m = np.nonzero(omega <= omega_max)
         order = np.argsort(omega[n, m], kind="stable")
         n, m = n[order], m[order]
         return m + 1, n + 1, omega[n, m]
 
-    def _orthotropic_omega(self, m: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """w = sqrt(D/m'' (a^2 + 2 eta a b + b^2)), a and b the squared wave numbers in the
-        coordinates of `Rigidity`; rad/s, (modes,)."""
-        bend, (lx, ly) = self.rigidity, self.size_m
-        a, b = (m * np.pi / (lx * bend.stretch)) ** 2, (n * np.pi / ly * bend.stretch) ** 2
-        speed = math.sqrt(bend.mean_n_m / self.mass_per_area_kg_m2)
-        return np.asarray(speed * np.sqrt(a * a + 2.0 * bend.eta * a * b + b * b))
-
-    def _orthotropic_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`mode_numbers` of an orthotropic plate."""
-        bend = self.rigidity
-        k_max = math.sqrt(omega_max / math.sqrt(bend.mean_n_m / self.mass_per_area_kg_m2)) / math.pi
-        lengths = self.size_m[0] * bend.stretch, self.size_m[1] / bend.stretch
-        every = [np.arange(1, max(1, math.floor(k_max * length)) + 1) for length in lengths]
-        m, n = (grid.ravel() for grid in np.meshgrid(*every, indexing="ij"))
-        omega = self._orthotropic_omega(m, n)
-        order = np.argsort(omega, kind="stable")
-        order = order[: int(np.searchsorted(omega[order], omega_max, side="right"))]
-        return m[order], n[order], omega[order]
+    def _met(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The squared wave number (a^2 + 2 eta a b + b^2)^(1/2) of those along the sides."""
+        if not self.orthotropic:
+            return b + a
+        return np.asarray(np.sqrt(a * a + 2.0 * self.rigidity.eta * a * b + b * b))
 
     def _squared_wave_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s), and
-        the frequency per square."""
-        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
+        """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s) in
+        the coordinates of `Rigidity`, and the frequency per square."""
+        speed = math.sqrt(self.rigidity.mean_n_m / self.mass_per_area_kg_m2)
         k_max = math.sqrt(omega_max / speed) / math.pi
-        m_max, n_max = (max(1, math.floor(k_max * length)) for length in self.size_m)
-        along_x = (np.arange(1, m_max + 1) * np.pi / self.size_m[0]) ** 2
-        along_y = (np.arange(1, n_max + 1) * np.pi / self.size_m[1]) ** 2
-        return along_x, along_y, speed
+        (lx, ly), stretch = self.size_m, self.rigidity.stretch
+        m, n = (
+            np.arange(1, max(1, math.floor(k_max * length)) + 1)
+            for length in (lx * stretch, ly / stretch)
+        )
+        return (m * np.pi / (lx * stretch)) ** 2, (n * np.pi / ly * stretch) ** 2, speed
 
     def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
         """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
@@ -191,7 +172,12 @@ class Plate(ModeSource):
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
-        m, n, _ = self.mode_numbers(omega_max)
+        return self.shapes_on(*self.mode_numbers(omega_max)[:2], x_m, y_m)
+
+    def shapes_on(
+        self, m: np.ndarray, n: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
+    ) -> np.ndarray:
+        """Shapes of modes (m, n) on a grid, (modes, x, y)."""
         along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
@@ -224,7 +210,7 @@ class Plate(ModeSource):
         if point_m is None:
             return beyond_limit
         if self.orthotropic:
-            m, n, omega = self._orthotropic_numbers(beyond)
+            m, n, omega = self.mode_numbers(beyond)
             out = omega > omega_max
             shape = self.mode_shape(m, n, point_m)[out]
             return beyond_limit + self.modal_scale_per_kg * float(np.sum((shape / omega[out]) ** 2))

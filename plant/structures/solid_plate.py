@@ -296,9 +296,7 @@ class SolidPlate(SizedPlate):
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of the face with the contact of all modes up to `omega_max`, (modes, x, y)."""
         m, n, _, face = self._numbers(omega_max)
-        along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
-        along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
-        return np.asarray(face[:, None, None] * along_x[:, :, None] * along_y[:, None, :])
+        return np.asarray(face[:, None, None] * self.plate.shapes_on(m, n, x_m, y_m))
 
     @property
     def _branches(self) -> Branches:

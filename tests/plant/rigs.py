@@ -1,5 +1,6 @@
 """Plants to test with, and a plain loop that runs them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +71,15 @@ def run(plant: Plant, steps: int, force: np.ndarray | None = None) -> Rows:
         contact_force[i] = step(plant.model, plant.state, force[i])
     columns = (places[:, c] for c in (XI, XI_S, XI_P, V_P, XI_A))
     return Rows(*columns, contact_force, force[:steps])
+
+
+def after_steps(plant: Plant, force: Iterable[float], places: int | list[int] = XI) -> np.ndarray:
+    """The body's values at `places` after every step under the actuator forces."""
+    found = []
+    for push in force:
+        step(plant.model, plant.state, push)
+        found.append(plant.state.body[places])
+    return np.array(found)
 
 
 def rigid(

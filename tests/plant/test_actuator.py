@@ -12,10 +12,8 @@ from hertzloop.plant import actuator_kernels as act
 from hertzloop.plant.actuator import IDEAL, Actuator, build_model, rest_force_n
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import ACTUATOR_F, BODY_SIZE, CONTACT_STEPS, XI
-from tests.plant.rigs import spec
-from tests.plant.test_solution import reference
+from hertzloop.plant.state_kernels import ACTUATOR_F, BODY_SIZE, CONTACT_STEPS
+from tests.plant.rigs import after_steps, spec
 
 H = 1e-6
 BESIDE = {"size_m": (0.3, 0.2), "contact_point_m": (0.11, 0.07), "actuator_point_m": (0.13, 0.07)}
@@ -94,11 +92,7 @@ def test_a_preload_acts_from_the_first_step_on_as_a_command_of_its_size_does() -
 
 def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
     plant = CollocationPlant(what)
-    found = np.empty(len(push))
-    for i, command in enumerate(push):
-        step(plant.model, plant.state, command)
-        found[i] = plant.state.body[XI]
-    return plant, found
+    return plant, after_steps(plant, push)
 
 
 @pytest.mark.full
@@ -115,24 +109,6 @@ def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
         )
         assert faster < 0.02 * fast
         assert faster < 2e-5 * abs(ideal).max()
-
-
-@pytest.mark.parametrize("mass_kg", [1e-4, 1e-3, 1e-2])
-@pytest.mark.parametrize("place", ["same", "beside"])
-def test_mass_loaded_modes_move_as_the_plate_with_the_mass_does(place: str, mass_kg: float) -> None:
-    """Roots of the secular equation against the modes coupled by the mass, in time."""
-    changes = {} if place == "same" else BESIDE
-    what = spec(step_s=2.5e-7, lead_in_s=0.0, loss_factor=0.0, limit_hz=60e3, **changes)
-    what = replace(what, actuator=Actuator(mass_kg=mass_kg))
-    steps = 160
-    plant, found = gaps(what, np.full(steps, 20.0))
-    t = what.step_s * np.arange(1, steps + 1)
-    exact = reference(what, lambda _: np.asarray(20.0), t)
-    bare = reference(replace(what, actuator=IDEAL), lambda _: np.asarray(20.0), t)
-    deepest = -exact.min()
-    print(f"{abs(found - exact).max() / deepest:.1e}, {len(plant.modes.omega)} frequencies")
-    assert abs(found - exact).max() < 5e-6 * deepest
-    assert abs(bare - exact).max() > 1e-4 * deepest
 
 
 @pytest.mark.parametrize("point", [None, (0.3, 0.21), (0.2, 0.25)])

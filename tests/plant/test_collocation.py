@@ -1,7 +1,6 @@
 """The default scheme: order 4 against DOP853, energy to rounding at any step, its spring."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +12,9 @@ from hertzloop.plant.contact import elastic_kernels as hertz
 from hertzloop.plant.contact import elastic_kernels as solve
 from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
 from hertzloop.plant.numerics import phi
-from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant, flexibility_m_n
-from hertzloop.plant.schemes.registry import step
-from hertzloop.plant.state_kernels import XI
 from hertzloop.plant.structures.materials import MATERIALS
-from tests.plant.rigs import spec
+from tests.plant.rigs import after_steps, spec
 from tests.plant.test_solution import reference
 
 STEPS_S = (4e-6, 2e-6, 1e-6, 5e-7)
@@ -41,15 +37,6 @@ CASES: dict[str, tuple[dict, float]] = {
 }
 
 
-def gaps(plant: Plant, force: Callable[[int], float], steps: int) -> np.ndarray:
-    """Gap after every step."""
-    found = np.empty(steps)
-    for i in range(steps):
-        step(plant.model, plant.state, force(i))
-        found[i] = plant.state.body[XI]
-    return found
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_gap_converges_as_the_fourth_power_of_the_step(case: str) -> None:
     changes, push = CASES[case]
@@ -58,8 +45,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(case: str) -> None:
     solution = None
     for h in STEPS_S:
         plant = CollocationPlant(spec(step_s=h, lead_in_s=0.0, **changes))
-        steps = round(CONTACT_S / h)
-        found = gaps(plant, lambda _: push, steps)
+        found = after_steps(plant, np.full(round(CONTACT_S / h), push))
         if solution is None:
             t = finest * np.arange(1, round(CONTACT_S / finest) + 1)
             solution = reference(plant.spec, lambda _: np.asarray(push), t)
@@ -134,7 +120,7 @@ def test_modes_left_out_act_as_a_spring() -> None:
 
     def found(limit_hz: float, *, sprung: bool) -> np.ndarray:
         what = replace(spec(limit_hz=limit_hz), residual_flexibility=sprung)
-        return gaps(CollocationPlant(what), lambda _: 0.0, 30)
+        return after_steps(CollocationPlant(what), np.zeros(30))
 
     many, bare, sprung = (
         found(480e3, sprung=True),
@@ -163,8 +149,7 @@ def test_phi_functions() -> None:
 def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
     highest = CollocationPlant(spec(loss_factor=0.1)).modes.omega[-1]
     plant = CollocationPlant(spec(loss_factor=0.1, step_s=turn / highest, lead_in_s=0.0))
-    for _ in range(300):
-        step(plant.model, plant.state, 0.0)
+    after_steps(plant, np.zeros(300))
     balance = plant.close_balance()
     assert balance.modal_dissipated_j > 1e-3 * balance.energy_start_j
     assert abs(balance.energy_residual) < 1e-11

@@ -12,6 +12,7 @@ from hertzloop.plant.contact.hertz import (
     Hammer,
     rigid_contact_time_s,
     rigid_impact,
+    rigid_peak_force_n,
     tangent_stiffness_n_m,
 )
 from hertzloop.plant.metrics.impacts import impacts
@@ -26,17 +27,6 @@ from tests.plant.rigs import IMMOVABLE, spec
 MASS, SPEED = 0.15, 0.8
 STIFFNESS = {1.0: 2e6, 1.25: 2e7, 1.5: 2e8, 2.0: 4e10}  # contacts of about a millisecond
 ON_PLATE = ["controller.law=off", "run.duration_s=0.012", "hammer.mass_kg=0.1"]
-TIPS = {
-    "metal": ["hammer.tip_radius_m=0.006"],
-    "soft": ["hammer.tip_stiffness=1e6", "hammer.tip_exponent=1"],
-    "between": ["hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.25"],
-    "square": [
-        "hammer.tip_stiffness=1e10",
-        "hammer.tip_exponent=2",
-        "plate.tail=spring",
-    ],
-}
-DAMPED = ["contact.damping=hunt_crossley", "contact.restitution=0.6"]
 
 
 def hit(exponent: float, stiffness: float, step_s: float) -> tuple[Plant, np.ndarray]:
@@ -97,6 +87,9 @@ def test_closed_forms_of_a_power_of_the_penetration() -> None:
         force = 2e7 * 1e-5**n
         assert tangent_stiffness_n_m(2e7, force, n) == pytest.approx(n * force / 1e-5, rel=1e-12)
     assert rigid_contact_time_s(0.3, 2e7, 0.7, 1.0) == pytest.approx(np.pi * np.sqrt(0.3 / 2e7))
+    # Energy: m v^2/2 = 2/5 s p^(5/2) at the peak.
+    peak = rigid_peak_force_n(0.3, 2e9, 0.7)
+    assert 0.4 * 2e9 * (peak / 2e9) ** (5 / 3) == pytest.approx(0.5 * 0.3 * 0.49, rel=1e-14)
 
 
 def on_plate(*settings: str) -> tuple[Setup, Plant, np.ndarray]:
@@ -104,21 +97,6 @@ def on_plate(*settings: str) -> tuple[Setup, Plant, np.ndarray]:
     setup = load("aluminium-3mm", [*ON_PLATE, "hammer.speed_m_s=0.5", *settings])
     plant = build_plant(setup)
     return setup, plant, ts.series_under(plant, np.zeros(setup.steps))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("tip", "bounces", "damping"),
-    [("metal", "false", []), ("metal", "true", DAMPED), ("soft", "false", DAMPED),
-     ("between", "true", []), ("square", "false", DAMPED), ("square", "true", [])],
-)  # fmt: skip
-def test_energy_and_momentum_close(tip: str, bounces: str, damping: list[str]) -> None:
-    _, plant, rows = on_plate(*TIPS[tip], *damping, f"hammer.bounces={bounces}")
-    balance = plant.close_balance()
-    assert rows[ts.F_C].max() > 10.0
-    assert abs(balance.energy_residual) < 1e-10
-    assert abs(balance.momentum_residual) < 1e-10
-    assert (balance.contact_dissipated_j > 0.0) == bool(damping)
 
 
 @pytest.mark.full
@@ -140,7 +118,7 @@ def test_a_hammer_is_withdrawn_after_the_first_contact() -> None:
 
 @pytest.mark.full
 def test_an_infinite_plate_lets_a_hammer_go_too() -> None:
-    tip = TIPS["soft"]
+    tip = ["hammer.tip_stiffness=1e6", "hammer.tip_exponent=1"]
     hit = ["plate.size_m=[3, 3]", "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0035"]
     rows = [
         on_plate(*tip, *hit, f"run.plate_model={model}")[2][:, :3000]

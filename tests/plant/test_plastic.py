@@ -22,7 +22,7 @@ from hertzloop.plant.state_kernels import (
     XI_S,
 )
 from hertzloop.plant.structures.materials import MATERIALS
-from tests.plant.rigs import IMMOVABLE, spec
+from tests.plant.rigs import IMMOVABLE, after_steps, spec
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -37,10 +37,9 @@ def soft(pressure_pa: float, stiffness: float = STIFFNESS, **damping: float) -> 
     return Contact(stiffness, **damping, limit=Limit(pressure_pa, radius))
 
 
-def moved(what: PlantSpec, steps: int, push: np.ndarray | None = None) -> CollocationPlant:
+def moved(what: PlantSpec, steps: int) -> CollocationPlant:
     plant = CollocationPlant(what)
-    for i in range(steps):
-        step(plant.model, plant.state, 0.0 if push is None else push[i])
+    after_steps(plant, np.zeros(steps))
     return plant
 
 
@@ -90,10 +89,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, dampi
     for h in (4e-6, 1e-6, 2.5e-7, 6.25e-8):
         what = spec(step_s=h, contact=contact, limit_hz=60e3, loss_factor=0.0, lead_in_s=0.0)
         plant, every = CollocationPlant(what), round(4e-6 / h)
-        places.append(np.empty(12))
-        for i in range(12 * every):
-            step(plant.model, plant.state, 0.0)
-            places[-1][i // every] = plant.state.body[XI]
+        places.append(after_steps(plant, np.zeros(12 * every))[every - 1 :: every])
     deepest = -places[-1].min()
     errors = [abs(p - places[-1]).max() / deepest for p in places[:-1]]
     orders = np.log2(np.divide(errors[:-1], errors[1:])) / 2.0

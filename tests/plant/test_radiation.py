@@ -10,11 +10,10 @@ import pytest
 from hertzloop.plant.metrics import noise
 from hertzloop.plant.plant import PlantSpec, air_eta, modes_of
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.plant.structures.plate import Plate
-from tests.plant.rigs import spec
+from tests.plant.rigs import after_steps, spec
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -114,8 +113,7 @@ def test_air_takes_its_share_of_every_mode() -> None:
     plant = CollocationPlant(replace(what, residual_flexibility=False))
     force = np.zeros(9_000)
     force[0] = 1.0
-    for push in force:
-        step(plant.model, plant.state, push)
+    after_steps(plant, force)
     balance = plant.close_balance()
     assert balance.contact_steps == 0
     shares = noise.modal_shares_j(plant.modes, 0.0 * force, force, what.step_s)
@@ -129,8 +127,7 @@ def test_air_takes_its_share_of_every_mode() -> None:
 
 def test_a_plate_without_loss_of_its_own_gives_air_everything() -> None:
     plant = CollocationPlant(replace(radiating(), plate=replace(SMALL, loss_factor=0.0)))
-    for _ in range(300):
-        step(plant.model, plant.state, 0.0)
+    after_steps(plant, np.zeros(300))
     balance = plant.close_balance()
     assert balance.air_dissipated_j > 0.0
     assert abs(balance.modal_dissipated_j) < 1e-12 * balance.air_dissipated_j

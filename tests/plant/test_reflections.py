@@ -13,7 +13,7 @@ from hertzloop.plant.estimates.reflections_kernels import (
     sine_and_cosine_integral,
 )
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.structure import frequencies, oscillators
+from hertzloop.plant.structures.structure import oscillators
 from tests.plant.rigs import spec
 
 
@@ -84,27 +84,6 @@ def test_nothing_is_promised_where_the_contact_is_at_the_edge_or_does_not_end() 
     heavy = spec(radius_m=0.02)
     found = reflections(heavy.sphere, heavy.plate, heavy.contact, heavy.contact_point_m)
     assert found.contact_s == math.inf
-
-
-@pytest.mark.parametrize(
-    ("size", "contact", "actuator"),
-    [
-        ((0.5, 0.5), (0.25, 0.25), (0.25, 0.25)),
-        ((0.5, 0.5), (0.25, 0.25), (0.3, 0.2)),
-        ((0.5, 0.5), (0.1, 0.17), (0.17, 0.1)),
-        ((0.4, 0.25), (0.14, 0.09), (0.155, 0.09)),
-    ],
-)
-def test_frequencies_are_those_of_the_oscillators(
-    size: tuple[float, float], contact: tuple[float, float], actuator: tuple[float, float]
-) -> None:
-    plate = replace(spec().plate, size_m=size)
-    for limit_hz in (5e3, 100e3, 400e3):
-        omega = 2.0 * math.pi * limit_hz
-        made = oscillators(plate, contact, actuator, omega)
-        assert frequencies(plate, contact, actuator, omega) == len(made.omega)
-        assert plate.modes_below(limit_hz) == pytest.approx(made.modes, rel=0.2, abs=5)
-    assert frequencies(plate, contact, actuator, 1.0) == 0
 
 
 def test_sine_and_cosine_integral_are_those_of_scipy() -> None:

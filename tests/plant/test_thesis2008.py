@@ -20,6 +20,7 @@ from paper.restitution import (
     relaxation_stiffness,
     restitution,
 )
+from tests.plant.rigs import after_steps
 
 THICKNESS = {"aluminium": 0.003, "oak": 0.01, "sylomer_m": 0.0125}
 VISCOUS = {"aluminium": 9.41, "oak": 1.6379, "sylomer_m": 0.093915}
@@ -99,15 +100,13 @@ def test_against_a_plain_loop(push: float) -> None:
     f_a = push * np.sin(np.arange(200) / 9.0)
     xi, v = plain_run(published(), f_a)
     plant = ThesisPlant(published(), 200)
-    got = []
-    for n in range(len(xi)):
-        got.append(float(plant.state.body[XI]))
-        if n + 1 < len(xi):
-            k.step(plant.model, plant.state, float(f_a[n]))
+    got = np.append(0.0, after_steps(plant, f_a[: len(xi) - 1]))
     assert len(xi) > 30
     # Newton stops at |da| < 1e-6 m/s^2, some 1e-10 of the accelerations met.
     np.testing.assert_allclose(got, xi, rtol=0, atol=1e-8 * np.abs(xi).max())
     assert plant.state.motion[k.REL_V] == pytest.approx(v[-1], rel=1e-8)
+    speed = relative_speed_m_s(got, plant.spec.sphere.impact_speed_m_s, 1e-6)
+    assert speed == pytest.approx(float(plant.state.motion[k.REL_V]), rel=1e-9)
 
 
 def test_green_functions_are_derivatives_of_each_other() -> None:
@@ -125,17 +124,12 @@ def test_green_functions_are_derivatives_of_each_other() -> None:
     [("aluminium", 35, 0.01), ("oak", 177, 0.05), ("sylomer_m", 698, 0.05)],
 )
 def test_contact_time_without_control(material: str, published_steps: int, allowed: float) -> None:
-    samples, speed = first_contact(ThesisPlant(published(material), 2000), 2000)
+    plant = ThesisPlant(published(material), 2000)
+    samples, speed = first_contact(plant, 2000)
+    assert plant.state.counts[NEWTON_MAX] <= 3
     assert abs(samples + 1 - published_steps) <= allowed * published_steps
     target = MATERIALS[material].restitution
     assert speed / 0.9904544 == pytest.approx(target, abs=0.003)
-
-
-def test_newton_takes_two_or_three_iterations_with_viscous_damping() -> None:
-    for material in THICKNESS:
-        plant = ThesisPlant(published(material), 2000)
-        first_contact(plant, 2000)
-        assert plant.state.counts[NEWTON_MAX] <= 3
 
 
 def test_calibration_reaches_its_targets() -> None:
@@ -185,16 +179,6 @@ def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
     assert len(gaps[0]) >= 34  # without damping 33
 
 
-def test_relative_speed_follows_from_the_gaps() -> None:
-    plant = ThesisPlant(published(), 100)
-    gaps = [0.0]
-    while not plant.state.body[XI] > 0.0:
-        k.step(plant.model, plant.state, 0.0)
-        gaps.append(float(plant.state.body[XI]))
-    speed = relative_speed_m_s(np.array(gaps), plant.spec.sphere.impact_speed_m_s, 1e-6)
-    assert speed == pytest.approx(float(plant.state.motion[k.REL_V]), rel=1e-9)
-
-
 def test_flight_and_next_impact() -> None:
     plant = ThesisPlant(replace(published(), lead_in_s=1e-4), 200_000)
     starts, touching = [], False
@@ -212,8 +196,7 @@ def test_flight_and_next_impact() -> None:
 
 def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
     plant = ThesisPlant(published(), 200)
-    for _ in range(100):
-        k.step(plant.model, plant.state, 0.0)
+    after_steps(plant, np.zeros(100))
     balance = plant.close_balance()
     assert balance.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
     assert balance.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)

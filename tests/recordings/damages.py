@@ -77,16 +77,23 @@ def many_chunks(folder: Path) -> Path:
         return record(folder / "whole.mcap", "sensors.bits=16")
 
 
+def records(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Kind, first byte and end of every record of a whole file, to the one that ends the data."""
+    kind, end = -1, 8
+    while kind != Opcode.DATA_END:
+        at, kind = end, content[end]
+        end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+        yield kind, at, end
+
+
 def chunks(content: bytes) -> list[tuple[bytes, list[bytes]]]:
     """The bytes of every chunk of a whole file, in order, and the payloads in it."""
-    at, found = 8, []
-    while content[at] != Opcode.DATA_END:
-        end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
-        if content[at] == Opcode.CHUNK:
+    found = []
+    for kind, at, end in records(content):
+        if kind == Opcode.CHUNK:
             inside = inner_records(unpack_chunk(content[at + 9 : end]))
             payloads = [message_of(one).data for kind, one in inside if kind == Opcode.MESSAGE]
             found.append((content[at:end], payloads))
-        at = end
     return found
 
 
@@ -97,11 +104,9 @@ def undamaged(damaged: bytes, of: list[tuple[bytes, list[bytes]]]) -> list[list[
 
 def scene_records(content: bytes) -> list[bytes]:
     """The bytes of what says the scene in a whole file: an attachment, and the first chunk."""
-    name = content.index(b"scene.toml") - 4  # after its length
-    at = name - 16 - 9  # two times and the record's own head
-    assert content[at] == Opcode.ATTACHMENT
-    end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
-    return [content[at:end], chunks(content)[0][0]]
+    attached = [content[a:b] for kind, a, b in records(content) if kind == Opcode.ATTACHMENT]
+    [scene] = (one for one in attached if b"\x0a\x00\x00\x00scene.toml" in one)
+    return [scene, chunks(content)[0][0]]
 
 
 def _too_long(number: int, frame: FrameType | None) -> None:

@@ -23,6 +23,7 @@ from tests.recordings.damages import (
     everywhere,
     looked_at,
     many_chunks,
+    records,
     recovered,
     samples,
     scene_records,
@@ -148,18 +149,13 @@ def test_a_scene_behind_the_end_of_the_data_is_found(source: Path, tmp_path: Pat
 def without_checksum(content: bytes, closed: bool) -> bytes:
     """The file with another last sample in its longest chunk, whose checksum is 0, as of a writer
     that leaves it out; `closed`: with the right checksum over all data, else cut off before it."""
-    at, chunks = 8, list[tuple[int, int]]()
-    while content[at] != Opcode.DATA_END:
-        length = int.from_bytes(content[at + 1 : at + 9], "little")
-        if content[at] == Opcode.CHUNK:
-            chunks.append((length, at))
-        at += 9 + length
-    length, first = max(chunks)
-    records = bytearray(unpack_chunk(content[first + 9 : first + 9 + length]))
-    records[-8] ^= 1
-    head = content[first + 9 : first + 25] + struct.pack("<QIIQ", len(records), 0, 0, len(records))
-    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(records)) + head + records
-    data = content[:first] + chunk + content[first + 9 + length : at]
+    *others, (_, at, _) = records(content)
+    _, first, last = max((b - a, a, b) for kind, a, b in others if kind == Opcode.CHUNK)
+    inside = bytearray(unpack_chunk(content[first + 9 : last]))
+    inside[-8] ^= 1
+    head = content[first + 9 : first + 25] + struct.pack("<QIIQ", len(inside), 0, 0, len(inside))
+    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(inside)) + head + inside
+    data = content[:first] + chunk + content[last:at]
     if not closed:
         return data
     return data + content[at : at + 9] + struct.pack("<I", zlib.crc32(data)) + content[at + 13 :]
@@ -183,23 +179,17 @@ def test_a_chunk_of_ours_without_its_checksum_is_not_believed(
 
 
 def test_a_scene_of_ours_without_its_checksum_is_not_believed(source: Path, tmp_path: Path) -> None:
-    content = bytearray(source.read_bytes())
-    at = content.index(b"\x0a\x00\x00\x00scene.toml") - 25
-    end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
-    assert content[at] == Opcode.ATTACHMENT
-    content[end - 4 : end] = bytes(4)
-    path = tmp_path / "a.mcap"
-    path.write_bytes(content[:-100])
-    told = read(path).problems
-    assert any("are damaged: a checksum is missing" in problem for problem in told)
+    content, path = source.read_bytes(), tmp_path / "a.mcap"
+    scene = scene_records(content)[0]
+    path.write_bytes(content.replace(scene, scene[:-4] + bytes(4))[:-100])
+    assert "are damaged: a checksum is missing" in " ".join(read(path).problems)
 
 
 def test_only_what_is_damaged_is_said_to_be(source: Path, tmp_path: Path) -> None:
     """The record that ends the data is none: summary and footer behind it are still what they
     were."""
-    content, at = bytearray(source.read_bytes()), 8
-    while content[at] != Opcode.DATA_END:
-        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    content = bytearray(source.read_bytes())
+    *_, (_, at, _) = records(content)
     content[at] = 0xFF
     path = tmp_path / "no_end.mcap"
     path.write_bytes(content)

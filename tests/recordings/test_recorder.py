@@ -111,9 +111,7 @@ def test_a_fault_that_a_role_announces(path: Path) -> None:
     heard = both()
     for stream in ("end/plant", "end/controller"):
         place = places(heard, stream)[0]
-        end = RunEnd.FromString(heard[place].payload)
-        end.fault = "the plate broke"
-        heard[place] = replace(heard[place], payload=end.SerializeToString())
+        heard[place] = changed(heard[place], fault="the plate broke")
     recorder = hear(path, heard)
     assert set(recorder.faults) == {"the plate broke"}
     kept = read(path)

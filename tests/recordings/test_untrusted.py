@@ -56,8 +56,6 @@ def test_an_event_that_says_another_time_than_its_record(whole: Path, tmp_path: 
     event = Log(name="plant", message="never")
     event.timestamp.seconds = -5
     writer.write("events/plant", event.SerializeToString(), 0, 2**63 - 1)
-    with pytest.raises(RecordingError, match="stream 'events/plant' sequence 1 is at -5 ns"):
-        writer.write("events/plant", b"", 1, -5)
     writer.finish({})
     kept = read(path)
     assert kept.events == []
@@ -163,16 +161,6 @@ def test_a_recording_that_changes_while_it_is_read(whole: Path, tmp_path: Path) 
         assert {key: now[key].tobytes() for key in now} == {key: was[key].tobytes() for key in was}
 
 
-@pytest.mark.parametrize("stream", ["hello", "balance", "events/plant", "events/controller"])
-def test_a_message_that_is_missing_is_named(whole: Path, tmp_path: Path, stream: str) -> None:
-    """With right checksums everywhere."""
-    last = [item.number for item in messages(whole) if item.stream == stream][-1]
-    path = rewrite(
-        whole, tmp_path / "a.mcap", lambda item: (item.stream, item.number) != (stream, last)
-    )
-    assert any(words.startswith(f"stream '{stream}'") for words in read(path).problems)
-
-
 def test_a_hello_of_another_scene_that_is_as_long(whole: Path, tmp_path: Path) -> None:
     source = read(whole)
     other = source.scene_toml.replace('"steel"', '"glass"')
@@ -186,13 +174,6 @@ def test_a_hello_of_another_scene_that_is_as_long(whole: Path, tmp_path: Path) -
     told = read(path).problems
     assert "the hello has another scene than the file" in told
     assert any(words.startswith("seed is '") for words in told)
-
-
-def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    for more in (b"\0", b"behind" * 100, whole.read_bytes()):
-        path.write_bytes(whole.read_bytes() + more)
-        assert any("damaged" in words for words in read(path).problems)
 
 
 # A terminal's title, clearing it, the same in C1, right to left, hidden, and markup of rich.

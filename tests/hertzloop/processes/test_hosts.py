@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("cryptography")
 
+from hertzloop.bus.access_control import common_name, secured
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.bus.zenoh_config import common_name, secured
 from hertzloop.certificates import CertificateAuthority, in_base64
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference

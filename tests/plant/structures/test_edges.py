@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.structures.edged_plate import EdgedPlate
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
-from tests.plant.rigs import spec
 
 NU = 0.3
 METAL = Material(7.2e10, 2700.0, NU)
@@ -115,16 +113,6 @@ def test_participation_of_free_edges_is_not_lost() -> None:
         modes = plate.modes(limit, (0.21, 0.17), (0.21, 0.17))
         mean = modes.scale_per_kg * np.sum(modes.at_contact**2) * np.pi / 2.0 / limit
         assert mean * plate.plate.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.02)
-
-
-def test_accuracy_decides_how_many_modes_an_edged_plate_has() -> None:
-    what = spec()
-    plate = edged("cccc", (0.5, 0.5))
-    limits = [
-        frequency_limit_hz(what.sphere, plate, what.contact, 1e-6, accuracy, spring=True)
-        for accuracy in (0.1, 0.01, 0.001)
-    ]
-    assert limits == sorted(limits)
 
 
 @pytest.mark.parametrize(
