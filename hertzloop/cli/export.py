@@ -113,7 +113,6 @@ def export_plant(
     assert out_path is not None
     if not folder and out_path.suffix not in (".fmu", ".so"):
         fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir")
-    outputs.check_reachable(out_path)
     resolved = prepare.scene_from(scene, settings, seed)
     if not folder:
         outputs.check_output(
