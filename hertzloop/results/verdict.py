@@ -113,35 +113,20 @@ class Control:
 
 
 @dataclass(frozen=True)
-class RunVerdict:
-    """The verdict on a run.
-
-    Attributes:
-        result: the run.
-        control: what control changes; None if there is no run to compare with.
-        law_accuracy: set if the law prevents the run from keeping its accuracy.
-    """
-
-    result: RunResult
-    control: Control | None
-    law_accuracy: LawAccuracy | None = None
-
-
-@dataclass(frozen=True)
 class Assessment:
     """The assessment of a run's metrics.
 
     Attributes:
-        stated_error: model error of the run, relative; None if it is not known.
+        result: the run, with the model error that it states.
+        control: what control changes; None if there is no run to compare with.
         predictability: how well the impacts can be known.
         law_accuracy: accuracy under the law; None if it was not evaluated.
-        verdict: the verdict on the run.
     """
 
-    stated_error: float | None
+    result: RunResult
+    control: Control | None
     predictability: Predictability
     law_accuracy: LawAccuracy | None
-    verdict: RunVerdict
 
 
 @dataclass(frozen=True)
@@ -150,7 +135,6 @@ class RunAssessment:
 
     Attributes:
         law: the law that the controller used.
-        result: the metrics of the run.
         yielded: the permanent indentation; None if the contact did not yield.
         requested_accuracy: requested model error, relative.
         pacing: missed deadlines; None for a run in lock-step.
@@ -159,12 +143,16 @@ class RunAssessment:
     """
 
     law: RecordedLaw
-    result: RunResult
     yielded: Yield | None
     requested_accuracy: float
     pacing: Pacing | None
     free: Metrics | None
     assessment: Assessment
+
+    @property
+    def result(self) -> RunResult:
+        """The run, with the model error that it states."""
+        return self.assessment.result
 
 
 def assess_recording(
@@ -185,9 +173,7 @@ def assess_recording(
     metrics, pacing = metrics_of(setup, blocks_of(recording)), pacing_of(recording)
     result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(
-        law, result, yield_of(recording.balance), setup.accuracy, pacing, free, found
-    )
+    return RunAssessment(law, yield_of(recording.balance), setup.accuracy, pacing, free, found)
 
 
 def assess(
@@ -200,8 +186,7 @@ def assess(
     accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.metrics)
     result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
     known = predictability(setup, result, free, not_repeatable)
-    found = verdict(result, free, known, accuracy)
-    return Assessment(result.expected_error, known, accuracy, found)
+    return verdict(result, free, known, accuracy)
 
 
 def verdict(
@@ -209,14 +194,14 @@ def verdict(
     free: Metrics | None = None,
     known: Predictability = NOTHING_KNOWN,
     accuracy: LawAccuracy | None = None,
-) -> RunVerdict:
-    """Return the verdict on a run; without `free`, the metrics of the run without control, it says
-    only what spoils the metrics."""
+) -> Assessment:
+    """Return the assessment of a run whose errors are known; without `free`, the metrics of the run
+    without control, it says only what spoils the metrics."""
     control, metrics = None, result.metrics
     comparable = bool(metrics.impacts) and not metrics.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
         control = _control(result, free, known)
-    return RunVerdict(result, control, accuracy if accuracy and not accuracy.kept else None)
+    return Assessment(result, control, known, accuracy)
 
 
 def _control(result: RunResult, free: Metrics, known: Predictability) -> Control:
