@@ -1,6 +1,7 @@
 """Test an active-control law against a simulated impact, at 1 MHz and repeatable to the bit."""
 
 import os
+from importlib import import_module
 
 __version__ = "0.3.0"
 
@@ -10,65 +11,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 TYPE_CHECKING = False  # of `typing`, which a program would import before it hears Ctrl-C
 
-# The Python interface, loaded when it is used: a process of a run needs only its part.
-__all__ = [  # noqa: F405
-    "BudgetRequest",
-    "BudgetResult",
-    "BusError",
-    "Comparison",
-    "DesignError",
-    "Difference",
-    "FitError",
-    "FitResult",
-    "Impact",
-    "ImpactNoise",
-    "MarginResult",
-    "Record",
-    "RecordError",
-    "RecordingError",
-    "Run",
-    "RunFailed",
-    "RunMetrics",
-    "Scene",
-    "SceneError",
-    "SpanMetrics",
-    "StreamFault",
-    "SweepFailed",
-    "SweepRequest",
-    "TuneRequest",
-    "TuneResult",
-    "__version__",
-    "budget",
-    "compare",
-    "fit",
-    "linear",
-    "load",
-    "margin",
-    "modes",
-    "read",
-    "read_record",
-    "read_records",
-    "run",
-    "scene_names",
-    "simulate",
-    "sweep",
-    "tune",
-    "vary",
-]
-# Needs gymnasium, so that `from hertzloop import *` leaves it out.
-_OF_EXTRAS = ["ImpactEnv"]
 if TYPE_CHECKING:
     from hertzloop.api import *  # noqa: F403
     from hertzloop.interop.environment import ImpactEnv as ImpactEnv
 
 
 def __getattr__(name: str) -> object:
-    if name in (*__all__, *_OF_EXTRAS):
-        from importlib import import_module
-
-        return getattr(import_module("hertzloop.api"), name)
-    raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
+    """Load the Python interface when it is used: a process of a run needs only its part."""
+    if name.startswith("_") and name != "__all__":
+        raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
+    api = import_module("hertzloop.api")
+    return [*api.__all__, "__version__"] if name == "__all__" else getattr(api, name)
 
 
 def __dir__() -> list[str]:
-    return [*__all__, *_OF_EXTRAS]
+    # ImpactEnv needs gymnasium, so that `from hertzloop import *` leaves it out.
+    return [*import_module("hertzloop.api").__all__, "__version__", "ImpactEnv"]

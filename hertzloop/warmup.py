@@ -87,8 +87,9 @@ def ensure_compiled(
         moment = _moment_of(setup)
         _compile_at_once(setup, moment, list(markers), tell)
         with own_folder() as folder:
-            for work in markers:
-                _RUN[work](moment, Path(folder))
+            for work, run in _RUN.items():
+                if work in markers:
+                    run(moment, Path(folder))
         for marker in markers.values():
             _mark(marker)
     if not scenes and not _usual(works).exists():
@@ -295,10 +296,9 @@ def _run_results(setup: "Setup", folder: Path) -> None:
     metrics_of(setup, free_series(setup))
 
 
-# What compiles every kernel of a work.
+# What compiles every kernel of a work; of a paced plant those that `_PLANT` compiles are all.
 _RUN: dict[Work, Callable[["Setup", Path], None]] = {
     Work.EXCHANGE: _run_exchange,
     Work.LOOP: _run_loop,
     Work.RESULTS: _run_results,
-    Work.PACED: lambda setup, folder: _paced_plant(setup),
 }

@@ -130,7 +130,7 @@ class Run:
 
         setup = resolve(self.scene)
         found = assess(setup, self._result, free_metrics(setup), self._not_repeatable)
-        return verdict_sentences(found.verdict)
+        return verdict_sentences(found)
 
     def without_control(self) -> "Run":
         """Simulate the run with the law off, on the same plate model.
@@ -336,7 +336,7 @@ def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
         One row per metric. `print` shows the table of `hertzloop compare --metrics`.
     """
     from hertzloop.results.comparison import compared
-    from hertzloop.views.inspection import PrintedComparison
+    from hertzloop.views.comparison import PrintedComparison
 
     found = compared(*(one.metrics if isinstance(one, Run) else one for one in (a, b)))
     return PrintedComparison(found.rows)

@@ -106,23 +106,11 @@ def export_plant(
     here = sys.platform, platform.machine()
     if here != ("linux", "x86_64"):
         fail(f"a plant is exported on Linux on x86-64, not on {' '.join(here)}")
-    if (out_file is None) == (out_dir is None):
-        fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.")
-    folder = out_dir is not None
-    out_path = out_dir or out_file
-    assert out_path is not None
-    if not folder and out_path.suffix not in (".fmu", ".so"):
-        fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir")
-    outputs.check_reachable(out_path)
+    out_path, folder = _target(out_file, out_dir, overwrite), out_dir is not None
     resolved = prepare.scene_from(scene, settings, seed)
     if not folder:
-        outputs.check_output(
-            out_path, overwrite, read=outputs.files_of(resolved, scene, *(settings or []))
-        )
-    elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
-        fail(
-            f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite."
-        )
+        inputs = outputs.files_of(resolved, scene, *(settings or []))
+        outputs.check_output(out_path, overwrite, read=inputs)
     from hertzloop.interop import fmu as library
     from hertzloop.interop.image import image
     from hertzloop.interop.objects import is_compiled
@@ -144,3 +132,16 @@ def export_plant(
         )
     arrays = len(made.data) / 1000
     out.say(f"written: {out_path}, for {cpu}, {arrays:z.0f} kB of it arrays")
+
+
+def _target(out_file: Path | None, out_dir: Path | None, overwrite: bool) -> Path:
+    """Return the file or the folder to write; end the command unless there is one of them."""
+    if (out_file is None) == (out_dir is None):
+        fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.")
+    if out_file is not None and out_file.suffix not in (".fmu", ".so"):
+        fail(f"--out {out_file}: must end in .fmu or .so. For a folder, give --out-dir")
+    if out_dir is not None and os.path.isdir(out_dir) and any(out_dir.iterdir()) and not overwrite:
+        fail(f"--out-dir = {out_dir}: the folder is not empty. Choose another, or add --overwrite.")
+    path = out_file or out_dir
+    assert path is not None
+    return path

@@ -19,7 +19,7 @@ from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.recordings import repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
-from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import roles
 from hertzloop.processes.program import BASE_PORT, BUS_NAME, LARGEST_PORT
 from hertzloop.processes.roles import BusAddress, default_endpoints
@@ -49,7 +49,7 @@ def plant(
     listen: options.ListenOption = None,
     connect: options.ConnectOption = None,
     zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusOptions.wait_s,
+    wait_s: options.WaitOption = BusAddress.wait_s,
     machine: options.MachineOption = False,
     scene: options.SceneArgument = DEFAULT,
     settings: options.SetOption = None,
@@ -68,11 +68,11 @@ def plant(
         pace=pace,
         repeat=repeat,
     )
-    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
+    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
     setup = prepare.scene_from(scene, settings, seed, law_was_tried=machine)
     prepare.check_pace(setup, run_options)
     repeated = repeat_or_fail(read(repeat), setup) if repeat else None
-    with _on_bus(PLANT, run_options, bus) as (report, address):
+    with _on_bus(PLANT, asked) as (report, address):
         stats = roles.run_plant(
             setup,
             replace(address, on_open=lambda: report(open=True)),
@@ -95,7 +95,7 @@ def controller(
     listen: options.ListenOption = None,
     connect: options.ConnectOption = None,
     zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusOptions.wait_s,
+    wait_s: options.WaitOption = BusAddress.wait_s,
     machine: options.MachineOption = False,
     law: Annotated[
         str | None,
@@ -107,8 +107,8 @@ def controller(
     It takes the scene from the plant, then answers the plant's samples.
     """
     run_options = RunOptions(name=name, timeout_s=timeout_s, fast_lane=fast_lane, realtime=realtime)
-    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
-    with _on_bus(CONTROLLER, run_options, bus) as (report, address):
+    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
+    with _on_bus(CONTROLLER, asked) as (report, address):
         stats = roles.run_controller(address, run_options, lambda: report(ready=True), law)
         report(done=stats)
         if not machine:
@@ -124,7 +124,7 @@ def recorder(
     listen: options.ListenOption = None,
     connect: options.ConnectOption = None,
     zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusOptions.wait_s,
+    wait_s: options.WaitOption = BusAddress.wait_s,
     machine: options.MachineOption = False,
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
@@ -137,9 +137,9 @@ def recorder(
     run_options = RunOptions(
         overwrite=overwrite, name=name, timeout_s=timeout_s, realtime=realtime, note=note
     )
-    bus = BusOptions(listen or (), connect or (), zenoh_config, wait_s, machine)
+    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
     outputs.check_recording(out_file, overwrite)
-    with _on_bus(RECORDER, run_options, bus) as (report, address):
+    with _on_bus(RECORDER, asked) as (report, address):
         stats = roles.run_recorder(out_file, address, run_options, lambda: report(ready=True))
         report(done=stats)
         if not machine:
@@ -147,18 +147,16 @@ def recorder(
 
 
 @contextmanager
-def _on_bus(
-    role: str, run_options: RunOptions, bus: BusOptions
-) -> Iterator[tuple[Report, BusAddress]]:
+def _on_bus(role: str, asked: BusAddress) -> Iterator[tuple[Report, BusAddress]]:
     """Yield the function that reports to a launcher, and the address where the roles meet.
 
     The errors of what is inside end the command: see `_reporting`.
     """
-    with _reporting(role, bus.machine) as report:
-        address = _bus_address(role, run_options, bus)
-        if not bus.machine:
+    with _reporting(role, asked.watched) as report:
+        address = _bus_address(role, asked)
+        if not asked.watched:
             others = " and ".join(other for other in ROLES if other != role)
-            where = ", ".join(address.listen) or f"the endpoints of {address.config_file}"
+            where = ", ".join(address.listen) or f"the endpoints of {address.zenoh_config}"
             err.print(f"{role} on {where}: waiting for {others}")
         yield report, address
 
@@ -212,15 +210,15 @@ def _reporting(role: str, machine: bool) -> Iterator[Report]:
         clock.on_beat = lambda: None
 
 
-def _bus_address(role: str, run_options: RunOptions, bus: BusOptions) -> BusAddress:
+def _bus_address(role: str, asked: BusAddress) -> BusAddress:
     """Return where a role meets the others; end the command for an invalid endpoint.
 
     Endpoints come from the options, else from the zenoh configuration, else they are the usual
     ports on loopback.
     """
-    check_endpoints("--listen", bus.listen)
-    check_endpoints("--connect", bus.connect)
-    config = bus.zenoh_config
+    check_endpoints("--listen", asked.listen)
+    check_endpoints("--connect", asked.connect)
+    config = asked.zenoh_config
     listen, connect = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
     try:
         if config:
@@ -230,15 +228,7 @@ def _bus_address(role: str, run_options: RunOptions, bus: BusOptions) -> BusAddr
                 _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
         fail(f"--zenoh-config: {error}")
-    return BusAddress(
-        name=run_options.name or BUS_NAME,
-        listen=bus.listen or listen,
-        connect=bus.connect or connect,
-        config_file=config,
-        timeout_s=run_options.timeout_s,
-        wait_s=bus.wait_s,
-        watched=bus.machine,
-    )
+    return replace(asked, listen=asked.listen or listen, connect=asked.connect or connect)
 
 
 def check_endpoints(option: str, endpoints: Sequence[str]) -> None:

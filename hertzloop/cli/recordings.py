@@ -67,17 +67,19 @@ def inspect(
 
     The exit code is 1 if a message is missing or damaged.
     """
-    from hertzloop.views import inspection
+    from hertzloop.results.inspection import inspected
+    from hertzloop.views.inspection import print_inspection
+    from hertzloop.views.inspection_json import summary
 
     outputs.check_json(json_file, law_file)
     recording = read(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
-    found = inspection.inspected(recording)
-    inspection.show(out, found, details)
+    found = inspected(recording)
+    print_inspection(out, found, details)
     if responses is not None:
         _draw_responses(recording, responses)
-    outputs.write_json(json_file, inspection.summary(found))
+    outputs.write_json(json_file, summary(found))
     if found.problems:
         raise typer.Exit(1)
 
@@ -167,25 +169,27 @@ def compare(
 def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) -> None:
     """Print the metrics of both runs, and their change."""
     from hertzloop.results.comparison import compared
+    from hertzloop.results.inspection import inspected
     from hertzloop.results.span_metrics import RunMetrics
-    from hertzloop.views import inspection
+    from hertzloop.views.comparison import comparison_table
     from hertzloop.views.run_json import comparison_as_json
 
     metrics = []
     for recording in (left, right):
-        one = inspection.inspected(recording)
-        if one.result is None or one.result.metrics.first_impact is None:
+        one = inspected(recording)
+        found = one.assessment.result.metrics if one.assessment else None
+        if found is None or found.first_impact is None:
             why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no metrics: {why}", 1)
-        metrics.append(RunMetrics(one.result.metrics.first_impact, one.result.metrics.whole_run))
+        metrics.append(RunMetrics(found.first_impact, found.whole_run))
         out.say(
             f"{'AB'[len(metrics) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
-    found = compared(*metrics)
-    out.print(inspection.comparison_table(found))
+    comparison = compared(*metrics)
+    out.print(comparison_table(comparison))
     named = {"a": str(left.path), "b": str(right.path)}
-    outputs.write_json(json_file, {**named, "metrics": comparison_as_json(found)})
+    outputs.write_json(json_file, {**named, "metrics": comparison_as_json(comparison)})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:

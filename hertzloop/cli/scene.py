@@ -57,13 +57,10 @@ _HEADER = """# A scene for hertzloop: run it with   hertzloop run {name}
 
 def _start_of(file: Path) -> str:
     """Return the text of a new scene: the default scene, with comments."""
-    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{scene_name(file)}"')
+    text = shipped_text(DEFAULT).replace(
+        f'name = "{DEFAULT}"', f'name = "{possible_name(file.stem)}"'
+    )
     return _HEADER.format(name=shlex.quote(file.name)) + text
-
-
-def scene_name(file: Path) -> str:
-    """Return a name that a scene may have."""
-    return possible_name(file.stem)
 
 
 def keys(

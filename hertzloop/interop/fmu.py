@@ -101,21 +101,31 @@ def identifier(image: Image) -> str:
 def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     """modelDescription.xml."""
     setup, name = image.setup, identifier(image)
-    root = ET.Element("fmiModelDescription", {
-        "fmiVersion": f"{version}.0", "modelName": setup.name,
-        "guid" if version == "2" else "instantiationToken": token,
-        "description": setup.scene.shows or f"a {setup.sphere.noun} strikes a plate",
-        "generationTool": f"hertzloop {__version__}, for {cpu}",
-        "variableNamingConvention": "flat",
-    })  # fmt: skip
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": f"{version}.0",
+            "modelName": setup.name,
+            "guid" if version == "2" else "instantiationToken": token,
+            "description": setup.scene.shows or f"a {setup.sphere.noun} strikes a plate",
+            "generationTool": f"hertzloop {__version__}, for {cpu}",
+            "variableNamingConvention": "flat",
+        },
+    )
     state = "FMUstate" if version == "2" else "FMUState"
     if version == "2":
         root.set("numberOfEventIndicators", "0")
-    ET.SubElement(root, "CoSimulation", {
-        "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
-        f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
-        **({"fixedInternalStepSize": f"{setup.step_s:.12g}"} if version == "3" else {}),
-    })  # fmt: skip
+    ET.SubElement(
+        root,
+        "CoSimulation",
+        {
+            "modelIdentifier": name,
+            "canHandleVariableCommunicationStepSize": "true",
+            f"canGetAndSet{state}": "true",
+            f"canSerialize{state}": "true",
+            **({"fixedInternalStepSize": f"{setup.step_s:.12g}"} if version == "3" else {}),
+        },
+    )
     units = ET.SubElement(root, "UnitDefinitions")
     for unit in dict.fromkeys(variable.unit for variable in variables(image) if variable.unit):
         powers = {base: str(power) for base, power in _BASE_UNITS[unit].items()}
@@ -123,10 +133,15 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     categories = ET.SubElement(root, "LogCategories")
     for category in ("logStatusDiscard", "logStatusError"):
         ET.SubElement(categories, "Category", name=category)
-    ET.SubElement(root, "DefaultExperiment", {
-        "startTime": "0", "stopTime": f"{setup.steps * setup.step_s:.12g}",
-        "stepSize": f"{setup.step_s * setup.every_steps:.12g}",
-    })  # fmt: skip
+    ET.SubElement(
+        root,
+        "DefaultExperiment",
+        {
+            "startTime": "0",
+            "stopTime": f"{setup.steps * setup.step_s:.12g}",
+            "stepSize": f"{setup.step_s * setup.every_steps:.12g}",
+        },
+    )
     _add_variables(root, variables(image), version)
     ET.indent(root)
     return bytes(ET.tostring(root, "utf-8", xml_declaration=True)) + b"\n"
@@ -135,8 +150,12 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
 def _add_variables(root: ET.Element, every: list[Variable], version: Version) -> None:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(every):
-        attributes = {"name": variable.name, "valueReference": str(reference),
-                "causality": variable.causality, "description": variable.meaning}  # fmt: skip
+        attributes = {
+            "name": variable.name,
+            "valueReference": str(reference),
+            "causality": variable.causality,
+            "description": variable.meaning,
+        }
         if variable.causality == "parameter":
             attributes["variability"] = "fixed"
         elif variable.whole:
@@ -233,11 +252,10 @@ def write_library(
         (folder / "image.h").write_text(image.header(cpu), encoding="utf-8")
         (folder / "kernels.o").write_bytes(kernels)
         sources = [C / source for source in _SOURCES] + list(more)
-        done = subprocess.run(
-            ["cc", *_FLAGS, "-I", folder, "-I", C, "-I", headers, *_LINK, "-o", "made.so",
-             *sources, "kernels.o", _NORMAL, "-lm"],
-            cwd=folder, capture_output=True, text=True,
-        )  # fmt: skip
+        include = [f"-I{path}" for path in (folder, C, headers)]
+        parts = [*sources, "kernels.o", _NORMAL, "-lm"]
+        command = ["cc", *_FLAGS, *include, *_LINK, "-o", "made.so", *parts]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:
             reason = next(iter(done.stderr.strip().splitlines()), "no reason given")
             raise NoCompiler(f"cc did not make the library: {reason}")

@@ -30,15 +30,10 @@ _BLOCK, _EVERY_S = 1000, 0.01
 def sampled_values(block: DecodedBlock) -> np.ndarray:
     """Return the physical values of a DaqBlock, shape (samples,), in the unit of its quantity."""
     codes = block.arrays["code"]
-    if len(codes):
-        return physical_values(codes, block.header.scale, block.header.offset)
-    return np.array(block.arrays["value"], dtype=float)
-
-
-def physical_values(codes: np.ndarray, scale: float, offset: float) -> np.ndarray:
-    """Convert codes of an ADC to physical values, in the unit of the quantity."""
+    if not len(codes):
+        return np.array(block.arrays["value"], dtype=float)
     with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite
-        return np.asarray(offset + scale * codes)
+        return np.asarray(block.header.offset + block.header.scale * codes)
 
 
 class ControllerNode:

@@ -1,4 +1,4 @@
-"""How to run a scene, and where one process of a run meets the others."""
+"""How to run a scene."""
 
 import re
 from collections.abc import Sequence
@@ -105,22 +105,3 @@ class RunOptions:
 
 
 USUAL_RUN = RunOptions()
-
-
-@dataclass(frozen=True)
-class BusOptions:
-    """Where one process of a run meets the others.
-
-    Attributes:
-        listen: Endpoints to listen on.
-        connect: Endpoints to connect to.
-        zenoh_config: A zenoh configuration, as a JSON5 file.
-        wait_s: Longest wait for the other processes to appear, s.
-        machine: Whether a launcher reads the reports of the process.
-    """
-
-    listen: Sequence[str] = ()
-    connect: Sequence[str] = ()
-    zenoh_config: Path | None = None
-    wait_s: float = 30.0
-    machine: bool = False

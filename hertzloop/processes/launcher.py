@@ -210,6 +210,13 @@ class Launcher:
             own = not self._setup.law_is_shipped and not self._program
             law = loaded_law(self._setup).name if own else ""
             raise RunFailed(failure_cause(failed, set(running), silent, law))
+        return self._statistics(running)
+
+    def _statistics(self, running: dict[str, ChildProcess]) -> dict[str, Any]:
+        """Return what the roles report of a run in which none failed; `running`: who has not ended.
+
+        Raises RunFailed if one of these is no program of the user's.
+        """
         if self._program and running.keys() == {CONTROLLER}:  # it might serve another run
             program = running.pop(CONTROLLER)
             program.process.terminate()

@@ -25,7 +25,8 @@ from hertzloop.common.sanitize import visible
 from hertzloop.loop import watchdog
 from hertzloop.loop.in_process import recorder_of
 from hertzloop.loop.repeated_run import RepeatedRun
-from hertzloop.loop.run_options import USUAL_RUN, RunOptions
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.program import BUS_NAME
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.recorder import Recorder
@@ -48,22 +49,29 @@ _RECENT = 2.0  # of the longest wait, before an error: a pause that ended then c
 
 @dataclass(frozen=True)
 class BusAddress:
-    """Where a role meets the others: the run's name and explicit endpoints, full mesh."""
+    """Where one process of a run meets the others, each connected with each.
 
-    name: str
-    listen: Sequence[str]
+    Attributes:
+        listen: Endpoints to listen on.
+        connect: Endpoints to connect to.
+        zenoh_config: A zenoh configuration, as a JSON5 file.
+        wait_s: Longest wait for the other processes to appear, s.
+        watched: Whether a launcher watches the process, and ends the run if it does not react.
+        on_open: Called once others can connect.
+    """
+
+    listen: Sequence[str] = ()
     connect: Sequence[str] = ()
-    config_file: Path | None = None
-    timeout_s: float = 5.0  # longest wait for a message during the run
-    wait_s: float = 30.0  # longest wait for the others to appear
-    watched: bool = False  # by a launcher, which ends the run if a role does not react
-    on_open: Callable[[], None] = lambda: None  # called once others can connect
+    zenoh_config: Path | None = None
+    wait_s: float = 30.0
+    watched: bool = False
+    on_open: Callable[[], None] = lambda: None
 
-    def open(self, role: str) -> ZenohPort:
+    def open(self, role: str, options: RunOptions) -> ZenohPort:
         """Join the bus. Raises BusError."""
-        where = (self.listen, self.connect, self.config_file)
-        patience_s = _NO_LIMIT_S if self.watched else self.timeout_s
-        port = ZenohPort(role, self.name, *where, patience_s, _say)
+        where = (self.listen, self.connect, self.zenoh_config)
+        patience_s = _NO_LIMIT_S if self.watched else options.timeout_s
+        port = ZenohPort(role, options.name or BUS_NAME, *where, patience_s, _say)
         self.on_open()
         return port
 
@@ -94,14 +102,14 @@ def _say(sentence: str) -> None:
 
 
 @contextmanager
-def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
+def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[ZenohPort]:
     """Join the bus, and leave it after the recorder, so that nothing sent is lost.
 
     A signal makes the next wait raise Interrupted; a second one, or a role that does not get to
     its next wait because another hangs, ends the process at once.
     """
     opened_s = time.monotonic()
-    port = address.open(role)
+    port = address.open(role, options)
 
     def tidy_up() -> None:
         if _launcher_gone.is_set():  # it was killed, and cannot
@@ -131,9 +139,9 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
                 port.liveliness.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
-            pause_s = clock.paused_s(within_s=_RECENT * address.timeout_s)
+            pause_s = clock.paused_s(within_s=_RECENT * options.timeout_s)
             own = isinstance(error, BusError | StreamFault) and not isinstance(error, EndedByOther)
-            if own and pause_s >= address.timeout_s:  # what it finds then follows from that
+            if own and pause_s >= options.timeout_s:  # what it finds then follows from that
                 raise BusError(
                     f"{role} was stopped, or got no processor time, for {pause_s:.1f} s; "
                     f"then {error}"
@@ -156,7 +164,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
 def run_plant(
     setup: Setup,
     address: BusAddress,
-    options: RunOptions = USUAL_RUN,
+    options: RunOptions,
     on_ready: Callable[[], None] = lambda: None,
     on_progress: Callable[[int], None] = lambda step: None,
     repeat: RepeatedRun | None = None,
@@ -168,8 +176,8 @@ def run_plant(
     from hertzloop.loop.plant_streams import EVERY_S
 
     profile = RealtimeProfile(Wanted(options.realtime), PLANT)
-    with _joined(address, PLANT) as port:
-        common = (address.timeout_s, on_progress, options.fast_lane)
+    with _joined(address, PLANT, options) as port:
+        common = (options.timeout_s, on_progress, options.fast_lane)
         node = (
             PacedPlantNode(setup, port, options.pace, *common)
             if options.pace
@@ -191,7 +199,7 @@ def run_plant(
 
 def run_controller(
     address: BusAddress,
-    options: RunOptions = USUAL_RUN,
+    options: RunOptions,
     on_ready: Callable[[], None] = lambda: None,
     law: str | None = None,
 ) -> dict[str, Any]:
@@ -200,14 +208,14 @@ def run_controller(
     from hertzloop.loop.controller_node import ControllerNode
 
     profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
-    with _joined(address, CONTROLLER) as port:
+    with _joined(address, CONTROLLER, options) as port:
         node = ControllerNode(port, law=law, fast_lane=options.fast_lane)
         port.liveliness.announce()
         port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
             with profile.loop(lambda: node.samples):
-                busy_s = _answer_all(node, address)
+                busy_s = _answer_all(node, address.wait_s, options.timeout_s)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             interrupted = isinstance(error, KeyboardInterrupt)
             sentence = "the controller was interrupted" if interrupted else str(error)
@@ -221,18 +229,18 @@ def run_controller(
     return {"realtime": profile.line(), "busy_s": busy_s}
 
 
-def _answer_all(node: "ControllerNode", address: BusAddress) -> float:
+def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> float:
     """Do the controller's part, to the end of the run; return the wall time in which it answered.
     A law that never returns ends the process, after the plant has given it up."""
     while node.setup is None and not node.done:
-        node.work(address.wait_s)
+        node.work(wait_s)
     if node.setup is None:
         return 0.0
     started = time.monotonic() - node.waited_s
-    done, patience_s = [0], address.timeout_s + watchdog.PATIENCE_S
+    done, patience_s = [0], timeout_s + watchdog.PATIENCE_S
     with watchdog.watching(node.setup, lambda: done[0], what="exchanges", patience_s=patience_s):
         while not node.done:
-            node.work(address.timeout_s)
+            node.work(timeout_s)
             done[0] += 1
     return max(0.0, time.monotonic() - started - node.waited_s)
 
@@ -269,13 +277,13 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
 def run_recorder(
     path: Path,
     address: BusAddress,
-    options: RunOptions = USUAL_RUN,
+    options: RunOptions,
     on_ready: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
     profile = RealtimeProfile(Wanted(options.realtime), RECORDER)
     started = time.monotonic()
-    with _joined(address, RECORDER) as port:
+    with _joined(address, RECORDER, options) as port:
         with _recording(recorder_of(path, options)) as recorder:
             port.liveliness.announce()
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
@@ -291,7 +299,7 @@ def run_recorder(
                     except StreamFault:
                         _hear_scene(port, recorder)
                         raise
-                    patience_s = _LONGER * address.timeout_s
+                    patience_s = _LONGER * options.timeout_s
                     if envelope.stream.startswith("end/"):
                         port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()

@@ -1,28 +1,21 @@
 """Run and record a scene, then assess the run against the same run without control."""
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from pathlib import Path
-from threading import Thread
 
-from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.processes import fork_server
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.record import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.impacts import through_first_contact
-from hertzloop.results.metrics import free_metrics, no_loop
+from hertzloop.results.metrics import free_metrics
 from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import blocks_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
 from hertzloop.results.verification import verify
-from hertzloop.scene.controller import check_buildable
 from hertzloop.scene.setup import Setup
-
-_BACKGROUND_NICE = 10  # so that the second simulation does not delay the loop
 
 
 def run_and_assess(
@@ -46,8 +39,7 @@ def run_and_assess(
         RecordingError: The recording is incomplete, or another run has replaced it.
         RunFailed: A process failed. The other errors of `record` pass, too.
     """
-    with _uncontrolled_in_background(setup, options, on_progress) as follow:
-        stats = record(setup, recording, options, follow)
+    stats = record(setup, recording, options, on_progress)
     recorded = read(recording)
     if recorded.metadata.get("run_id") != stats["run_id"]:
         raise RecordingError(
@@ -81,41 +73,3 @@ def run_and_assess(
         verifies=options.verify,
         verification=verification,
     )
-
-
-@contextmanager
-def _uncontrolled_in_background(
-    setup: Setup, options: RunOptions, on_progress: Callable[[int], None]
-) -> Iterator[Callable[[int], None]]:
-    """Simulate the run without control in a thread while the processes start, and again from the
-    end of their loop on. `free_metrics` keeps the result. Yields the callback for the progress.
-
-    A paced run, or a loop in this process, has no such thread: a thread that calls Python would
-    delay each block of the loop.
-    """
-    if options.transport is not Transport.ZENOH or options.pace:
-        yield on_progress
-        return
-    check_buildable(setup)
-    fork_server.prepare()  # before a thread exists
-
-    def simulate() -> None:
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, 0, _BACKGROUND_NICE)  # of this thread only
-        with suppress(Exception):  # raised again where the metrics are needed
-            free_metrics(setup)
-
-    def follow(step: int) -> None:
-        if step < setup.steps:
-            no_loop.clear()
-        else:
-            no_loop.set()
-        on_progress(step)
-
-    thread = Thread(target=simulate, daemon=True)
-    thread.start()
-    try:
-        yield follow
-    finally:
-        no_loop.set()
-    thread.join()

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from threading import Event
 
 import numpy as np
 
@@ -113,16 +112,10 @@ def metrics_of(setup: Setup, truth: np.ndarray | Iterable[Block]) -> Metrics:
     return Metrics(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
-# Cleared while the processes of a run need the cores: a simulation in the background then waits.
-no_loop = Event()
-no_loop.set()
-
-
 @lru_cache(maxsize=4)
 def free_metrics(setup: Setup) -> Metrics | None:
     """Simulate the same run without control, on the same plate model; None without a law."""
     if not setup.has_law:
         return None
     without = setup.without_control(same_plate=True)
-    # `wait` returns True, when it does.
-    return metrics_of(without, (block for block in free_series(without) if no_loop.wait()))
+    return metrics_of(without, free_series(without))

@@ -164,6 +164,9 @@ class Predictability:
     disturbance: float = DISTURBANCE
 
 
+NOTHING_KNOWN = Predictability(None, None, None)
+
+
 def predictability(
     setup: Setup,
     result: RunResult,

@@ -57,7 +57,7 @@ class RunReport:
     @property
     def expects(self) -> tuple[float | None, float]:
         """The expected error and the requested one, relative."""
-        return self.assessed.assessment.stated_error, self.assessed.requested_accuracy
+        return self.assessed.result.expected_error, self.assessed.requested_accuracy
 
     @property
     def structure(self) -> dict[str, Any]:

@@ -3,13 +3,20 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from typing import NamedTuple
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
 from hertzloop.results.metrics import Metrics, RunResult, metrics_of
 from hertzloop.results.model import Yield, yield_of
-from hertzloop.results.predictability import Predictability, errors_of, predictability
+from hertzloop.results.predictability import (
+    NOTHING_KNOWN,
+    ImpactErrors,
+    Predictability,
+    errors_of,
+    predictability,
+)
 from hertzloop.results.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
@@ -106,35 +113,20 @@ class Control:
 
 
 @dataclass(frozen=True)
-class RunVerdict:
-    """The verdict on a run.
-
-    Attributes:
-        result: the run.
-        control: what control changes; None if there is no run to compare with.
-        law_accuracy: set if the law prevents the run from keeping its accuracy.
-    """
-
-    result: RunResult
-    control: Control | None
-    law_accuracy: LawAccuracy | None = None
-
-
-@dataclass(frozen=True)
 class Assessment:
     """The assessment of a run's metrics.
 
     Attributes:
-        stated_error: model error of the run, relative; None if it is not known.
+        result: the run, with the model error that it states.
+        control: what control changes; None if there is no run to compare with.
         predictability: how well the impacts can be known.
         law_accuracy: accuracy under the law; None if it was not evaluated.
-        verdict: the verdict on the run.
     """
 
-    stated_error: float | None
+    result: RunResult
+    control: Control | None
     predictability: Predictability
     law_accuracy: LawAccuracy | None
-    verdict: RunVerdict
 
 
 @dataclass(frozen=True)
@@ -143,7 +135,6 @@ class RunAssessment:
 
     Attributes:
         law: the law that the controller used.
-        result: the metrics of the run.
         yielded: the permanent indentation; None if the contact did not yield.
         requested_accuracy: requested model error, relative.
         pacing: missed deadlines; None for a run in lock-step.
@@ -152,12 +143,16 @@ class RunAssessment:
     """
 
     law: RecordedLaw
-    result: RunResult
     yielded: Yield | None
     requested_accuracy: float
     pacing: Pacing | None
     free: Metrics | None
     assessment: Assessment
+
+    @property
+    def result(self) -> RunResult:
+        """The run, with the model error that it states."""
+        return self.assessment.result
 
 
 def assess_recording(
@@ -178,9 +173,7 @@ def assess_recording(
     metrics, pacing = metrics_of(setup, blocks_of(recording)), pacing_of(recording)
     result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(
-        law, result, yield_of(recording.balance), setup.accuracy, pacing, free, found
-    )
+    return RunAssessment(law, yield_of(recording.balance), setup.accuracy, pacing, free, found)
 
 
 def assess(
@@ -193,26 +186,25 @@ def assess(
     accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.metrics)
     result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
     known = predictability(setup, result, free, not_repeatable)
-    found = verdict(result, free, known, accuracy)
-    return Assessment(result.expected_error, known, accuracy, found)
+    return verdict(result, free, known, accuracy)
 
 
 def verdict(
     result: RunResult,
     free: Metrics | None = None,
-    known: Predictability | None = None,
+    known: Predictability = NOTHING_KNOWN,
     accuracy: LawAccuracy | None = None,
-) -> RunVerdict:
-    """Return the verdict on a run; without `free`, the metrics of the run without control, it says
-    only what spoils the metrics."""
+) -> Assessment:
+    """Return the assessment of a run whose errors are known; without `free`, the metrics of the run
+    without control, it says only what spoils the metrics."""
     control, metrics = None, result.metrics
     comparable = bool(metrics.impacts) and not metrics.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
         control = _control(result, free, known)
-    return RunVerdict(result, control, accuracy if accuracy and not accuracy.kept else None)
+    return Assessment(result, control, known, accuracy)
 
 
-def _control(result: RunResult, free: Metrics, known: Predictability | None) -> Control:
+def _control(result: RunResult, free: Metrics, known: Predictability) -> Control:
     """Evaluate whether control helped, in what, and why not."""
     metrics = result.metrics
     if metrics.push is None:
@@ -239,39 +231,46 @@ def _predictable(value: float, error: float) -> bool:
 
 
 def _plate_energy(
-    metrics: Metrics, free: Metrics, known: Predictability | None
+    metrics: Metrics, free: Metrics, known: Predictability
 ) -> tuple[float, float, LaterContacts, float | None]:
     """Change of the plate energy in the first impact (dB), its error, what is known of later
     contacts, and the change over all of them where that is predictable to the printed digit."""
-    sums, errors, whole = [], [], []
-    digits = (known.controlled, known.uncontrolled) if known else (None, None)
-    for found, of in zip((metrics, free), digits, strict=True):
-        sums.append([impact.plate_energy_j for impact in found.impacts])
-        run = found.whole_run  # None of the published scheme
-        whole.append(run.plate_energy_j if run else sum(sums[-1]))
-        errors.append([errors_of(of, i).get("plate_energy_j", 0.0) for i in range(len(sums[-1]))])
-    energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
-    if len(sums[0]) == len(sums[1]) == 1:
+    ours, theirs = _energies(metrics, known.controlled), _energies(free, known.uncontrolled)
+    energy, error = change_db(ours.whole, theirs.whole, 10.0, sum(ours.errors), sum(theirs.errors))
+    if len(ours.each) == len(theirs.each) == 1:
         return energy, error, LaterContacts.NONE, None
-    if known and known.not_repeatable:
+    if known.not_repeatable:
         later, over_all = LaterContacts.UNKNOWN, None
     elif error <= HARDLY_DB:
         later, over_all = LaterContacts.PREDICTABLE, energy
     else:
         later, over_all = LaterContacts.UNPREDICTABLE, None
-    first = change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0])
+    first = change_db(ours.each[0], theirs.each[0], 10.0, ours.errors[0], theirs.errors[0])
     return *first, later, over_all
 
 
-def _changes(metrics: Metrics, free: Metrics, known: Predictability | None) -> Iterable[Change]:
+class _Energies(NamedTuple):
+    """Energy that a plate takes in each impact and in the whole run, J; errors of the former."""
+
+    each: list[float]
+    errors: list[float]
+    whole: float
+
+
+def _energies(metrics: Metrics, known: list[ImpactErrors] | None) -> _Energies:
+    each = [impact.plate_energy_j for impact in metrics.impacts]
+    errors = [errors_of(known, i).get("plate_energy_j", 0.0) for i in range(len(each))]
+    run = metrics.whole_run  # None of the published scheme
+    return _Energies(each, errors, run.plate_energy_j if run else sum(each))
+
+
+def _changes(metrics: Metrics, free: Metrics, known: Predictability) -> Iterable[Change]:
     """Yield other metrics of the first impact that are better or worse."""
     if not metrics.noise or not free.noise:
         return
     with_, without = vars(metrics.noise[0]), vars(free.noise[0])
-    wrong, other = (
-        errors_of(of, 0, "noise_errors")
-        for of in ((known.controlled, known.uncontrolled) if known else (None, None))
-    )
+    wrong = errors_of(known.controlled, 0, "noise_errors")
+    other = errors_of(known.uncontrolled, 0, "noise_errors")
     for key in _OTHERS:
         change, error = change_db(
             with_[key], without[key], DECIBELS[key], wrong.get(key, 0.0), other.get(key, 0.0)

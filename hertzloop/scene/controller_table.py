@@ -1,6 +1,5 @@
 """The table `[controller]`: the law with its keys, and the path of its force."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
@@ -11,7 +10,7 @@ from pydantic.fields import FieldInfo
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import NO_CONTROL, find, shipped_keys
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.scene.errors import refused, shown, unknown_key
+from hertzloop.scene.errors import sentence, shown, unknown_key
 from hertzloop.scene.tables import SceneTable
 
 # Laws of checked tables by reference and digest: a case asks for its law a dozen times.
@@ -107,7 +106,7 @@ class ControllerTable(SceneTable):
         try:
             mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})
         except ValidationError as error:
-            raise ValueError(_sentence_of(error, own)) from error
+            raise ValueError(sentence(error, law.keys, ("controller",))) from error
         given.clear()
         given.update(vars(mine))
         if law.name not in shipped_laws():
@@ -150,16 +149,6 @@ def _of_another_law(name: str, value: Any, law: Law) -> str:
         f"controller.{name} = {shown(value)}: has no effect on controller.law = '{law.name}', "
         f"whose keys are: {keys}. Leave the key out, or choose a law that has it: {having}"
     )
-
-
-def _sentence_of(error: ValidationError, fields: Mapping[str, FieldInfo]) -> str:
-    """On the first problem with one of several keys."""
-    problem = error.errors()[0]
-    if problem["type"] == "value_error":
-        return str(problem["ctx"]["error"])
-    key = str(problem["loc"][0])
-    same = [p for p in error.errors() if p["loc"][:1] == problem["loc"][:1]]
-    return refused(("controller", key), problem["input"], same, fields[key])
 
 
 def switch_law(data: dict[str, Any], name: str, written: bool = False) -> None:

@@ -46,7 +46,7 @@ def unknown_key(path: tuple[str, ...], known: list[str]) -> str:
     return f"{key}: unknown scene key. {hint}Known keys: {', '.join(known)}."
 
 
-def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: Any) -> str:
+def _refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: Any) -> str:
     """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
     wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
     bounds = bounds_of(field)
@@ -61,6 +61,7 @@ _WANTED = {
     "finite_number": "a finite number",
     "bool": "true or false",
     "string": "text",
+    "path": "text",
     "model": "a table",
     "dict": "a table",
     "tuple": "a list in brackets, such as [0.1, 0.2]",
@@ -82,20 +83,21 @@ def _wanted(problem: Any) -> str:
     return words.format(**problem.get("ctx", {}))
 
 
-def sentence(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first problem of a scene, checked against `model`, as one sentence."""
+def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, ...] = ()) -> str:
+    """The first problem of a scene, or of the table `within` it, checked against `model`, as one
+    sentence."""
     problem = error.errors()[0]
     path = tuple(str(p) for p in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        return unknown_key(path, list(table_at(path[:-1], model).model_fields))
+        return unknown_key((*within, *path), list(table_at(path[:-1], model).model_fields))
     if problem["type"] == "missing":
-        return f"{'.'.join(path)}: is missing from the scene. Add it."
+        return f"{'.'.join((*within, *path))}: is missing from the scene. Add it."
     if problem["type"] == "value_error":
         return shortened(str(problem["ctx"]["error"]), LONGEST)
     keys = _field_path(path, model)
     same = [p for p in error.errors() if tuple(map(str, p["loc"]))[: len(keys)] == keys]
     field = table_at(keys[:-1], model).model_fields[keys[-1]]
-    return refused(keys, problem["input"], same, field)
+    return _refused((*within, *keys), problem["input"], same, field)
 
 
 def table_of(annotation: Any) -> Any:

@@ -120,32 +120,37 @@ def _damped_residual(
     plate = mechanics.structure
     if asked == "spring" or not SCHEMES[scheme].supports_truncated_modes or plate.solid:
         return False
-    if plate.local_plate is None:
+    if why := _why_not_damped(plate):
         if asked == "auto":
             return False
-        raise SceneError(
-            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
-            "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
-        )
-    if plate.mode_table is not None and plate.highest_hz == 0.0:
-        if asked == "auto":
-            return False
-        raise SceneError(
-            f"plate.tail = 'damped' starts at the last mode, but {plate} end at 0 Hz. "
-            "Use 'spring', or give modes up to a higher frequency."
-        )
-    if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
-        if asked == "auto":
-            return False
-        raise SceneError(
-            f"plate.tail = 'damped' does not fit {plate}, whose "
-            "residual_flexibility_m_n is below zero, as for a solid. Use 'spring'."
-        )
+        raise SceneError(f"plate.tail = 'damped': {why}")
     if asked == "damped":
         return True
     if mechanics.mass_at_contact or not _residual_fits_a_plate(plate, step_s):
         return False
     return wavelengths_to_edge(mechanics, limit_hz) >= NEAREST
+
+
+def _why_not_damped(plate: Structure) -> str:
+    """Return why no damped mode can stand for the modes above a limit; "" if it can."""
+    if plate.local_plate is None:
+        return (
+            f"the mobility of {plate} is unknown. Give plate.thickness_m if it is a plate at the "
+            "contact point, or use 'spring'."
+        )
+    if plate.mode_table is None:
+        return ""
+    if plate.highest_hz == 0.0:
+        return (
+            f"it starts at the last mode, but {plate} end at 0 Hz. Use 'spring', or give modes up "
+            "to a higher frequency."
+        )
+    if plate.residual_flexibility_m_n(math.inf) < 0.0:
+        return (
+            f"it does not fit {plate}, whose residual_flexibility_m_n is below zero, as for a "
+            "solid. Use 'spring'."
+        )
+    return ""
 
 
 def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:

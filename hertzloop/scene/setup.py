@@ -315,14 +315,8 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         smooth=keeps_force_smooth(control, sensors, line),
         latency_s=1e-6 * latency_us,
     )
-    plate_model = run.plate_model
-    if plate_model == "auto":
-        error = infinite_plate.error(run.duration_s - first_touch_s)
-        plate_model = "infinite" if error <= run.accuracy else "modal"
-    if plate_model == "infinite":
-        plant = on_infinite_plate(with_edges, run.step_ns)
-    else:
-        plant = check_modes(with_edges, run.step_ns, run.scheme, run.accuracy)
+    until_s = run.duration_s - first_touch_s
+    plate_model, plant = _choose_plate_model(run, infinite_plate, with_edges, until_s)
 
     stiffness = announced_stiffness or mechanics.contact.stiffness
     return Setup(
@@ -355,6 +349,20 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
 def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     """Read a scene from TOML text, and resolve it. See `scene.loading.parse`."""
     return resolve(parse_scene(text, settings, **more))
+
+
+def _choose_plate_model(
+    run: RunTable, infinite_plate: InfinitePlate, with_edges: PlantSpec, until_s: float
+) -> tuple[str, PlantSpec]:
+    """Return the model of the plate that `run.plate_model` comes to, and the plant with it;
+    `until_s`: length of the run from the first touch on, s. Raises SceneError."""
+    plate_model = run.plate_model
+    if plate_model == "auto":
+        is_enough = infinite_plate.error(until_s) <= run.accuracy
+        plate_model = "infinite" if is_enough else "modal"
+    if plate_model == "infinite":
+        return plate_model, on_infinite_plate(with_edges, run.step_ns)
+    return plate_model, check_modes(with_edges, run.step_ns, run.scheme, run.accuracy)
 
 
 def _first_touch_s(run: RunTable, sphere: Sphere) -> float:

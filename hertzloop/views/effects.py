@@ -31,50 +31,21 @@ def not_evaluated(neglected: Neglected) -> str:
     )
 
 
+def _outside(found: Iterable[ValidityCheck]) -> list[tuple[str, str, ValidityCheck]]:
+    """Return each effect outside its limit with head and style, effects out of range first."""
+    checks = list(found)
+    return [(*_HEADS[state], check) for state in _HEADS for check in checks if check.state == state]
+
+
 def sentences_of(found: Iterable[ValidityCheck]) -> list[tuple[str, str]]:
     """Return heads and sentences on effects out of range, then on neglected effects."""
-    return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
-
-
-def _styled_sentences(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
-    """Return head, style and sentence of each effect, effects out of range first."""
-    checks = list(found)
-    return [
-        (*_HEADS[state], f"{check.sentence}.")
-        for state in _HEADS
-        for check in checks
-        if check.state == state
-    ]
-
-
-def brief_warnings(found: Iterable[ValidityCheck]) -> list[tuple[str, str, str]]:
-    """Render each effect outside its limit on one line of at most 80 columns.
-
-    Args:
-        found: The checks of a run.
-
-    Returns:
-        Head, style and text of each line: effects out of range first, then neglected ones.
-    """
-    known = list(found)
-    lines = []
-    for state, (head, style) in _HEADS.items():
-        for one in known:
-            if one.state != state:
-                continue
-            text, key = _BRIEF[one.name]
-            if math.isnan(one.value):
-                text = one.name
-            words = text.format(x=one.value, p=percent(one.value))
-            lines.append((head, style, f"{words} ({key})." if key else f"{words}."))
-    return lines
+    return [(head, f"{check.sentence}.") for head, _, check in _outside(found)]
 
 
 def neglected_lines(found: Iterable[ValidityCheck]) -> list[Text]:
     """Return a sentence on each effect that is neglected or out of range."""
     return [
-        unwrapped((head, style), f" {sentence}")
-        for head, style, sentence in _styled_sentences(found)
+        unwrapped((head, style), f" {check.sentence}.") for head, style, check in _outside(found)
     ]
 
 
@@ -96,10 +67,20 @@ def table_of(found: Iterable[ValidityCheck]) -> Table:
 
 
 def warning_lines(found: Iterable[ValidityCheck]) -> list[Text]:
-    """Return one line for each effect outside its limit, at most eight."""
-    known = brief_warnings(found)
-    lines = [Text.assemble((head, style), f" {words}") for head, style, words in known]
+    """Return one line of at most 80 columns for each effect outside its limit, at most eight."""
+    lines = [
+        Text.assemble((head, style), f" {_brief(check)}") for head, style, check in _outside(found)
+    ]
     if len(lines) > _MOST_WARNINGS:
         more = f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them."
         lines[_MOST_WARNINGS:] = [Text(more)]
     return lines
+
+
+def _brief(check: ValidityCheck) -> str:
+    """Return the size of an effect, and the key that models it."""
+    text, key = _BRIEF[check.name]
+    if math.isnan(check.value):
+        text = check.name
+    words = text.format(x=check.value, p=percent(check.value))
+    return f"{words} ({key})." if key else f"{words}."

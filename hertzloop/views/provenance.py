@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.recorded import law_of
@@ -48,7 +47,7 @@ def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
 
 def bodies(setup: Setup) -> str:
     """Return striker and structure in words, for example "R = 3 mm, steel, on 3 mm aluminium"."""
-    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
+    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material_words(setup.striker_material)}"
     hammer = setup.scene.hammer
     if hammer is not None:
         tip = f"tip {ball}"
@@ -60,27 +59,22 @@ def bodies(setup: Setup) -> str:
         return f"{ball}, on a structure from a file of modes"
     if structure.local_plate is None:
         return f"{ball}, on {structure}"
-    return f"{ball}, on {1e3 * structure.local_plate.thickness_m:g} mm {_material(setup, 'plate')}"
+    plate = (
+        f"{1e3 * structure.local_plate.thickness_m:g} mm {_material_words(setup.plate_material)}"
+    )
+    return f"{ball}, on {plate}"
 
 
-def _material(setup: Setup, body: Any) -> str:
-    return (setup.plate_material if body == "plate" else setup.striker_material).replace(
-        "_", " "
-    ) or "own material"
+def _material_words(name: str) -> str:
+    return name.replace("_", " ") or "own material"
 
 
-def control(setup: Setup, law: str | None = None) -> str:
-    """Return law, parameters, latency and converters in words: "slope_threshold, kappa 0.8, ...".
-
-    Args:
-        setup: The scene.
-        law: The law that the controller reported; None: the law of the scene.
-    """
+def control(setup: Setup) -> str:
+    """Return law, parameters, latency and converters: "slope_threshold, kappa 0.8, ..."."""
     table = setup.scene.controller
-    name = law or table.law
-    if name == NO_CONTROL:
+    if not setup.has_law:
         return "no control"
-    pieces = [name]
+    pieces = [table.law]
     for key, value in table.model_dump(exclude_none=True).items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if is_number and key not in _LINE_KEYS:

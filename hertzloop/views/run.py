@@ -31,7 +31,7 @@ def print_run(
         warning: One more warning, on what is not in the recording.
     """
     assessed, ends = report.assessed, report.assessed.assessment
-    result, verdict = assessed.result, verdict_sentences(ends.verdict)
+    result, verdict = assessed.result, verdict_sentences(ends)
     controlled = result.scene_law != NO_CONTROL
     pieces: list[Text | Table] = []
     if not verdict:

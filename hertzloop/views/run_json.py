@@ -89,25 +89,21 @@ def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
     }
 
 
-def assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
+def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
     """Return all metrics of a recorded run, their predictability and the verdict."""
-    result, ends = found.result, found.assessment
-    data = {
+    result, assessed = found.result, found.assessment
+    law = assessed.law_accuracy
+    return {
         **asdict(found.law),
         "injected_j": result.injected_j,
         "yield": _plain(found.yielded),
-        "expected_error": ends.stated_error,
+        "expected_error": result.expected_error,
         "requested_accuracy": found.requested_accuracy,
         **metrics_as_json(result.metrics),
         "pacing": pacing_as_json(found.pacing),
-    }
-    if found.free is not None:
-        data["uncontrolled"] = metrics_as_json(found.free)
-    law = ends.law_accuracy
-    return data | {
-        "predictability": predictability_as_json(ends.predictability),
+        "predictability": predictability_as_json(assessed.predictability),
         "law_accuracy": None if law is None else law_accuracy_as_json(law),
-        "verdict": verdict_sentences(ends.verdict),
+        "verdict": verdict_sentences(assessed),
     }
 
 
@@ -143,7 +139,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "newton_iterations_max": balance.newton_iterations_max,
         "recording": str(report.recording.path),
         "uncontrolled": metrics_as_json(assessed.free or assessed.result.metrics),
-        **assessment_as_json(assessed),
+        **_assessment_as_json(assessed),
     }
     if report.repeats:
         data |= {"repeats": str(report.repeats), "differs": report.differs}

@@ -32,11 +32,11 @@ _SENSITIVE_METRICS = {
 }
 
 
-def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
+def verdict_sentences(found: verdicts.Assessment) -> list[str]:
     """Render the verdict on a run as short sentences, the outcome of control first.
 
     Args:
-        found: The typed verdict of `hertzloop.results.verdict`.
+        found: The assessment of the run.
 
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.
@@ -57,7 +57,7 @@ def verdict_sentences(found: verdicts.RunVerdict) -> list[str]:
         times = "once" if saturation.times == 1 else f"{saturation.times} times"
         first = f"first at {saturation.since_s * 1e3:.4g} ms (sensors.full_scale)"
         sentences.append(f"The sensor saturated {times}, {first}.")
-    if found.law_accuracy:
+    if found.law_accuracy and not found.law_accuracy.kept:
         sentences += law_accuracy_sentences(found.law_accuracy)
     return sentences
 

@@ -13,7 +13,8 @@ import psutil
 
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.views import inspection
+from hertzloop.results.inspection import inspected
+from hertzloop.views.inspection_json import summary
 from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
@@ -192,7 +193,7 @@ def _judge_recording(fault: Fault, recording: Path, done_at: float, outcome: Out
         if not (fault.starting and recording.exists() and recording.stat().st_size == 0):
             outcome.wrong.append(f"unreadable: {error}")
         return
-    if inspection.summary(inspection.inspected(kept))["complete"]:
+    if summary(inspected(kept))["complete"]:
         outcome.wrong.append("said to be complete")
     interrupted = (fault.victim == LAUNCHER and fault.how != "kill") or may_go_on(fault)
     told = set(kept.ends) == {"plant", "controller"} and "interrupted" in kept.result.get(

@@ -32,7 +32,9 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import SAMPLED, Recording
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.views import inspection
+from hertzloop.results.inspection import inspected
+from hertzloop.views.inspection import print_inspection
+from hertzloop.views.inspection_json import summary
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
@@ -133,10 +135,10 @@ def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
             raise AssertionError(f"no sentence: {sentence}") from error
         return None
     if shown:
-        found, text = inspection.inspected(kept), io.StringIO()
-        inspection.show(Console(file=text, width=500), found)
+        found, text = inspected(kept), io.StringIO()
+        print_inspection(Console(file=text, width=500), found)
         complete = not kept.problems
-        assert ("Complete" in text.getvalue()) == inspection.summary(found)["complete"] == complete
+        assert ("Complete" in text.getvalue()) == summary(found)["complete"] == complete
     same = first_difference(original, kept) is None
     assert same == (first_difference(kept, original) is None)
     if same:

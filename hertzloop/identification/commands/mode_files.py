@@ -9,7 +9,6 @@ import numpy as np
 import tomli_w
 
 from hertzloop.cli import outputs, prepare
-from hertzloop.cli.scene import scene_name
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
@@ -18,6 +17,7 @@ from hertzloop.scene import model_error
 from hertzloop.scene.build import check_modes_reach_impact
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import with_modes_file
+from hertzloop.scene.scene import possible_name
 from hertzloop.scene.setup import Setup, load
 
 # With these settings any modes can be simulated.
@@ -133,7 +133,7 @@ def _write(table: ModeTable, target: Path, output: ModesOutput) -> tuple[Setup, 
         The setup of the scene, and why it cannot be run yet, "" if it can.
     """
     content = write_modes(target.suffix, table)
-    data = with_modes_file(output.scene, output.settings, target.name, scene_name(target))
+    data = with_modes_file(output.scene, output.settings, target.name, possible_name(target.stem))
     data["shows"] = f"Modes measured, in {target.name}; striker and law of {output.base}"
     text = f"# Modes by hertzloop scene modes; all else from {output.base}.\n{tomli_w.dumps(data)}"
     with tempfile.TemporaryDirectory() as folder:

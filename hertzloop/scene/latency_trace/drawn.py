@@ -1,47 +1,41 @@
 """Latencies drawn from a log-normal distribution with autocorrelation."""
 
 import math
-from typing import Any, cast
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
-from hertzloop.scene.errors import shown
-from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES
+from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES, TraceTable
 
-# Numbers that a distribution of latencies must have, with their least value.
-_DRAWN = {"median_us": 0.0, "sigma": 0.0, "autocorrelation": 0.0}
-_SAMPLES = 4096
 _TRACE = 13  # random stream of these latencies
+_Size = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
-def draw_latencies(table: dict[str, Any]) -> list[float]:
-    """Latencies that are log-normal, with an autocorrelation from one sample to the next.
+class DrawnTrace(TraceTable):
+    """A log-normal distribution of latencies, with an autocorrelation from one sample to the next.
 
-    The logarithms form a first-order autoregressive process. `least_us` is added, `seed` and
-    `samples` are 1 and 4096 if left out.
+    The logarithms form a first-order autoregressive process, and `least_us` is added.
     """
-    where = "controller.latency_trace"
-    known = {*_DRAWN, "least_us", "seed", "samples"}
-    if unknown := sorted(set(table) - known):
-        raise ValueError(f"{where}.{unknown[0]}: unknown key. Use {', '.join(sorted(known))}")
-    numbers: dict[str, Any] = {"least_us": 0.0, "seed": 1, "samples": _SAMPLES} | table
-    for name, least in {**_DRAWN, "least_us": 0.0, "seed": 0, "samples": 1}.items():
-        value = numbers.get(name)
-        whole = name in ("seed", "samples")
-        good = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-        most = {"autocorrelation": 1.0 - 1e-9, "samples": MOST_LATENCIES}.get(name, 1e6)
-        if not good or not least <= cast(float, value) <= most:
-            raise ValueError(
-                f"{where}.{name} = {shown(value)}: must be a {'whole ' if whole else ''}number "
-                f"from {least:g} to {most:g}"
-            )
-    normal = np.random.Generator(np.random.Philox(key=[numbers["seed"], _TRACE])).standard_normal(
-        numbers["samples"]
-    )
-    keep, walk = numbers["autocorrelation"], float(normal[0])
+
+    median_us: _Size
+    sigma: _Size
+    autocorrelation: Annotated[float, Field(ge=0.0, le=1.0 - 1e-9)]
+    least_us: _Size = 0.0
+    seed: Annotated[int, Field(ge=0, le=1_000_000)] = 1
+    samples: Annotated[int, Field(ge=1, le=MOST_LATENCIES)] = 4096
+
+
+def draw_latencies(table: Mapping[str, Any]) -> list[float]:
+    """Return the latencies of a table of a scene, us. Raises ValueError; see `DrawnTrace`."""
+    drawn = DrawnTrace.checked(table)
+    draws = np.random.Generator(np.random.Philox(key=[drawn.seed, _TRACE]))
+    normal = draws.standard_normal(drawn.samples)
+    keep, walk = drawn.autocorrelation, float(normal[0])
     found = [walk]
     for one in normal[1:]:
         walk = keep * walk + math.sqrt(1.0 - keep * keep) * float(one)
         found.append(walk)
-    logs = numbers["sigma"] * np.array(found)
-    return [round(float(x), 3) for x in numbers["least_us"] + numbers["median_us"] * np.exp(logs)]
+    logs = drawn.sigma * np.array(found)
+    return [round(float(x), 3) for x in drawn.least_us + drawn.median_us * np.exp(logs)]

@@ -1,11 +1,13 @@
 """What a scene says of a file of latencies, and the latencies of a file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
-from hertzloop.scene.errors import shown
+from pydantic import ValidationError
+
+from hertzloop.scene.errors import sentence
+from hertzloop.scene.tables import SceneTable
 
 MOST_LATENCIES = 1_000_000
 IN_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "μs": 1.0, "ns": 1e-3}
@@ -18,8 +20,19 @@ class Latencies(NamedTuple):
     ordered: bool = True
 
 
-@dataclass(frozen=True)
-class TraceFile:
+class TraceTable(SceneTable):
+    """A table in the place of `controller.latency_trace`."""
+
+    @classmethod
+    def checked(cls, table: Mapping[str, Any]) -> Self:
+        """Return the table. Raises ValueError for an unknown key or an impossible value."""
+        try:
+            return cls.model_validate(table)
+        except ValidationError as error:
+            raise ValueError(sentence(error, cls, ("controller", "latency_trace"))) from error
+
+
+class TraceFile(TraceTable):
     """A file of latencies, and what its content leaves open.
 
     Attributes:
@@ -38,7 +51,7 @@ class TraceFile:
     column: str | None = None
     sample: str | None = None
     command: str | None = None
-    unit: str | None = None
+    unit: Literal[(*IN_US,)] | None = None  # type: ignore[valid-type]
     thread: int | None = None
     topic: str | None = None
     offset_us: float = 0.0
@@ -48,21 +61,14 @@ class TraceFile:
         """Return the file that a table of a scene names, relative to `folder`.
 
         Raises:
-            ValueError: a key is unknown, or its value has another type.
+            ValueError: a key is unknown, or its value is impossible.
         """
-        where = "controller.latency_trace"
-        known = [one.name for one in fields(cls)]
-        if unknown := sorted(set(table) - set(known)):
-            raise ValueError(f"{where}.{unknown[0]}: unknown key. Use {', '.join(known)}")
-        numbers: dict[str, tuple[type, ...]] = {"thread": (int,), "offset_us": (int, float)}
-        for name, value in table.items():
-            if not isinstance(value, numbers.get(name, (str,))) or isinstance(value, bool):
-                raise ValueError(f"{where}.{name} = {shown(value)}: has the wrong type")
-        if table.get("unit", "s") not in IN_US:
-            raise ValueError(f"{where}.unit = {shown(table['unit'])}: use s, ms, us or ns")
-        if ("sample" in table) != ("command" in table):
-            raise ValueError(f"{where}: sample and command belong together. Give both or none")
-        return cls(**{**table, "file": folder / table["file"]})
+        found = cls.checked(table)
+        if (found.sample is None) != (found.command is None):
+            raise ValueError(
+                "controller.latency_trace: sample and command belong together. Give both or none"
+            )
+        return found.replaced(file=folder / found.file)
 
     def refuse(self, what: str, *names: str) -> None:
         """Raise ValueError for a given key that has no meaning for `what`."""

@@ -40,7 +40,7 @@ def page_of(recording: Recording) -> str:
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     without = free_metrics(setup) if shown.labels.reference is not None else None
     found = assess_recording(setup, recording, without, why_not_repeatable(recording))
-    metrics, verdict = found.result.metrics, found.assessment.verdict
+    metrics, verdict = found.result.metrics, found.assessment
     unstable = metrics.stability.unstable
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)

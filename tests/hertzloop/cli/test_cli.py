@@ -169,7 +169,7 @@ def test_scenes_are_listed() -> None:
         ("run --set controller.latency_us=0.5", "controller.latency_us = 0.5"),
         ("run --transport pigeon", "'pigeon' is not one of"),
         ("run --out no/such/folder/a.mcap", "the folder no/such/folder does not exist"),
-        ("run --out .", "not a regular file"),
+        ("run --out .", "is a folder"),
         ("run --json no/such/folder/a.json", "the folder no/such/folder does not exist"),
         ("bench --json folder.json", "folder.json: is a folder"),
         ("run --horizon 0", "Invalid value for '--horizon'"),

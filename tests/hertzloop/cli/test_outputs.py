@@ -140,7 +140,7 @@ def test_an_output_that_cannot_be_is_found_before_the_command_begins(
     place = next(Path(word) for word in named if word.startswith(str(here)))
     for make, sentence in (
         (os.mkfifo, "not a regular file. Choose another name"),
-        (lambda path: path.symlink_to(here / "none" / "x"), f"links to {here}/none/x, which does"),
+        (lambda path: path.symlink_to(here / "none" / "x"), f"to the folder {here}/none"),
     ):
         make(place)
         for more in ([], ["--overwrite"]):

@@ -214,8 +214,8 @@ def test_latencies_are_drawn_from_a_distribution_with_memory():
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ("{median_us = 3, sigma = 0.1}", "autocorrelation = None: must be a number from 0"),
-        ("{median = 3}", "latency_trace.median: unknown key"),
+        ("{median_us = 3, sigma = 0.1}", "autocorrelation: is missing"),
+        ("{median = 3}", "latency_trace.median_us: is missing"),
         ("{median_us = 3, sigma = 0.1, autocorrelation = 0, samples = 1.5}", "a whole number"),
     ],
 )

@@ -16,6 +16,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.controller.controller import Controller
 from hertzloop.loop import controller_node
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.roles import BusAddress, run_controller, run_plant, run_recorder
 from hertzloop.recordings.reader import read
 from hertzloop.scene.controller import build_controller
@@ -29,10 +30,11 @@ from tests.recordings.rewriting import scene
 def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
     """A recorder on a bus, and the ports of plant and controller, which see it."""
     urls = [url(port) for port in free_ports(3)]
-    address = BusAddress("tapes", urls[2:], urls[:2], timeout_s=PATIENCE_S, wait_s=PATIENCE_S)
+    address = BusAddress(urls[2:], urls[:2], wait_s=PATIENCE_S)
+    options = RunOptions(name="tapes", timeout_s=PATIENCE_S)
     ports = ZenohPort(PLANT, "tapes", urls[:1]), ZenohPort(CONTROLLER, "tapes", urls[1:2])
     with ThreadPoolExecutor(1) as other:
-        ended = other.submit(run_recorder, path, address)
+        ended = other.submit(run_recorder, path, address, options)
         try:
             for port in ports:
                 port.liveliness.announce()
@@ -69,12 +71,15 @@ def run_over_zenoh(path: Path, name: str, timeout_s: float = PATIENCE_S) -> list
     """A run of the three roles; how plant and controller ended."""
     urls = [url(port) for port in free_ports(3)]
     plant, controller, recorder = (
-        BusAddress(name, [at], urls[:place], None, timeout_s, PATIENCE_S)
-        for place, at in enumerate(urls)
+        BusAddress([at], urls[:place], wait_s=PATIENCE_S) for place, at in enumerate(urls)
     )
+    options = RunOptions(name=name, timeout_s=timeout_s)
     with ThreadPoolExecutor(3) as roles:
-        others = [roles.submit(run_plant, scene(), plant), roles.submit(run_controller, controller)]
-        roles.submit(run_recorder, path, recorder).result()
+        others = [
+            roles.submit(run_plant, scene(), plant, options),
+            roles.submit(run_controller, controller, options),
+        ]
+        roles.submit(run_recorder, path, recorder, options).result()
     return others
 
 

@@ -13,7 +13,7 @@ from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.recordings.recording import Event, EventData
 from hertzloop.results.effects import Neglected
 from hertzloop.results.metrics import Metrics, RunResult, Saturation
-from hertzloop.results.predictability import ImpactErrors, Predictability
+from hertzloop.results.predictability import NOTHING_KNOWN, ImpactErrors, Predictability
 from hertzloop.results.recorded_result import saturation_of
 from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.results.stability import Stability
@@ -109,7 +109,7 @@ def metrics(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: Forc
 
 def said_of(
     impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Metrics,
-    known: Predictability | None = None, saturation: Saturation | None = None,
+    known: Predictability = NOTHING_KNOWN, saturation: Saturation | None = None,
 ) -> list[str]:  # fmt: skip
     push = ForceTiming(1e-6, 0.0)
     result = RunResult(metrics(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)

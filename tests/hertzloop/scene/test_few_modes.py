@@ -101,7 +101,9 @@ def test_a_rigid_support_leaves_out_nothing(tmp_path: Path, law: tuple[str, ...]
 def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
     setup = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=auto")
     assert not setup.plant.damped_residual
-    with pytest.raises(SceneError, match=r"tail = 'damped' starts at the last mode.*end at 0 Hz"):
+    with pytest.raises(
+        SceneError, match=r"tail = 'damped': it starts at the last mode.*end at 0 Hz"
+    ):
         _ = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=damped").plant
     scene = tmp_path / "scene.toml"
     scene.write_text(RIGID_TOML.replace("residual_flexibility_m_n = 0.0\n", ""))

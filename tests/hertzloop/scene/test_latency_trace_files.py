@@ -70,7 +70,7 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         ("a,b\n1,2\n", {"column": "c"}, "0 columns are called 'c'. The columns are 'a', 'b'"),
         ("latency_ms\n1\n", {"unit": "us"}, "names another unit"),
         ("latency_ms\n1\n", {"topic": "/x"}, "topic: has no meaning for a text table"),
-        ("1\n", {"colour": "red"}, "colour: unknown key"),
+        ("1\n", {"colour": "red"}, "colour: unknown scene key"),
         ("1\n", {"sample": "a"}, "belong together"),
     ],
 )

@@ -10,6 +10,7 @@ from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
+from hertzloop.results.inspection import inspected
 from hertzloop.results.metrics import free_metrics
 from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import law_of
@@ -17,7 +18,7 @@ from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
-from hertzloop.views import inspection
+from hertzloop.views.inspection import print_inspection
 from hertzloop.views.law_line import law_line
 from hertzloop.views.run import print_run
 
@@ -59,7 +60,7 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
-        lambda console: inspection.show(console, inspection.inspected(recorded)),
+        lambda console: print_inspection(console, inspected(recorded)),
         lambda console: print_run(console, ran),
     ):
         printed = StringIO()
