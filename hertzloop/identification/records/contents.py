@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.identification.records.quantities import NAMES
-from hertzloop.identification.records.text.table import StatedSpacing
+from hertzloop.identification.records.spacing import StatedSpacing
 from hertzloop.identification.records.units import name_and_unit
 
 
@@ -70,14 +70,6 @@ class FileContents:
         several = len({s.group for s in self.series}) > 1 and series.group
         group = f" of group '{series.group}'" if several else ""
         return f"{self.kind} {series.number}{name}{group}"
-
-
-def even_times(count: int, step_s: float, start_s: float = 0.0) -> np.ndarray:
-    """Return evenly spaced times, s, shape (count,), without a second array of that size."""
-    found = np.arange(count, dtype=float)
-    found *= step_s
-    found += start_s
-    return found
 
 
 def is_series(series: Series, said: str | int) -> bool:

@@ -102,7 +102,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_whole(value: Any, most: int) -> bool:
-    return _is_number(value) and isinstance(value, Integral) and 1 <= int(value) <= most
+    return isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= most
 
 
 def _is_pair(value: Any) -> bool:

@@ -5,15 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hertzloop.identification.records.contents import (
-    FileContents,
-    Series,
-    even_times,
-    is_series,
-)
+from hertzloop.identification.records.contents import FileContents, Series, is_series
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.series_units import agreed_unit
+from hertzloop.identification.records.spacing import StatedSpacing
 from hertzloop.identification.records.text.column_names import TIMES
 from hertzloop.identification.records.units import StatedUnit, name_and_unit, unit_of
 
@@ -37,15 +33,15 @@ def times_of_series(
     if found := _time_columns(series, contents, measurement):
         return _check_times(*_agreed_times(found, contents, measurement), contents, measurement)
     if contents.spacing is not None:
-        step, start, words = contents.spacing
+        step, _, words = contents.spacing
         if rate and abs(rate * step - 1.0) > 1e-2:
             raise RecordError(
                 f"record.rate_hz = {rate:g}: '{words}' in {name} says {1.0 / step:.9g} Hz. Leave "
                 "record.rate_hz out, or correct it."
             )
-        return _times_at_rate(count, step, start, contents), f"{step:.9g} s apart by '{words}'"
+        return _even_times(count, contents.spacing, contents), f"{step:.9g} s apart by '{words}'"
     if rate:
-        return _times_at_rate(count, 1.0 / rate, 0.0, contents), f"by record.rate_hz = {rate:g}"
+        return _times_at_rate(count, rate, contents)
     raise RecordError(
         f"{name}: has no column time_s; the columns are "
         f"{', '.join(s.name or str(s.number) for s in contents.series)}. Add one, give "
@@ -90,13 +86,19 @@ def _agreed_times(
     return others[-1] if others else first
 
 
-def _times_at_rate(count: int, step_s: float, start_s: float, contents: FileContents) -> np.ndarray:
-    """Return evenly spaced times, s, shape (count,). Raises RecordError if rows may be missing."""
+def _times_at_rate(count: int, rate_hz: float, contents: FileContents) -> tuple[np.ndarray, str]:
+    """Return times by the rate of the `[record]` table, s, (count,), and words on them."""
+    words = f"record.rate_hz = {rate_hz:g}"
+    return _even_times(count, StatedSpacing(1.0 / rate_hz, 0.0, words), contents), f"by {words}"
+
+
+def _even_times(count: int, spacing: StatedSpacing, contents: FileContents) -> np.ndarray:
+    """Return evenly spaced times, s, (count,). Raises RecordError if rows may be missing."""
     if contents.interrupted:
         raise RecordError(
             f"{contents.name}: empty lines stand between rows without times. Fill or remove them."
         )
-    return even_times(count, step_s, start_s)
+    return spacing.times(count)
 
 
 def _times_in_seconds(
@@ -132,8 +134,7 @@ def _check_times(
             "Leave record.rate_hz out, or correct it."
         )
     if rate and np.any(known[1:] <= known[:-1]):  # rounded times
-        evened = _times_at_rate(len(time_s), 1.0 / rate, 0.0, contents)
-        return evened, f"by record.rate_hz = {rate:g}"
+        return _times_at_rate(len(time_s), rate, contents)
     if spacing is not None and _NOT_STATED in words and mean > 0.0:
         turns = math.log10(mean / spacing.step_s)
         if abs(turns) > 2.5 and abs(turns - round(turns)) < 1e-3:

@@ -6,23 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.records.contents import FileContents, Series, even_times
+from hertzloop.identification.records.contents import FileContents, Series
+from hertzloop.identification.records.spacing import StatedSpacing, stated_spacing
 from hertzloop.identification.records.text.column_names import is_time
-from hertzloop.identification.records.text.facts import stated_spacing
-from hertzloop.identification.records.text.table import StatedSpacing, TextTable
 from hertzloop.identification.records.units import plain_name
 
 
-def contents_of_arrays(
-    named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]
-) -> FileContents:
+def contents_of_arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]]) -> FileContents:
     """Return the series of arrays.
 
     Args:
         named: arrays and their attributes by name; the part of a name before "/" is its group.
-        notes: sentences on what is not used; more are added.
     """
-    found = FileContents([], notes=notes)
+    found = FileContents([])
     found.spacing = _spacing_of_attributes(
         {name.rpartition("/")[2]: one for name, (one, _) in named.items() if np.size(one) == 1}
     )
@@ -30,37 +26,35 @@ def contents_of_arrays(
         group, _, own = name.rpartition("/")
         unit = about.get("units", about.get("unit", ""))
         unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-        made = series_of_array(own, values, unit, len(found.series) + 1, notes)
         step = next((k for k in about if plain_name(k) in ("yinc", "y_increment", "y_mult")), None)
         if step and np.asarray(values).dtype.kind in "iu":  # levels of a converter
             found.multiplier = f"{step} = {about[step]}"
-        spacing = _spacing_of_attributes(about)
-        found.series += [
-            one._replace(
-                group=group,
-                time_s=None
-                if spacing is None
-                else even_times(len(one.values), spacing.step_s, spacing.start_s),
-            )
-            for one in made
-        ]
+        add_array(found, own, values, unit, group, _spacing_of_attributes(about))
     pushed = [s for s in found.series if plain_name(s.name) in ("f_a_n", "command_n")]
     if any(s.group == "truth" for s in pushed):  # an export of hertzloop
         found.facts["control"] = any(bool(np.any(s.values)) for s in pushed)
     return found
 
 
-def series_of_array(
-    name: str, values: Any, unit: str, number: int, notes: list[str]
-) -> list[Series]:
-    """Return the series of an array: a vector in any direction, or the columns of a table.
+def add_array(
+    contents: FileContents,
+    name: str,
+    values: Any,
+    unit: str,
+    group: str = "",
+    times: StatedSpacing | np.ndarray | None = None,
+) -> None:
+    """Add the series of an array to others: a vector in any direction, or the columns of a table.
+
+    An array without numbers is noted.
 
     Args:
+        contents: of the file.
         name: of the array.
         values: numbers, dates or durations.
         unit: that the file states.
-        number: of the first series.
-        notes: sentences on what is not used; more are added.
+        group: of the file.
+        times: of the samples, s, or their spacing; None if other series hold them.
     """
     found = np.asarray(values)
     if found.dtype.kind == "O":  # dates or durations of another library
@@ -74,24 +68,26 @@ def series_of_array(
             found = found - found[known][0]
         found = np.where(known, 1e-9 * found.astype("m8[ns]").astype(np.int64), np.nan)
     if found.dtype.kind not in "biuf" or found.ndim > 2 or 0 in found.shape:
-        notes.append(f"{name}: holds no series of real numbers and is not used.")
-        return []
+        contents.notes.append(f"{name}: holds no series of real numbers and is not used.")
+        return
     table = np.atleast_2d(found.squeeze())
     if table.shape[0] > table.shape[1]:
         table = table.T
     if len(table) > 64:
-        notes.append(f"{name}: has the shape {found.shape} and is not used.")
-        return []
+        contents.notes.append(f"{name}: has the shape {found.shape} and is not used.")
+        return
     several = len(table) > 1
-    return [
+    contents.series += [
         Series(
-            f"{name} {i + 1}" if several else name,
+            f"{name} {i}" if several else name,
             "s" if dates else unit,
             row,
-            number + i,
-            is_time=dates or (not several and is_time(name, unit)),
+            len(contents.series) + i,
+            group,
+            times.times(len(row)) if isinstance(times, StatedSpacing) else times,
+            dates or (not several and is_time(name, unit)),
         )
-        for i, row in enumerate(table)
+        for i, row in enumerate(table, 1)
     ]
 
 
@@ -113,4 +109,4 @@ def _spacing_of_attributes(about: Mapping[str, Any]) -> StatedSpacing | None:
     for name, value in about.items():
         with suppress(TypeError, ValueError, IndexError):
             facts[plain_name(name.removeprefix("wf_"))] = [repr(float(np.ravel(value)[0]))]
-    return stated_spacing(TextTable([], facts))
+    return stated_spacing(facts)

@@ -23,6 +23,6 @@ def read_hdf5(path: Path) -> FileContents:
 
         file.visititems(keep)
         inside = file.attrs.get("record", "")
-    found = contents_of_arrays(named, [])
+    found = contents_of_arrays(named)
     found.tables = tables_in_comments(inside)
     return found

@@ -27,4 +27,4 @@ def read_mat(path: Path) -> FileContents:
             elif not name.startswith("__"):
                 yield group + name, (value, {})
 
-    return contents_of_arrays(dict(flat(data, "")), [])
+    return contents_of_arrays(dict(flat(data, "")))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.identification.records.contents import FileContents
-from hertzloop.identification.records.readers.arrays import series_of_array
+from hertzloop.identification.records.readers.arrays import add_array
 
 
 def read_mdf(path: Path) -> FileContents:
@@ -15,14 +15,7 @@ def read_mdf(path: Path) -> FileContents:
     found = FileContents([], kind="channel")
     with MDF(path) as file:
         for signal in file.iter_channels():
-            made = series_of_array(
-                signal.name,
-                signal.samples,
-                str(signal.unit or ""),
-                len(found.series) + 1,
-                found.notes,
-            )
             time_s = np.asarray(signal.timestamps, float)
-            group = str(signal.group_index + 1)
-            found.series += [one._replace(time_s=time_s, group=group) for one in made]
+            unit, group = str(signal.unit or ""), str(signal.group_index + 1)
+            add_array(found, signal.name, signal.samples, unit, group, time_s)
     return found

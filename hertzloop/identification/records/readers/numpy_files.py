@@ -16,11 +16,11 @@ def read_npz(path: Path) -> FileContents:
         named: dict[str, tuple[Any, dict]] = {name: (data[name], {}) for name in data.files}
     inside = named.pop("record", ("", {}))[0]
     named.pop("metadata", None)
-    found = contents_of_arrays(named, [])
+    found = contents_of_arrays(named)
     found.tables = tables_in_comments(str(inside))
     return found
 
 
 def read_npy(path: Path) -> FileContents:
     """Read an .npy file."""
-    return contents_of_arrays({path.stem: (np.load(path, allow_pickle=False), {})}, [])
+    return contents_of_arrays({path.stem: (np.load(path, allow_pickle=False), {})})

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.identification.records.contents import FileContents
-from hertzloop.identification.records.readers.arrays import series_of_array
+from hertzloop.identification.records.readers.arrays import add_array
 from hertzloop.identification.records.toml_tables import tables_in_comments
 
 
@@ -16,12 +16,15 @@ def read_parquet(path: Path) -> FileContents:
 
     table = pyarrow.parquet.read_table(path)
     found = FileContents([], tables_in_comments((table.schema.metadata or {}).get(b"record", b"")))
-    for number, name in enumerate(table.column_names, 1):
+    for name in table.column_names:
         values, part = table[name], table.schema.field(name)
         if pyarrow.types.is_time(part.type):  # of day
             whole = values.cast(f"int{part.type.bit_width}")
             values = np.asarray(whole).astype(f"m8[{part.type.unit}]")
         about = part.metadata or {}
         unit = (about.get(b"unit") or about.get(b"units") or b"").decode()
-        found.series += series_of_array(name, values, unit, number, found.notes)
+        add_array(found, name, values, unit)
+    # Columns that are not used count too.
+    numbers = {name: number for number, name in enumerate(table.column_names, 1)}
+    found.series = [one._replace(number=numbers[one.name]) for one in found.series]
     return found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
-from hertzloop.identification.records.text.table import StatedSpacing
+from hertzloop.identification.records.spacing import StatedSpacing
 from hertzloop.sensors.acquisition import Filters
 
 

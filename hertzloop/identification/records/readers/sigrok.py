@@ -14,8 +14,8 @@ import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
 from hertzloop.identification.records.errors import TableError, shorten
-from hertzloop.identification.records.text.facts import comment_text, stated_spacing
-from hertzloop.identification.records.text.table import StatedSpacing, TextTable
+from hertzloop.identification.records.spacing import StatedSpacing, stated_spacing
+from hertzloop.identification.records.text.facts import comment_text
 from hertzloop.identification.records.toml_tables import tables_in_comments
 from hertzloop.identification.records.units import unit_of
 
@@ -141,7 +141,7 @@ def _unit(label: str) -> str:
 
 def _spacing(rate: str | None) -> StatedSpacing | None:
     """Return the time between samples by a rate such as "44.1 kHz"; None without a rate."""
-    found = stated_spacing(TextTable([], {"samplerate": [rate or ""]}))
+    found = stated_spacing({"samplerate": [rate or ""]})
     return found and found._replace(stated_by="Samplerate")
 
 

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from hertzloop.identification.records.contents import FileContents, even_times
-from hertzloop.identification.records.readers.arrays import series_of_array
+from hertzloop.identification.records.contents import FileContents
+from hertzloop.identification.records.readers.arrays import add_array
+from hertzloop.identification.records.spacing import StatedSpacing
 
 
 def read_tdms(path: Path) -> FileContents:
@@ -24,19 +25,13 @@ def read_tdms(path: Path) -> FileContents:
         found.notes.append("channels without wf_start_time are taken to start with the first.")
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
-            unit = channel.properties.get("unit_string", channel.properties.get("Unit", ""))
-            made = series_of_array(
-                channel.name, channel[:], str(unit), len(found.series) + 1, found.notes
-            )
+            about, spacing = channel.properties, None
             if channel.path in starts:
-                start, about = starts[channel.path], channel.properties
-                late_s = 0.0
+                start, late_s = starts[channel.path], 0.0
                 if start:
                     late_s = start.seconds - first[0] + (start.second_fractions - first[1]) / 2**64
                 late_s += float(about.get("wf_start_offset", 0.0))
-                step_s = float(about["wf_increment"])
-                made = [
-                    one._replace(time_s=even_times(len(one.values), step_s, late_s)) for one in made
-                ]
-            found.series += [one._replace(group=group.name) for one in made]
+                spacing = StatedSpacing(float(about["wf_increment"]), late_s, "wf_increment")
+            unit = str(about.get("unit_string", about.get("Unit", "")))
+            add_array(found, channel.name, channel[:], unit, group.name, spacing)
     return found

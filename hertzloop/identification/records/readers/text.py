@@ -6,11 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.identification.records.contents import FileContents, Series, even_times
+from hertzloop.identification.records.contents import FileContents, Series
 from hertzloop.identification.records.errors import TableError
-from hertzloop.identification.records.quantities import NAMES
+from hertzloop.identification.records.spacing import stated_spacing
 from hertzloop.identification.records.text.column_names import SAMPLE_NUMBERS, is_time
-from hertzloop.identification.records.text.facts import stated_fact, stated_spacing, stated_unit
+from hertzloop.identification.records.text.fact_names import (
+    MULTIPLIER_FACTS,
+    TIME_UNIT_FACTS,
+    VALUE_UNIT_FACTS,
+    stated_fact,
+)
 from hertzloop.identification.records.text.reading import decode_text, read_table, read_text
 from hertzloop.identification.records.text.table import TextColumn, TextTable
 from hertzloop.identification.records.toml_tables import tables_in_comments
@@ -19,7 +24,7 @@ from hertzloop.identification.records.units import name_and_unit, plain_name, un
 
 def read_text_table(path: Path) -> FileContents:
     """Read a text table. Raises TableError."""
-    return contents_of_table(read_table(path, NAMES))
+    return contents_of_table(read_table(path))
 
 
 def read_lvm(path: Path) -> FileContents:
@@ -27,19 +32,17 @@ def read_lvm(path: Path) -> FileContents:
     text = decode_text(path.read_bytes())
     starts = [one.start() for one in re.finditer(r"^Channels\b", text, re.MULTILINE)]
     if len(starts) < 2:
-        return contents_of_table(read_text(text, NAMES))
+        return contents_of_table(read_text(text))
     found = FileContents([], kind="channel")
     for i, (start, end) in enumerate(pairwise([*starts, len(text)]), 1):
-        part = contents_of_table(read_text(text[: starts[0]] + text[start:end], NAMES))
+        part = contents_of_table(read_text(text[: starts[0]] + text[start:end]))
         several = len({one.group for one in part.series}) > 1
         spacing = None if any(one.is_time for one in part.series) else part.spacing
         found.series += [
             one._replace(
                 group=f"{i}, {one.group}" if several else str(i),
                 number=len(found.series) + j,
-                time_s=None
-                if spacing is None
-                else even_times(len(one.values), spacing.step_s, spacing.start_s),
+                time_s=spacing.times(len(one.values)) if spacing else None,
             )
             for j, one in enumerate(part.series, 1)
         ]
@@ -56,13 +59,11 @@ def contents_of_table(table: TextTable) -> FileContents:
         [], tables_in_comments(table.comments), None, list(table.notes), table.above
     )
     try:
-        found.spacing = stated_spacing(table)
+        found.spacing = stated_spacing(table.facts)
     except TableError as error:  # which only matters without times
         found.notes.append(f"{error}.")
     found.interrupted = table.interrupted
-    found.multiplier = stated_fact(
-        table, ("multiplier", "scale_factor", "scaling_factor", "factor")
-    )
+    found.multiplier = stated_fact(table.facts, MULTIPLIER_FACTS)
     rising = _rising_column(table.columns)
     block, value, after = 0, 0, True
     for column in table.columns:
@@ -79,7 +80,11 @@ def contents_of_table(table: TextTable) -> FileContents:
         if time and not after:
             block += 1
         after = time
-        unit = column.unit or stated_unit(table, time, 0 if time else value)
+        unit = column.unit or (
+            stated_fact(table.facts, TIME_UNIT_FACTS)
+            if time
+            else stated_fact(table.facts, VALUE_UNIT_FACTS, value)
+        )
         value += not time
         found.series.append(
             Series(

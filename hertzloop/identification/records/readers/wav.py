@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
-from hertzloop.identification.records.text.table import StatedSpacing
+from hertzloop.identification.records.spacing import StatedSpacing
 
 
 def read_wav(path: Path) -> FileContents:

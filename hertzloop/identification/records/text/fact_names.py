@@ -1,11 +1,25 @@
 """Names that instruments give to facts beside a table: sampling interval, rate, start, units."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 
 
 def is_one_of(name: str, names: Collection[str]) -> bool:
     """Whether a plain name is one of some, with or without underscores."""
     return name.replace("_", "") in {one.replace("_", "") for one in names}
+
+
+def stated_fact(facts: Mapping[str, Sequence[str]], names: Collection[str], place: int = 0) -> str:
+    """Return a value of the first fact with one of the names; "" if there is none.
+
+    Args:
+        facts: cells of each fact, by its plain name.
+        names: plain names, the first of which counts most.
+        place: number of the cell, from 0 on; the last one if there are fewer.
+    """
+    for wanted in names:
+        if cells := next((c for name, c in facts.items() if is_one_of(name, [wanted])), None):
+            return cells[min(place, len(cells) - 1)].rpartition(":")[2]  # as in "CH1:V"
+    return ""
 
 
 # Facts beside a table that give its times and units: "Sample Interval", "Delta_X", "XAxisUnit".
@@ -75,6 +89,7 @@ VALUE_UNIT_FACTS = (
     "vunit",
     "y_axis_unit",
 )
+MULTIPLIER_FACTS = ("multiplier", "scale_factor", "scaling_factor", "factor")
 STATED_FACTS = (
     *INTERVAL_FACTS,
     *RATE_FACTS,

@@ -1,9 +1,9 @@
 """Names and units of the columns of a table."""
 
 import re
-from collections.abc import Collection
 
 from hertzloop.identification.records.errors import TableError
+from hertzloop.identification.records.quantities import NAMES
 from hertzloop.identification.records.text.cells import (
     GAPS,
     NUMBER,
@@ -29,7 +29,7 @@ _SIGNS = re.compile("[:=]")  # of a fact and its value
 
 
 def read_headings(
-    lines: list[str], layout: TableLayout, names: Collection[str], table: TextTable
+    lines: list[str], layout: TableLayout, table: TextTable
 ) -> tuple[list[str], list[str]]:
     """Return names and units of the columns, from the lines just above the table.
 
@@ -38,13 +38,12 @@ def read_headings(
     Args:
         lines: of the text.
         layout: where the table is.
-        names: plain names that headings may have.
         table: what was read so far.
 
     Raises:
         TableError: the heading has too few names.
     """
-    above = _LinesAbove(lines, layout, names)
+    above = _LinesAbove(lines, layout)
     heading, unit_row = above.heading_and_units()
     for place in range(layout.width, max(len(heading), len(unit_row))):
         name = heading[place] if place < len(heading) else ""
@@ -88,8 +87,8 @@ class _LinesAbove:
         rows: cells of those that are as long as rows of the table.
     """
 
-    def __init__(self, lines: list[str], layout: TableLayout, names: Collection[str]) -> None:
-        self.layout, self.names = layout, names
+    def __init__(self, lines: list[str], layout: TableLayout) -> None:
+        self.layout = layout
         near = [x for x in lines[: layout.start] if set(line_kinds(x, layout.separator)) - {"g"}]
         self.near = near[-_ROWS_ABOVE:]
         spaces = layout.separator is None
@@ -155,7 +154,7 @@ class _LinesAbove:
             bool(cell)
             and (
                 (is_time(cell) and unit_of(cell) is None)
-                or _is_known_name(cell, self.names)
+                or _is_known_name(cell)
                 or (not numbers and cell[0] not in "([{<" and bool(name_and_unit(cell, ())[1]))
             )
             for cell in cells
@@ -199,7 +198,7 @@ class _LinesAbove:
             )
 
 
-def _is_known_name(cell: str, names: Collection[str]) -> bool:
-    """Whether a cell is one of the names, with or without a unit or a number behind it."""
-    name = plain_name(name_and_unit(cell, names)[0])
-    return name in names or re.sub(r"_?\d+$", "", name) in names
+def _is_known_name(cell: str) -> bool:
+    """Whether a cell is the name of a quantity, with or without a unit or a number behind it."""
+    name = plain_name(name_and_unit(cell, NAMES)[0])
+    return name in NAMES or re.sub(r"_?\d+$", "", name) in NAMES

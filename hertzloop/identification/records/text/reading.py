@@ -2,7 +2,6 @@
 
 import codecs
 import re
-from collections.abc import Collection
 from pathlib import Path
 
 from hertzloop.identification.records.errors import TableError
@@ -17,22 +16,21 @@ from hertzloop.identification.records.units import unit_of
 _DURATION = re.compile(rf"^({NUMBER.pattern}) (sec|min|hr)(?=[,;\t])", re.MULTILINE)
 
 
-def read_table(path: Path, names: Collection[str] = ()) -> TextTable:
+def read_table(path: Path) -> TextTable:
     """Read the table of a text file.
 
     Args:
         path: the file, in UTF-8, UTF-16 or an encoding of Windows.
-        names: plain names that headings may have; they tell a heading from other lines.
 
     Raises:
         TableError: there is no table, or there are several.
         OSError: the file cannot be read.
     """
-    return read_text(decode_text(path.read_bytes()), names)
+    return read_text(decode_text(path.read_bytes()))
 
 
-def read_text(text: str, names: Collection[str] = ()) -> TextTable:
-    """Read the table of a text. Arguments and errors are those of `read_table`."""
+def read_text(text: str) -> TextTable:
+    """Read the table of a text. Raises TableError: there is no table, or there are several."""
     if "\r" in text:
         text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     text = text.translate(PLAIN_SIGNS)
@@ -50,8 +48,8 @@ def read_text(text: str, names: Collection[str] = ()) -> TextTable:
     refuse_rows_above(lines, layout)
     table = TextTable([], above=sum(1 for line in lines[: layout.start] if line.strip()))
     table.comments = comment_text(lines[: layout.start])
-    headings, units = read_headings(lines, layout, names, table)
-    read_facts(lines, layout, table)
+    headings, units = read_headings(lines, layout, table)
+    read_facts(lines, layout, table.facts)
     rows = RowReader(text, lines, layout, table.notes)
     values = rows.read()
     for place, found in zip(layout.places, values, strict=True):

@@ -17,14 +17,6 @@ class TextColumn(NamedTuple):
     dates: bool
 
 
-class StatedSpacing(NamedTuple):
-    """Time between rows, s, time of the first one, s, and the name of the fact that states it."""
-
-    step_s: float
-    start_s: float
-    stated_by: str
-
-
 @dataclass
 class TextTable:
     """A table: columns, facts beside it by plain name, texts of comment lines, what was not used,
