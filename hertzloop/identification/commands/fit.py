@@ -11,14 +11,17 @@ from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.text_files import text_of
-from hertzloop.identification.fit import report as fit_report
 from hertzloop.identification.fit.check import check as check_records
-from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit as fit_records
-from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
+from hertzloop.identification.fit.fit_json import as_json
+from hertzloop.identification.fit.fit_text import parameter_table, sentences
+from hertzloop.identification.fit.fitted_scene import fitted_scene
+from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.key_scope import is_control_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
@@ -132,16 +135,16 @@ def fit(
         result = check_records(setup, measured, keys)
     else:
         result = _fit_with_progress(setup, measured, keys, compared if hold_out else None, exact)
-    out.print(fit_report.parameter_table(result))
-    for sentence in fit_report.sentences(result):
+    out.print(parameter_table(result))
+    for sentence in sentences(result):
         out.say(sentence)
-    data = fit_report.as_json(result)
+    data = as_json(result)
     if result.setup is not None and result.identifiable:
-        atomic_write(target, fit_report.fitted_scene(result, target.stem))
+        atomic_write(target, fitted_scene(result, target.stem))
         data["scene"] = str(target)
         out.say(f"written: {target}")
     if report_file is not None:
-        from hertzloop.identification.fit.page import page  # of an extra
+        from hertzloop.identification.fit.fit_page import page  # of an extra
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         flags = {"--check": check, "--exact": exact, "--report": True}
@@ -149,7 +152,7 @@ def fit(
         atomic_write(report_file, page(result, shlex.join(map(str, words))))
         out.say(f"written: {report_file}")
     if replay_file is not None:
-        from hertzloop.identification.fit.page import write_replay  # of an extra
+        from hertzloop.identification.fit.fit_replay import write_replay  # of an extra
 
         write_replay(result, replay_file)
         out.say(f"written: {replay_file}")
