@@ -31,8 +31,8 @@ from benchmarks.synthetic_fits import (
 from benchmarks.synthetic_records import Spoilt, truth
 from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key, start_value
-from hertzloop.identification.fit.observation import MeasuringChain
+from hertzloop.identification.fit.free_key_option import parse_free_key, start_value
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.scene.setup import Setup, load

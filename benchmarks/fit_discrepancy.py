@@ -30,9 +30,10 @@ from benchmarks.synthetic_fits import (
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key, start_value
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
+from hertzloop.identification.fit.free_key_option import parse_free_key, start_value
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.observed_signal import ObservedSignal, observe
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.plant.structures.modes import Modes, Point
@@ -98,7 +99,7 @@ def _truth(setup: Setup, quantity: str, kind: str) -> ObservedSignal:
     if kind != "extra mode":
         accuracy = 1e-4 if kind in ("3-D", "other edges") else 1e-5
         return truth(setup, quantity, lasts_s, chain, accuracy)
-    model = FrozenModel(setup, lasts_s, 1e-5, step_ns=125)
+    model = ImpactSimulator(setup, lasts_s, 1e-5, step_ns=125)
     plate = setup.structure.local_plate
     assert plate is not None
     extra = WithExtraMode(plate.material, plate.size_m, plate.thickness_m, plate.loss_factor)

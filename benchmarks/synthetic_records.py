@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain, ObservedSignal, observe
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.loop_simulator import LoopSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.observed_signal import ObservedSignal, observe
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -39,12 +40,12 @@ def truth(
             the law is off.
     """
     if phase is not None:
-        looped = LoopModel(setup, duration_s, accuracy, _PLANT_NS)
+        looped = LoopSimulator(setup, duration_s, accuracy, _PLANT_NS)
         return observe(
             looped.run({}, duration_s, phase), quantity, chain or MeasuringChain(), False
         )
     step_ns = _OTHER_STEP_NS["long" if duration_s > _LONG_S else "short"]
-    model = FrozenModel(setup, duration_s, accuracy, step_ns=step_ns)
+    model = ImpactSimulator(setup, duration_s, accuracy, step_ns=step_ns)
     return observe(model.run({}, duration_s), quantity, chain or MeasuringChain(), False)
 
 

@@ -8,8 +8,8 @@ import pytest
 import scipy
 
 from benchmarks.margin import beside_the_contact
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.prepare import with_measuring_point
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.problem_preparation import with_measuring_point
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
@@ -207,7 +207,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
     else:
         setup = load("aluminium-3mm", [*settings, SENSOR])
     point = with_measuring_point(velocity_record(), setup).measurement.point_m
-    frozen = FrozenModel(setup, 5e-4, 1e-3, point)
+    frozen = ImpactSimulator(setup, 5e-4, 1e-3, point)
     plant = build_plant(setup)
     seen_m_s = after_steps(plant, np.zeros(setup.steps), V_S)
     after_s = np.linspace(2e-5, 4e-4, 30)

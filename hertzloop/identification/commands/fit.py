@@ -11,20 +11,26 @@ from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.text_files import text_of
-from hertzloop.identification.fit import report as fit_report
 from hertzloop.identification.fit.check import check as check_records
-from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit as fit_records
-from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
+from hertzloop.identification.fit.fit_json import as_json
+from hertzloop.identification.fit.fit_text import parameter_table, sentences
+from hertzloop.identification.fit.fitted_scene import fitted_scene
+from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.key_scope import is_control_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.warmup import Work
+
+_OF_FIT = ("--exact", "--hold-out", "--out", "--replay")
+_OF_SCENE = ("--expect", "--json", "--report", "--set")
 
 
 def fit(
@@ -91,57 +97,63 @@ def fit(
     Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
     key that the records cannot identify.
     """
-    of_fit = {"--hold-out": hold_out, "--exact": exact, "--replay": replay_file}
-    if check and (given := [option for option, value in of_fit.items() if value]):
-        fail(f"{given[0]}: is part of a fit, and --check makes none. Remove one of the two.")
-    if check and not free and holds_records(Path(scene)):
-        for file in (Path(scene), *(records or [])):
+    given = {
+        "--exact": exact,
+        "--expect": expect,
+        "--hold-out": hold_out,
+        "--json": json_file,
+        "--out": out_file,
+        "--replay": replay_file,
+        "--report": report_file,
+        "--set": settings,
+    }
+    without_scene = check and not free and holds_records(Path(scene))
+    _refuse_unused([option for option, value in given.items() if value], check, without_scene)
+    files = list(records or [])
+    if without_scene:
+        for file in (Path(scene), *files):
             out.say("\n".join(describe_file(file)))
         return
     setup = prepare.scene_from(scene, settings, None)
-    files = list(records or [])
-    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
     held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
     target = out_file or Path(f"{setup.name}-fitted.toml")
-    if expect and not check:
-        fail("--expect: supposes a record, which cannot be fitted. Add --check.")
+    read = [*files, *held]
     if not check:
-        read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
         own = out_file is None and _written_by_fit(target)
-        outputs.check_output(target, overwrite or own, read=read)
+        scene_file = [Path(scene)] if scene.endswith(".toml") else []
+        outputs.check_output(target, overwrite or own, read=[*read, *scene_file])
     for path, option in ((report_file, "--report"), (replay_file, "--replay")):
         if path is not None:
-            outputs.check_output(path, overwrite, option, read=[*files, *held])
+            outputs.check_output(path, overwrite, option, read=read)
     outputs.check_json(json_file, target, report_file, replay_file)
     keys = [parse_free_key(setup, text) for text in free or []]
     if not keys:
         raise FitError("--free: no key is free. Name at least one, --free KEY.")
     measured = [one for path in files for one in read_records(path)]
-    compared: list[Record | int] = [one for path in held for one in read_records(path)]
-    compared += numbers
+    compared = [one for path in held for one in read_records(path)]
     for one in (*measured, *compared):
-        if isinstance(one, Record):
-            out.say(f"{one.name}: {one.source}.")
+        out.say(f"{one.name}: {one.source}.")
     prepare.compile_first(setup, works=[Work.RESULTS])
-    if check:
-        measured += _expected_records(setup, expect or [], keys)
+    measured += _expected_records(setup, expect or [], keys)
     if not measured:
         remedy = "RECORD, or --expect" if check else "RECORD"
         raise FitError(f"RECORD: none is given. Name at least one {remedy}.")
     if check:
         result = check_records(setup, measured, keys)
     else:
-        result = _fit_with_progress(setup, measured, keys, compared if hold_out else None, exact)
-    out.print(fit_report.parameter_table(result))
-    for sentence in fit_report.sentences(result):
+        numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
+        held_out = [*compared, *numbers] if hold_out else None
+        result = _fit_with_progress(setup, measured, keys, held_out, exact)
+    out.print(parameter_table(result))
+    for sentence in sentences(result):
         out.say(sentence)
-    data = fit_report.as_json(result)
+    data = as_json(result)
     if result.setup is not None and result.identifiable:
-        atomic_write(target, fit_report.fitted_scene(result, target.stem))
+        atomic_write(target, fitted_scene(result, target.stem))
         data["scene"] = str(target)
         out.say(f"written: {target}")
     if report_file is not None:
-        from hertzloop.identification.fit.page import page  # of an extra
+        from hertzloop.identification.fit.fit_page import page  # of an extra
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         flags = {"--check": check, "--exact": exact, "--report": True}
@@ -149,7 +161,7 @@ def fit(
         atomic_write(report_file, page(result, shlex.join(map(str, words))))
         out.say(f"written: {report_file}")
     if replay_file is not None:
-        from hertzloop.identification.fit.page import write_replay  # of an extra
+        from hertzloop.identification.fit.fit_replay import write_replay  # of an extra
 
         write_replay(result, replay_file)
         out.say(f"written: {replay_file}")
@@ -158,6 +170,23 @@ def fit(
         raise typer.Exit(2)
     if result.model is ModelVerdict.DOES_NOT_FIT:
         raise typer.Exit(1)
+
+
+def _refuse_unused(given: list[str], check: bool, without_scene: bool) -> None:
+    """End the command for an option that it would not use.
+
+    Args:
+        given: names of options that are given.
+        check: whether --check is one.
+        without_scene: whether only records are given, which are described.
+    """
+    for option in given:
+        if check and option in _OF_FIT:
+            fail(f"{option}: is part of a fit, and --check makes none. Remove one of the two.")
+        if without_scene and option in _OF_SCENE:
+            fail(f"{option}: needs a scene, and only records are given. Name a scene before them.")
+        if option == "--expect" and not check:
+            fail("--expect: supposes a record, which cannot be fitted. Add --check.")
 
 
 def _expected_records(setup: Setup, texts: list[str], keys: list[FreeKey]) -> list[Record]:

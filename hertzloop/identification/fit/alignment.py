@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.observation import ObservedSignal
+from hertzloop.identification.fit.observed_signal import ObservedSignal
 from hertzloop.identification.hits.impact import ONSET_LEVELS, ONSET_SHARE
 from hertzloop.identification.records.errors import RecordError
 

@@ -3,11 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.key_values import values_for_record
-from hertzloop.identification.fit.loop_model import LoopModel
+from hertzloop.identification.fit.key_scope import is_control_key, values_for_record
+from hertzloop.identification.fit.loop_simulator import LoopSimulator
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.chain_keys import WITHOUT_CONTROL
 from hertzloop.identification.records.errors import RecordError
@@ -121,8 +120,8 @@ def check_actuator_acts(problem: FitProblem, values: dict[str, float]) -> None:
     if not asked and not of_force:
         return
     end_s = problem.longest_s
-    for c, model in zip(problem.channels, problem.models, strict=True):
-        if isinstance(model, LoopModel) and model.acts(values_for_record(values, c.record), end_s):
+    for c, one in zip(problem.channels, problem.simulators, strict=True):
+        if isinstance(one, LoopSimulator) and one.acts(values_for_record(values, c.record), end_s):
             return
     what = f"--free {asked[0]}" if asked else of_force[0].name
     raise FitError(

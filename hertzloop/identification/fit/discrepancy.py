@@ -1,6 +1,6 @@
-"""What the model leaves of a record beyond its noise: a smooth random error of unknown size.
+"""The discrepancy of a model: a smooth random signal of unknown size beside the noise of a record.
 
-The error is the local size of the simulated signal, times a share, times a stationary Gaussian
+It is the local size of the simulated signal, times a share, times a stationary Gaussian
 process of unit variance (Matern). The process has nodes a part of a contact time apart, and a
 banded precision matrix (Lindgren, Rue and Lindstroem 2011, J. R. Stat. Soc. B 73, 423).
 """
@@ -25,7 +25,7 @@ _VARIANCE = 5.0 / 32.0  # of the process, times kappa^7
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """The error of the model in one record.
+    """The discrepancy of the model in one record.
 
     Attributes:
         shares: of the local signal, in the pulse and after it.
@@ -44,7 +44,7 @@ class Discrepancy:
     _on: dict[bytes, "Discrepancy"] = field(default_factory=dict, compare=False)
 
     def on_samples(self, counted: np.ndarray) -> "Discrepancy":
-        """Return the error on the samples that count. `counted`: (samples,), bool."""
+        """Return the discrepancy on the samples that count. `counted`: (samples,), bool."""
         key = counted.tobytes()
         if key not in self._on:
             self._on.clear()
@@ -84,18 +84,18 @@ class Discrepancy:
         return self.system()
 
     def logarithm(self, system: np.ndarray) -> float:
-        """Logarithm of the determinant of error and noise over that of the noise."""
+        """Logarithm of the determinant of discrepancy and noise over that of the noise."""
         return 2.0 * float(np.sum(np.log(system[-1])) - np.sum(np.log(self._prior[1][-1])))
 
     def split_rows(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Split whitened rows into what the noise and what the error has to explain.
+        """Split whitened rows into what the noise and what the discrepancy has to explain.
 
         Args:
             white: rows of a residual or of derivatives, (samples,) or (samples, columns).
 
         Returns:
-            Rows for the noise, as `white`, and for the error, (nodes,) or (nodes, columns). The
-            products of their columns are those of `white` over noise and error together.
+            Rows for the noise, as `white`, and for the discrepancy, (nodes,) or (nodes, columns).
+            The products of their columns are those of `white` over noise and discrepancy together.
         """
         flat = white if white.ndim == 2 else white[:, np.newaxis]
         a = self.amplitude[:, np.newaxis]
@@ -114,7 +114,7 @@ def build_discrepancy(
     contact_s: float,
     wall_hz: float | None = None,
 ) -> Discrepancy | None:
-    """Return an error of unknown size; None for a record that ends in the contact.
+    """Return a discrepancy of unknown size; None for a record that ends in the contact.
 
     Args:
         tau_s: times after the touch, s, rising, (samples,).

@@ -1,4 +1,4 @@
-"""Estimate the errors of the model, their correlation and unknown noises of a fit.
+"""Estimate the discrepancies of the records of a fit, their correlation and unknown noises.
 
 They maximise the restricted likelihood, from which keys and nuisances are integrated out (Patterson
 and Thompson 1971, Biometrika 58, 545).
@@ -15,7 +15,7 @@ from hertzloop.identification.fit.discrepancy import CORRELATIONS, Discrepancy
 
 # The usual share, the standard deviations of its logarithm and of a record's own share.
 _SHARE, _SHARE_SD, _APART_SD = 0.03, 1.5, 0.5
-_ASKED = 6.0  # rise of twice the logarithm of the likelihood that an error has to bring
+_ASKED = 6.0  # rise of twice the logarithm of the likelihood that a discrepancy has to bring
 _STEPS = (1.5, 0.75, 0.375, 0.19)  # of logarithms, of the search
 _KEPT, _GAIN, _NULL = 512, 1e-2, 1e-12
 
@@ -28,15 +28,15 @@ class RecordLikelihood:
         white: whitened derivatives and, as the last column, the residual, (samples, parameters +
             1).
         count: how many independent samples they are.
-        error: on these samples; None if the model is exact.
-        needed: whether an error was asked for before.
+        discrepancy: on these samples; None if the model is exact.
+        needed: whether a discrepancy was found before.
         least: noise over the present one that it has at least; None of a noise that is known.
         square: products of the columns of `white`.
     """
 
     white: np.ndarray
     count: float
-    error: Discrepancy | None
+    discrepancy: Discrepancy | None
     needed: bool
     least: float | None
     square: np.ndarray = field(init=False)
@@ -44,8 +44,8 @@ class RecordLikelihood:
 
     def __post_init__(self) -> None:
         self.square = self.white.T @ self.white
-        if self.error is not None:
-            self._at_nodes = self.error.basis.T @ self.white
+        if self.discrepancy is not None:
+            self._at_nodes = self.discrepancy.basis.T @ self.white
 
     def evaluate(
         self, shares: tuple[float, float], kappa: float, factor: float
@@ -53,25 +53,25 @@ class RecordLikelihood:
         """Return the logarithm of the covariance's determinant, and the columns' products over it.
 
         Args:
-            shares: of the error.
-            kappa: of the error.
+            shares: of the discrepancy.
+            kappa: of the discrepancy.
             factor: on the noise.
         """
         logarithm, square = 2.0 * self.count * math.log(factor), self.square / factor**2
-        if self.error is None or not any(shares):
+        if self.discrepancy is None or not any(shares):
             return logarithm, square
-        error = replace(self.error, shares=shares, kappa=kappa)
-        error.__dict__["_gram"] = self.error._gram
-        system = error.system(factor)
-        columns = error.amplitude[:, np.newaxis] * self._at_nodes / factor**2
+        discrepancy = replace(self.discrepancy, shares=shares, kappa=kappa)
+        discrepancy.__dict__["_gram"] = self.discrepancy._gram
+        system = discrepancy.system(factor)
+        columns = discrepancy.amplitude[:, np.newaxis] * self._at_nodes / factor**2
         square = square - columns.T @ scipy.linalg.cho_solve_banded((system, False), columns)
-        return logarithm + error.logarithm(system), square
+        return logarithm + discrepancy.logarithm(system), square
 
 
 def estimate_discrepancies(
     records: Sequence[RecordLikelihood], priors: np.ndarray
 ) -> tuple[float, list[tuple[tuple[float, float], float]], float]:
-    """Find the shares of the errors, their correlation and unknown noises.
+    """Find the shares of the discrepancies, their correlation and unknown noises.
 
     Args:
         records: of a fit, at its solution.
@@ -86,8 +86,9 @@ def estimate_discrepancies(
     start = np.zeros(2 + 2 * len(records))
     start[:2] = math.log(_SHARE)
     best = likelihood.search(start, 0.0)
-    if any(r.error is not None for r in records):
-        coarse = any(r.error is not None and r.error.basis.shape[1] > len(r.white) for r in records)
+    inexact = [(r.discrepancy, r.white) for r in records if r.discrepancy is not None]
+    if inexact:
+        coarse = any(one.basis.shape[1] > len(white) for one, white in inexact)
         kappas = CORRELATIONS if coarse else CORRELATIONS[:-1]
         found = min((likelihood.search(best[1], kappa) for kappa in kappas), key=lambda one: one[0])
         if any(r.needed for r in records) or found[0] < best[0] - _ASKED:
@@ -96,7 +97,7 @@ def estimate_discrepancies(
 
 
 class _RestrictedLikelihood:
-    """The likelihood of errors and noises, from which keys and nuisances are integrated out.
+    """The likelihood of discrepancies and noises, from which keys and nuisances are integrated out.
 
     A point of the search holds logarithms: the shares in the pulse and after it, the factor of each
     record on these, and the factor on each record's noise, (2 + 2 records,).
@@ -112,7 +113,7 @@ class _RestrictedLikelihood:
 
     def parts(self, at: np.ndarray, kappa: float) -> list[tuple[tuple[float, float], float]]:
         """Return shares and factor on the noise of every record at a point of the search; without
-        an error if `kappa` is zero."""
+        a discrepancy if `kappa` is zero."""
         found, n = [], len(self.records)
         for i, r in enumerate(self.records):
             one, other = (math.exp(share + at[2 + i]) if kappa else 0.0 for share in at[:2])

@@ -8,9 +8,10 @@ import numpy as np
 
 from hertzloop.identification.fit.controlled_records import refuse_incomparable, refuse_unknown_loop
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.loop_simulator import LoopSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.observed_signal import observe
 from hertzloop.identification.hits.find import LASTING_S
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.quantities import QUANTITIES
@@ -57,15 +58,15 @@ def expected_record(
     quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control
     table = Measurement(quantity=quantity, control=under)
-    model: FrozenModel
+    simulator: ImpactSimulator
     if under:
         refuse_unknown_loop(setup)
         refuse_incomparable(Record(name, np.arange(8.0), np.ones(8), quantity, table), setup)
-        model = LoopModel(setup, duration_s, 1e-4)
+        simulator = LoopSimulator(setup, duration_s, 1e-4)
     else:
-        model = FrozenModel(setup, duration_s, 1e-4)
+        simulator = ImpactSimulator(setup, duration_s, 1e-4)
     time_s = np.arange(-quiet_s, duration_s, step_s)
-    clean = observe(model.run({}, duration_s), quantity, MeasuringChain(), False).value(time_s)
+    clean = observe(simulator.run({}, duration_s), quantity, MeasuringChain(), False).value(time_s)
     noise = share * float(np.max(np.abs(clean)))
     # The noise has a known size and no influence on the answer; its seed makes it repeatable.
     noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))

@@ -4,54 +4,40 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-import numpy as np
-
-from hertzloop.identification.fit.assessment import ModelAssessment, assess_model
-from hertzloop.identification.fit.control_keys import is_control_key
+from hertzloop.identification.fit.assessment import assess_model
+from hertzloop.identification.fit.converter_draws import apply_converter_draws
+from hertzloop.identification.fit.discrete_key import search_discrete_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
-from hertzloop.identification.fit.frozen_models import refreeze
+from hertzloop.identification.fit.global_search import best_start, search_lower_minimum
 from hertzloop.identification.fit.hit_speeds import add_hit_speeds
 from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
-from hertzloop.identification.fit.intervals import add_whole_step_estimate, estimate_keys
+from hertzloop.identification.fit.intervals import add_discrete_estimate, estimate_keys
 from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_values import values_for_record
+from hertzloop.identification.fit.key_scope import is_control_key, values_for_record
+from hertzloop.identification.fit.key_uncertainty import key_uncertainty
 from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.prepare import prepare_problem
 from hertzloop.identification.fit.problem import FitProblem
-from hertzloop.identification.fit.residuals import impact_speeds, note_other_impact, residual_curves
+from hertzloop.identification.fit.problem_preparation import prepare_problem
+from hertzloop.identification.fit.residuals import impact_speeds, residual_curves
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.sample_selection import exclude_contact
-from hertzloop.identification.fit.search import (
-    best_start,
-    search_lower_minimum,
-    shifts_beyond_noise,
-)
-from hertzloop.identification.fit.solution import Solution, solve_with_model_errors
+from hertzloop.identification.fit.simulators import rebuild_simulators
+from hertzloop.identification.fit.solution import solve
 from hertzloop.identification.fit.summary import (
     check_sample_count,
-    collect_notes,
     common_fields,
     unique_names,
 )
-from hertzloop.identification.fit.uncertainty import (
-    KeyUncertainty,
-    bootstrap_covariance,
-    key_uncertainty,
-)
-from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.identification.fit.whole_steps import search_whole_steps
+from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.chain_keys import is_chain_key
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
-_REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
+_MOVED = 0.01  # change of a key's logarithm for which the modes of the plate are chosen anew
 _LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
-_LEAST_DRAWN = 0.25  # of a variance
-_HELD_OUT = 2.0  # residual of held-out records over their noise, above which a model does not fit
 
 
 def fit(
@@ -93,36 +79,33 @@ def fit(
     problem = prepare_problem(setup, records, free)
     problem.counter.on_progress = on_progress
     windows = _fit_growing_windows(problem)
-    problem = _refreeze_if_moved(setup, windows)
-    until_s = problem.windows_s()[-1]
-    for c, model in zip(problem.channels, problem.models, strict=True):
-        exclude_contact(c, model.contact_s)  # only now: the early windows hold little else
-    solution, shifts = _solve(problem, windows, until_s, exact)
+    problem = _rebuild_if_moved(setup, windows)
+    for c, simulator in zip(problem.channels, problem.simulators, strict=True):
+        exclude_contact(c, simulator.contact_s)  # only now: the early windows hold little else
+    problem.counter.expect(1, len(problem.varied_keys))
+    solution = solve(problem, windows.iterate.x, windows.shorter, exact)
     problem, iterate = solution.problem, solution.iterate
     check_sample_count(iterate)
-    known = key_uncertainty(problem, iterate, shifts)
-    _apply_bootstrap(known, bootstrap_covariance(problem, iterate, until_s))
-    estimates, one_sided = estimate_keys(problem, iterate, known, until_s)
-    estimates = add_whole_step_estimate(problem, estimates, known, solution.profile)
+    known = key_uncertainty(problem, iterate, solution.shifts)
+    apply_converter_draws(problem, iterate, known)
+    estimates, one_sided = estimate_keys(problem, iterate, known)
+    estimates = add_discrete_estimate(problem, estimates, known, solution.profile)
     unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
-    plain = problem.evaluate(iterate.x, until_s, early=False, jacobian=False, exact=True)
-    assessment = assess_model(problem, plain, until_s, one_sided | unsure)
+    plain = problem.evaluate(iterate.x, iterate.until_s, jacobian=False, exact=True)
     values = problem.key_values(iterate.x)
     fitted = _fitted_setup(setup, values, records[0])
-    held = None
+    held, held_over_noise = None, 0.0
     if held_records:
         held = compare_hold_out(fitted, _under_same_law(held_records, free), free, exact)
-    curves = residual_curves(problem, plain, until_s)
-    _add_reasons(assessment, problem, curves, held, bool(unsure))
+        held_over_noise = held["residual_over_noise"]
+    assessment = assess_model(problem, plain, one_sided, unsure, held_over_noise)
     return FitResult(
-        **common_fields(problem, iterate, plain, until_s, known, assessment),
+        **common_fields(problem, setup, iterate, plain, known, assessment),
         estimates=estimates,
         hold_out=held,
-        evaluations=problem.counter.done,
         setup=fitted,
-        curves=curves,
+        curves=residual_curves(problem, plain),
         wall_s=time.perf_counter() - began,
-        notes=collect_notes(problem, setup),
         speeds_m_s=impact_speeds(problem, values),
         records=list(records),
     )
@@ -130,71 +113,40 @@ def fit(
 
 @dataclass
 class _WindowsFit:
-    """Solution of growing windows: the iterate of the whole record, and of each shorter window its
-    end after the touch (s) and its parameters."""
+    """Solutions of the whole records and of shorter windows, the shortest first."""
 
     problem: FitProblem
     iterate: Iterate
-    shorter: list[tuple[float, np.ndarray]]
+    shorter: list[Iterate]
 
 
 def _fit_growing_windows(problem: FitProblem) -> _WindowsFit:
     """Fit the keys to growing parts of the records, each from the solution of the one before."""
     counter, keys = problem.counter, len(problem.varied_keys)
     if problem.looped:
-        problem = search_whole_steps(problem)
+        problem = search_discrete_key(problem)
     x = best_start(problem)
     *early_ends, until_s = ends = problem.windows_s()
     shorter = []
     for i, end in enumerate(early_ends):
         counter.expect(len(ends) - i + _LAST_STAGES, keys)
-        x = minimise(problem, x, end, early=True, steps=15, tolerance=1e-3).x
-        shorter.append((end, x))
+        shorter.append(minimise(problem, x, end, early=True, steps=15, tolerance=1e-3))
+        x = shorter[-1].x
     counter.expect(1 + _LAST_STAGES, keys)
-    iterate = minimise(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
+    iterate = minimise(problem, x, until_s, steps=15, tolerance=1e-3)
     counter.expect(_LAST_STAGES, keys)
     if not problem.looped:
-        iterate = search_lower_minimum(problem, iterate, ends)
+        iterate = search_lower_minimum(problem, iterate, shorter)
     return _WindowsFit(problem, iterate, shorter)
 
 
-def _refreeze_if_moved(setup: Setup, windows: _WindowsFit) -> FitProblem:
-    """Return the problem, with new frozen models if a key has moved."""
+def _rebuild_if_moved(setup: Setup, windows: _WindowsFit) -> FitProblem:
+    """Return the problem, with new simulators if a key has moved."""
     problem, x = windows.problem, windows.iterate.x
-    starts = [math.log(f.start) for f in problem.varied_keys]
-    if max((abs(v - s) for s, v in zip(starts, x, strict=False)), default=0.0) <= _REFREEZE:
+    moves = [abs(math.log(f.start) - v) for f, v in zip(problem.varied_keys, x, strict=False)]
+    if max(moves, default=0.0) <= _MOVED:
         return problem
-    return refreeze(setup, problem, windows.iterate)
-
-
-def _solve(
-    problem: FitProblem, windows: _WindowsFit, until_s: float, exact: bool
-) -> tuple[Solution, list[np.ndarray]]:
-    """Return the solution of the whole records, and how far its keys are from those of shorter
-    windows beyond noise.
-
-    Without a model error in the problem the whole record may have bent the keys too far. So, where
-    the solution has one, it is also sought from the solution of the first window.
-    """
-    problem.counter.expect(1, len(problem.varied_keys))
-    found = solve_with_model_errors(problem, windows.iterate, until_s, exact)
-    if not found.has_model_error:
-        return found, []
-    if windows.shorter and not problem.looped:
-        again = problem.evaluate(windows.shorter[0][1], until_s, early=False)
-        other = solve_with_model_errors(problem, again, until_s, exact)
-        found = min(found, other, key=lambda one: one.cost)
-    return found, shifts_beyond_noise(problem, windows.shorter, found.iterate)
-
-
-def _apply_bootstrap(known: KeyUncertainty, drawn: np.ndarray | None) -> None:
-    """Use the covariance of draws; but never less than half the standard deviation that white noise
-    of the same size would give."""
-    if drawn is None:
-        return
-    least = float(np.max(np.diag(known.covariance) / np.diag(drawn)))
-    if math.isfinite(least):
-        known.covariance = drawn * max(1.0, _LEAST_DRAWN * least)
+    return rebuild_simulators(setup, problem, problem.key_values(x))
 
 
 def _fitted_setup(setup: Setup, values: dict[str, float], first: Record) -> Setup:
@@ -219,25 +171,3 @@ def _under_same_law(records: Sequence[Record], free: Sequence[FreeKey]) -> list[
         replace(r, measurement=replace(r.measurement, control=r.measurement.control is not False))
         for r in records
     ]
-
-
-def _add_reasons(
-    assessment: ModelAssessment,
-    problem: FitProblem,
-    curves: Sequence[dict[str, np.ndarray]],
-    held: dict[str, Any] | None,
-    unsure: bool,
-) -> None:
-    """Add what the held-out records, other impacts and unknown keys say of the model."""
-    if assessment.verdict is ModelVerdict.DOES_NOT_FIT:
-        assessment.reasons += [
-            sentence
-            for c, curve in zip(problem.channels, curves, strict=True)
-            for sentence in note_other_impact(c, curve)
-        ]
-    ratio = 0.0 if held is None else held["residual_over_noise"]
-    if assessment.verdict is ModelVerdict.FITS and ratio > _HELD_OUT:
-        assessment.verdict = ModelVerdict.DOES_NOT_FIT
-        assessment.reasons.append(f"The held-out records are {ratio:.3g} times the noise away.")
-    if assessment.verdict is ModelVerdict.FITS and unsure:
-        assessment.reasons.append("The model fits, but not every key is identifiable.")

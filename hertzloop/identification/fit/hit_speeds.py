@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.identification.fit.free_keys import FreeKey, parse_free_key
-from hertzloop.identification.fit.key_values import values_for_record
+from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.free_keys import FreeKey
+from hertzloop.identification.fit.key_scope import values_for_record
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -51,15 +52,15 @@ def set_start_speeds(problem: FitProblem, start: dict[str, float]) -> None:
     """Start with the speed of a hammer that gives the peak of its first record, as nobody measures
     it. Both `problem.free` and `start` change."""
     done: set[str] = set()
-    for index, (c, model) in enumerate(zip(problem.channels, problem.models, strict=True)):
+    for index, (c, simulator) in enumerate(zip(problem.channels, problem.simulators, strict=True)):
         for place, f in enumerate(problem.free):
             mine = values_for_record({f.key: f.start}, c.record)
             if f.key in done or f.prior or "hammer.speed_m_s" not in mine or c.is_gap:
                 continue
             done.add(f.key)
-            seen = problem.simulate_channel(index, start, 3.0 * model.contact_s)
+            seen = problem.simulate_channel(index, start, 3.0 * simulator.contact_s)
             largest = float(np.max(np.abs(seen.value(seen.simulated.time_s))))
-            n = model.spec.contact.exponent
+            n = simulator.spec.contact.exponent
             speed = f.start * (c.peak / largest) ** (0.5 * (n + 1.0) / n)
             begun = replace(f, start=min(max(speed, 1.01 * f.low), 0.99 * f.high))
             problem.free = [*problem.free[:place], begun, *problem.free[place + 1 :]]

@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.identification.fit.discrete_key import search_discrete_key
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_keys import FreeKey
 from hertzloop.identification.fit.hit_speeds import hit_speed_keys
 from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.prepare import prepare_problem
+from hertzloop.identification.fit.problem_preparation import prepare_problem
 from hertzloop.identification.fit.residuals import describe_nuisances, independent_samples
-from hertzloop.identification.fit.solution import solve_with_model_errors
-from hertzloop.identification.fit.whole_steps import search_whole_steps
+from hertzloop.identification.fit.solution import solve
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
+
+_OF_RECORD = ("gain", "in_pulse_percent", "after_pulse_percent", "largest_percent")
 
 
 def split_hold_out(
@@ -45,21 +47,18 @@ def compare_hold_out(
     found anew."""
     problem = prepare_problem(fitted, records, hit_speed_keys(fitted, records, free, 1))
     if problem.looped:
-        problem = search_whole_steps(problem)
+        problem = search_discrete_key(problem)
     until_s = problem.windows_s()[-1]
-    iterate = minimise(problem, problem.start_vector(), until_s, early=False)
-    found = solve_with_model_errors(problem, iterate, until_s, exact)
+    iterate = minimise(problem, problem.start_vector(), until_s)
+    found = solve(problem, iterate.x, [], exact)
     problem = found.problem
-    plain = problem.evaluate(found.iterate.x, until_s, early=False, jacobian=False, exact=True)
-    rows = np.concatenate([plain.residual[s] for s in plain.channel_rows])
-    samples = sum(independent_samples(problem, plain, i, until_s) for i in range(len(records)))
+    plain = problem.evaluate(found.iterate.x, until_s, jacobian=False, exact=True)
+    rows = np.concatenate([plain.residual[one.rows] for one in plain.channels])
+    samples = sum(map(independent_samples, problem.channels, plain.channels))
     ratio = math.sqrt(float(rows @ rows) / max(samples - len(plain.x), 1.0))
-    nuisances = describe_nuisances(problem, plain, until_s)
+    nuisances = describe_nuisances(problem, plain)
     return {
         "records": [r.name for r in records],
         "residual_over_noise": ratio,
-        "gain": [n.gain for n in nuisances],
-        "in_pulse_percent": [n.off_percent[0] for n in nuisances],
-        "after_pulse_percent": [n.off_percent[1] for n in nuisances],
-        "largest_percent": [n.off_percent[2] for n in nuisances],
+        **{key: [getattr(n, key) for n in nuisances] for key in _OF_RECORD},
     }

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from hertzloop.identification.fit.discrete_key import CHI_SQUARE_95, DiscreteProfile
 from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
 from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_uncertainty import KeyUncertainty
 from hertzloop.identification.fit.minimise import minimise
+from hertzloop.identification.fit.priors import prior_pulls
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.results import Estimate
-from hertzloop.identification.fit.uncertainty import KeyUncertainty
 from hertzloop.identification.fit.verdicts import NO_BOUND, NORMAL, WIDEST, KeyVerdict
-from hertzloop.identification.fit.whole_steps import CHI_SQUARE_95, StepProfile
 from hertzloop.scene.errors import SceneError
 
 _STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
@@ -44,11 +45,11 @@ def estimate_from_covariance(
 
 
 def estimate_keys(
-    problem: FitProblem, iterate: Iterate, known: KeyUncertainty, until_s: float
+    problem: FitProblem, iterate: Iterate, known: KeyUncertainty
 ) -> tuple[list[Estimate], set[str]]:
     """Return estimates of all keys, and those of them that a bound or a flat side makes
     one-sided."""
-    pulls = problem.prior_pulls(iterate.x)
+    pulls = prior_pulls(problem, iterate.x)
     found, one_sided = [], set()
     for j, f in enumerate(problem.varied_keys):
         value = problem.key_values(iterate.x)[f.key]
@@ -59,7 +60,7 @@ def estimate_keys(
         # Where a key is unknown even with all others known, no combination is to blame.
         flat = at_bound or not math.expm1(min(NORMAL * alone, 50.0)) <= WIDEST
         if f.prior is None and (f.key == PRESSURE_KEY or (doubtful and flat)):
-            rise = _chi_square_rise(problem, iterate, until_s, j, known.wider)
+            rise = _chi_square_rise(problem, iterate, j, known.wider)
             profiled = _open_end(f, estimate, rise)
             if profiled is not None:
                 estimate = profiled
@@ -69,13 +70,13 @@ def estimate_keys(
     return found, one_sided
 
 
-def add_whole_step_estimate(
+def add_discrete_estimate(
     problem: FitProblem,
     estimates: list[Estimate],
     known: KeyUncertainty,
-    profile: StepProfile | None,
+    profile: DiscreteProfile | None,
 ) -> list[Estimate]:
-    """Return the estimates with that of the key in whole steps, which widens the intervals of the
+    """Return the estimates with that of the discrete key, which widens the intervals of the
     others where several of its values are certain; the covariance gets a row of zeros for it."""
     if profile is None:
         return estimates
@@ -88,11 +89,11 @@ def add_whole_step_estimate(
                 e = replace(e, verdict=KeyVerdict.NOT_IDENTIFIABLE)
         found.append(e)
     low, high = profile.interval()
-    value = profile.best * (f.resolution or 1.0)
+    value = profile.best * f.step
     verdict = KeyVerdict.NOT_IDENTIFIABLE
     if low is not None and high is not None:
         # The interval of a single step is one step wide, which is all that can be known.
-        widest = max(WIDEST * value, _STEPS_KNOWN * (f.resolution or 1.0))
+        widest = max(WIDEST * value, _STEPS_KNOWN * f.step)
         if 0.5 * (high - low) <= widest:
             verdict = KeyVerdict.IDENTIFIED
     place = [g.key for g in problem.free].index(f.key)
@@ -114,17 +115,16 @@ def _beyond_bound(e: Estimate, at_bound: str, one_sided: set[str]) -> Estimate:
 
 
 def _chi_square_rise(
-    problem: FitProblem, iterate: Iterate, until_s: float, j: int, wider: float
+    problem: FitProblem, iterate: Iterate, j: int, wider: float
 ) -> Callable[[float], float]:
     """Return the profile of key `j`: how far chi-square rises if the key is held at a value and all
     other parameters are fitted; over the square of the factor `wider` on intervals."""
     f = problem.varied_keys[j]
 
     def rise(value: float) -> float:
-        held = replace(problem, fixed=problem.fixed | {f.key: value})
-        x = np.delete(iterate.x, j)
+        held, x = problem.hold({f.key: value}), np.delete(iterate.x, j)
         try:
-            found = minimise(held, x, until_s, early=False, steps=12, tolerance=1e-4)
+            found = minimise(held, x, iterate.until_s, steps=12, tolerance=1e-4)
         except SceneError:  # with the other values, the scene cannot have this one
             return math.inf
         return (found.chi_square - iterate.chi_square) / wider**2

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_uncertainty import KeyUncertainty, key_uncertainty
 from hertzloop.identification.fit.problem import FitProblem
-from hertzloop.identification.fit.uncertainty import KeyUncertainty, key_uncertainty
 
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
 

@@ -15,7 +15,7 @@ def minimise(
     problem: FitProblem,
     x: np.ndarray,
     until_s: float,
-    early: bool,
+    early: bool = False,
     steps: int = 40,
     tolerance: float = 1e-7,
 ) -> Iterate:

@@ -12,26 +12,24 @@ _FEW = 60  # samples of a pulse, none of which is taken out
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
 
 
-def reject_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> int:
+def reject_outliers(problem: FitProblem, iterate: Iterate) -> bool:
     """Take isolated samples out that are more than four robust deviations away.
 
     Returns:
-        How many there were. A run of more than two is a misfit and stays, as do all if they are
+        Whether there were any. A run of more than two is a misfit and stays, as do all if they are
         more than 6 % of a record.
     """
-    rejected = 0
-    for index, c in enumerate(problem.channels):
-        predicted = problem.predict(iterate.x, index, until_s)
+    found = False
+    channels = zip(problem.channels, iterate.channels, problem.simulators, strict=True)
+    for c, (predicted, _, _), simulator in channels:
         tau, residual = predicted.tau, np.where(c.kept, predicted.reading - c.value, 0.0)
-        used = c.kept & (tau <= until_s)
+        used = c.kept & (tau <= iterate.until_s)
         if np.count_nonzero(used) < 20:
             continue
         sd = robust_deviation(residual[used])
         sd = max(sd, c.noise if c.noise_from == "quiet" else 0.0, 0.5 * c.step)
         far = used & (np.abs(residual) > _OUTLIER * sd)
-        contact = (tau > -0.5 * problem.models[index].contact_s) & (
-            tau < 1.5 * problem.models[index].contact_s
-        )
+        contact = (tau > -0.5 * simulator.contact_s) & (tau < 1.5 * simulator.contact_s)
         if np.count_nonzero(contact) < _FEW:  # a misfit of the pulse is as short as an outlier
             far &= ~contact
         runs = np.split(np.flatnonzero(far), np.flatnonzero(np.diff(np.flatnonzero(far)) > 1) + 1)
@@ -43,5 +41,5 @@ def reject_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> in
             c.kept = c.kept.copy()
             c.kept[np.array(single)] = False
             c.rejected += len(single)
-            rejected += len(single)
-    return rejected
+            found = True
+    return found

@@ -6,22 +6,21 @@ import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
 from hertzloop.identification.fit.discrepancy import PULSE
-from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
+from hertzloop.identification.fit.iterate import ChannelIterate, Iterate
+from hertzloop.identification.fit.key_scope import values_for_record
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.results import Nuisance
 
 
-def describe_nuisances(problem: FitProblem, iterate: Iterate, until_s: float) -> list[Nuisance]:
-    """Return nuisance parameters and residual of every record, with the samples up to `until_s`
-    after the touch."""
+def describe_nuisances(problem: FitProblem, iterate: Iterate) -> list[Nuisance]:
+    """Return nuisance parameters and residual of every record."""
     found = []
-    for index, c in enumerate(problem.channels):
+    for index, (c, one) in enumerate(zip(problem.channels, iterate.channels, strict=True)):
         touch_s, ppm, gain, offset = problem.nuisances(iterate.x, index)
-        rows = iterate.residual[iterate.channel_rows[index]]
-        samples = independent_samples(problem, iterate, index, until_s)
-        rms = math.sqrt(float(np.sum(rows**2)) / samples) if samples else math.nan
+        rows = iterate.residual[one.rows]
+        samples = independent_samples(c, one)
         shares = c.discrepancy.shares if c.discrepancy else (0.0, 0.0)
+        contact_s = problem.simulators[index].contact_s
         found.append(
             Nuisance(
                 c.record.name,
@@ -30,19 +29,17 @@ def describe_nuisances(problem: FitProblem, iterate: Iterate, until_s: float) ->
                 offset,
                 ppm,
                 c.noise,
-                rms,
+                math.sqrt(float(np.sum(rows**2)) / samples) if samples else math.nan,
                 len(rows),
                 c.rejected,
-                _residual_percent(problem, iterate, index, until_s),
-                (100.0 * shares[0], 100.0 * shares[1]),
+                *_residual_percent(c, one, contact_s, iterate.until_s),
+                *(100.0 * share for share in shares),
             )
         )
     return found
 
 
-def residual_curves(
-    problem: FitProblem, iterate: Iterate, until_s: float
-) -> list[dict[str, np.ndarray]]:
+def residual_curves(problem: FitProblem, iterate: Iterate) -> list[dict[str, np.ndarray]]:
     """Return measured and simulated values of every record over the time after the touch.
 
     Returns:
@@ -50,44 +47,22 @@ def residual_curves(
         for each record, (samples,) each.
     """
     found = []
-    for index, c in enumerate(problem.channels):
-        predicted = problem.predict(iterate.x, index, until_s)
-        inside = predicted.tau <= until_s
+    for c, one in zip(problem.channels, iterate.channels, strict=True):
+        inside = one.predicted.tau <= iterate.until_s
         found.append(
             {
-                "time_s": predicted.tau[inside],
+                "time_s": one.predicted.tau[inside],
                 "measured": c.value[inside],
-                "simulated": predicted.reading[inside],
+                "simulated": one.predicted.reading[inside],
                 "used": c.kept[inside],
             }
         )
     return found
 
 
-def note_other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
-    """Return a sentence on an impact in a record of the force that the simulation does not have."""
-    if c.record.quantity != "contact_force":
-        return []
-    high = 0.1 * c.peak
-    measured = np.where(curve["used"], curve["measured"] - c.baseline, 0.0) > high
-    simulated = curve["simulated"] - np.min(curve["simulated"]) > 0.01 * c.peak
-    late = curve["time_s"] > curve["time_s"][np.argmax(curve["simulated"])]
-    alone = measured & ~simulated & late
-    found = np.flatnonzero(alone[:-1] & alone[1:])
-    if not len(found):
-        return []
-    return [
-        f"{c.record.name}: an impact {1e6 * curve['time_s'][found[0]]:.3g} us after the first is "
-        "not in the simulation. If it is another drop or hit, cut the record before it."
-    ]
-
-
-def independent_samples(problem: FitProblem, iterate: Iterate, index: int, until_s: float) -> float:
-    """Return how many independent samples of channel `index` count."""
-    channel = problem.channels[index]
-    touch_s, ppm, _, _ = problem.nuisances(iterate.x, index)
-    tau = channel.after_touch_s(touch_s, ppm)
-    return float(np.sum(channel.independent(channel.counted(tau <= until_s))))
+def independent_samples(channel: Channel, one: ChannelIterate) -> float:
+    """Return how many independent samples of a channel count."""
+    return float(np.sum(channel.independent(one.counted)))
 
 
 def impact_speeds(problem: FitProblem, values: dict[str, float]) -> tuple[float, float]:
@@ -95,24 +70,21 @@ def impact_speeds(problem: FitProblem, values: dict[str, float]) -> tuple[float,
 
     Args:
         problem: the fit.
-        values: scene keys that differ from those of its models.
+        values: scene keys that differ from those of its simulators.
     """
-    alone = {k: v for k, v in values.items() if not ignored_without_control(k)}
     speeds = [
-        m.spec_of(values_for_record(alone, c.record)).sphere.impact_speed_m_s
-        for m, c in zip(problem.models, problem.channels, strict=True)
+        simulator.spec_of(values_for_record(values, c.record)).sphere.impact_speed_m_s
+        for simulator, c in zip(problem.simulators, problem.channels, strict=True)
     ]
     return min(speeds), max(speeds)
 
 
 def _residual_percent(
-    problem: FitProblem, iterate: Iterate, index: int, until_s: float
-) -> tuple[float | None, float | None, float | None]:
-    """Residual over the peak: its root mean square in the pulse and after it, and its largest
-    value, %; None without samples there."""
-    c, contact_s = problem.channels[index], problem.models[index].contact_s
-    predicted = problem.predict(iterate.x, index, until_s)
-    tau, residual = predicted.tau, predicted.reading - c.value
+    c: Channel, one: ChannelIterate, contact_s: float, until_s: float
+) -> tuple[float | None, float | None, float]:
+    """Residual over the peak: its root mean square in the pulse and after it, None without samples
+    there, and its largest value, %."""
+    tau, residual = one.predicted.tau, one.predicted.reading - c.value
     used = c.kept & (tau <= until_s) & (tau > -0.1 * contact_s)
     pulse = tau < PULSE * contact_s
 

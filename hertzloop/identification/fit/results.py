@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.uncertainty import KeyCombination
+from hertzloop.identification.fit.key_combinations import KeyCombination
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -51,9 +51,14 @@ class Estimate:
 class Nuisance:
     """Nuisance parameters and residual of a record: see the JSON.
 
-    `off_percent`: residual over the peak: root mean square in the pulse and after it, and largest,
-    %; None without samples there. `error_percent`: of the model, over the local signal, in the
-    pulse and after it, %; zeros if the noise explains the residual.
+    Attributes:
+        in_pulse_percent: root mean square of the residual in the pulse over the peak, %; None
+            without samples there.
+        after_pulse_percent: the same after the pulse.
+        largest_percent: largest residual over the peak, %.
+        discrepancy_in_pulse_percent: discrepancy of the model in the pulse over the local signal,
+            %; zero if the noise explains the residual.
+        discrepancy_after_pulse_percent: the same after the pulse.
     """
 
     record: str
@@ -64,9 +69,12 @@ class Nuisance:
     noise_rms: float
     residual_over_noise: float
     samples: int
-    rejected: int
-    off_percent: tuple[float | None, float | None, float | None]
-    error_percent: tuple[float, float]
+    rejected_samples: int
+    in_pulse_percent: float | None
+    after_pulse_percent: float | None
+    largest_percent: float
+    discrepancy_in_pulse_percent: float
+    discrepancy_after_pulse_percent: float
 
 
 @dataclass(kw_only=True)

@@ -1,11 +1,12 @@
-"""Solve a fit without outliers, with the errors of the model and of unknown noise.
+"""Solve a fit without outliers, with the discrepancies of the model and unknown noises.
 
-A fit meets a wrong model by two mechanisms. Here the error of the model is estimated, as
-`discrepancy.py` describes it, and widens the intervals. `assessment.py` tests the residual of the
-exact model, without that error, and gives the verdict on the model.
+A fit meets an inexact model twice. This file decides how far it widens the intervals: the solution
+has a discrepancy where the noise does not explain a residual. `assessment.py` decides whether the
+model fits: it tests the residual of the exact model, without the discrepancy.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,113 +17,148 @@ from hertzloop.identification.fit.discrepancy_estimate import (
     RecordLikelihood,
     estimate_discrepancies,
 )
+from hertzloop.identification.fit.discrete_key import DiscreteProfile, profile_discrete_key
 from hertzloop.identification.fit.iterate import Iterate
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.outliers import reject_outliers
-from hertzloop.identification.fit.phases import minimise_over_phases
+from hertzloop.identification.fit.phase_search import minimise_over_phases
 from hertzloop.identification.fit.problem import FitProblem
-from hertzloop.identification.fit.whole_steps import StepProfile, profile_whole_steps
 
 _ROUNDS = 4  # of outliers
-_ESTIMATES, _SETTLED = 3, 0.2  # of the model's error: most rounds, change that needs another one
+_ESTIMATES, _SETTLED = 3, 0.2  # of discrepancies: most rounds, change that needs another one
 
 
 @dataclass
 class Solution:
-    """A solution, the profile of a key in whole steps, and minus twice the logarithm of its
-    likelihood, of one with estimated errors."""
+    """A solution of a fit.
+
+    Attributes:
+        problem: with channels of its own.
+        iterate: the best one.
+        profile: of a discrete key; None without one.
+        cost: minus twice the logarithm of the likelihood.
+        shifts: how far the keys are from the solutions of shorter windows, beyond noise, (keys,)
+            for each window.
+    """
 
     problem: FitProblem
     iterate: Iterate
-    profile: StepProfile | None
+    profile: DiscreteProfile | None
     cost: float = math.inf
-
-    @property
-    def has_model_error(self) -> bool:
-        """Whether the model has an error in a record."""
-        return self.problem.has_model_error
+    shifts: Sequence[np.ndarray] = ()
 
 
-def solve_with_model_errors(
-    problem: FitProblem, iterate: Iterate, until_s: float, exact: bool
-) -> Solution:
-    """Return the solution near an iterate, without outliers, with estimated errors and noises.
+def solve(problem: FitProblem, x: np.ndarray, shorter: Sequence[Iterate], exact: bool) -> Solution:
+    """Return the solution of the whole records.
+
+    Without a discrepancy in the problem the whole record may have bent the keys too far. So, where
+    the solution has one, it is also sought from the solution of the first window.
 
     Args:
         problem: the fit; its channels stay as they are.
-        iterate: where to start.
-        until_s: end of the window after the touch, s.
+        x: solution of the whole records with an exact model.
+        shorter: solutions of shorter windows.
         exact: whether the model is taken as exact; unknown noises are estimated all the same.
     """
-    found = _solve_without_outliers(problem, iterate, until_s)
+    found = _solve_from(problem, x, exact)
+    if not found.problem.has_discrepancy:
+        return found
+    if shorter and not problem.looped:
+        other = _solve_from(problem, shorter[0].x, exact)
+        found = min(found, other, key=lambda one: one.cost)
+    found.shifts = _shifts_beyond_noise(problem, shorter, found.iterate)
+    return found
+
+
+def _solve_from(problem: FitProblem, x: np.ndarray, exact: bool) -> Solution:
+    """Return the solution near parameters."""
+    found = _solve_without_outliers(problem, x)
     for _ in range(_ESTIMATES):
-        cost, changed = _estimate_errors(found.problem, found.iterate, until_s, exact)
+        cost, changed = _estimate_discrepancies(found.problem, found.iterate, exact)
         if changed:
-            found = _solve_without_outliers(found.problem, found.iterate, until_s)
+            found = _solve_without_outliers(found.problem, found.iterate.x)
         found.cost = cost
         if not changed:
             break
     return found
 
 
-def _solve_without_outliers(problem: FitProblem, iterate: Iterate, until_s: float) -> Solution:
-    """Return the solution near an iterate without outliers, with channels of its own."""
+def _solve_without_outliers(problem: FitProblem, x: np.ndarray) -> Solution:
+    """Return the solution near parameters without outliers, with channels of its own."""
     channels = [replace(c) for c in problem.channels]
     problem, profile = replace(problem, channels=channels), None
+    until_s = problem.windows_s()[-1]
     for rounds in range(_ROUNDS + 1):
-        if problem.whole_step_key is not None:
-            problem, iterate, profile = profile_whole_steps(problem, iterate, until_s)
+        if problem.discrete_key is not None:
+            problem, iterate, profile = profile_discrete_key(problem, x, until_s)
+            x = iterate.x
         elif problem.looped:
-            iterate = minimise_over_phases(problem, iterate.x, until_s)
-        enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if problem.has_model_error else {}
-        iterate = minimise(problem, iterate.x, until_s, early=False, **enough)
-        if rounds == _ROUNDS or not reject_outliers(problem, iterate, until_s):
+            x = minimise_over_phases(problem, x, until_s).x
+        enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if problem.has_discrepancy else {}
+        iterate = minimise(problem, x, until_s, **enough)
+        x = iterate.x
+        if rounds == _ROUNDS or not reject_outliers(problem, iterate):
             break
     return Solution(problem, iterate, profile)
 
 
-def _estimate_errors(
-    problem: FitProblem, iterate: Iterate, until_s: float, exact: bool
+def _estimate_discrepancies(
+    problem: FitProblem, iterate: Iterate, exact: bool
 ) -> tuple[float, bool]:
-    """Estimate errors of the model and unknown noises at a solution, and give them to the channels.
+    """Estimate discrepancies and unknown noises at a solution, and give them to the channels.
 
     Returns:
         Minus twice the logarithm of the likelihood, and whether anything has changed.
     """
-    plain = problem.evaluate(iterate.x, until_s, early=False, exact=True)
+    plain = problem.evaluate(iterate.x, iterate.until_s, exact=True)
     whole = np.column_stack([plain.jacobian, plain.residual])
-    errors, rows = [], []
-    for index, (c, model) in enumerate(zip(problem.channels, problem.models, strict=True)):
-        value, _, tau, _ = problem.predict(iterate.x, index, until_s)
-        gain, counted = problem.nuisances(iterate.x, index)[2], c.counted(tau <= until_s)
-        signal = np.full(len(tau), c.peak) if c.is_gap else gain * value
-        chain = problem.chains[index]
+    discrepancies, records = [], []
+    for index, (c, (predicted, counted, rows)) in enumerate(
+        zip(problem.channels, plain.channels, strict=True)
+    ):
+        tau, gain = predicted.tau, problem.nuisances(iterate.x, index)[2]
+        signal = np.full(len(tau), c.peak) if c.is_gap else gain * predicted.value
+        chain, contact_s = problem.chains[index], problem.simulators[index].contact_s
         wall_hz = chain.low_pass_hz if chain.before_s else None
-        error = (
-            None
-            if exact
-            else build_discrepancy(tau, signal, c.whitening(), model.contact_s, wall_hz)
+        discrepancy = (
+            None if exact else build_discrepancy(tau, signal, c.whitening(), contact_s, wall_hz)
         )
-        errors.append(error)
-        rows.append(
+        discrepancies.append(discrepancy)
+        records.append(
             RecordLikelihood(
-                whole[plain.channel_rows[index]],
+                whole[rows],
                 float(np.sum(c.independent(counted))),
-                error and error.on_samples(counted),
+                discrepancy and discrepancy.on_samples(counted),
                 c.discrepancy is not None,
                 c.least_noise / c.noise if c.noise_unknown else None,
             )
         )
-    cost, found, kappa = estimate_discrepancies(rows, whole[plain.prior_rows])
+    cost, found, kappa = estimate_discrepancies(records, whole[plain.prior_rows])
     changed = False
-    for c, error, r, (shares, factor) in zip(problem.channels, errors, rows, found, strict=True):
+    for c, discrepancy, record, (shares, factor) in zip(
+        problem.channels, discrepancies, records, found, strict=True
+    ):
         before = np.array(c.discrepancy.shares if c.discrepancy else (0.0, 0.0))
         apart = np.abs(before - shares) > _SETTLED * np.maximum(before, shares)
         changed |= bool(np.any(apart)) or abs(factor - 1.0) > 0.1 * _SETTLED
-        cost += 2.0 * r.count * math.log(c.noise)
+        cost += 2.0 * record.count * math.log(c.noise)
         c.noise *= factor
         c.discrepancy = None
-        if error is not None and any(shares):
-            basis = error.basis / factor
-            c.discrepancy = replace(error, shares=shares, kappa=kappa, basis=basis, _on={})
+        if discrepancy is not None and any(shares):
+            basis = discrepancy.basis / factor
+            c.discrepancy = replace(discrepancy, shares=shares, kappa=kappa, basis=basis, _on={})
     return cost, changed
+
+
+def _shifts_beyond_noise(
+    problem: FitProblem, shorter: Sequence[Iterate], iterate: Iterate
+) -> list[np.ndarray]:
+    """Return how much farther the keys of a solution are from those of shorter windows than noise
+    explains, (keys,) for each window."""
+    n, found = len(problem.varied_keys), []
+    for one in shorter:
+        apart = (one.x - iterate.x)[:n]
+        again = problem.evaluate(one.x, one.until_s, early=True)
+        variance = np.diag(again.covariance())[:n]
+        found.append(np.sign(apart) * np.sqrt(np.maximum(apart**2 - variance, 0.0)))
+    return found

@@ -6,10 +6,10 @@ from typing import Any
 
 from hertzloop.identification.fit.assessment import ModelAssessment
 from hertzloop.identification.fit.iterate import Iterate
+from hertzloop.identification.fit.key_uncertainty import KeyUncertainty
 from hertzloop.identification.fit.measure_next import suggest_measurement
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.residuals import describe_nuisances
-from hertzloop.identification.fit.uncertainty import KeyUncertainty
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -17,36 +17,38 @@ from hertzloop.scene.setup import Setup
 
 def common_fields(
     problem: FitProblem,
+    setup: Setup,
     iterate: Iterate,
     plain: Iterate,
-    until_s: float,
     known: KeyUncertainty,
-    fits: ModelAssessment,
+    assessment: ModelAssessment,
 ) -> dict[str, Any]:
     """Return fields of a result, by name.
 
     Args:
         problem: the fit.
+        setup: the scene at the start.
         iterate: its solution.
         plain: the same, with the model taken as exact.
-        until_s: end of the window after the touch, s.
         known: uncertainty of the keys.
-        fits: verdict on the model.
+        assessment: verdict on the model.
     """
     return {
-        "nuisances": describe_nuisances(problem, plain, until_s),
+        "nuisances": describe_nuisances(problem, plain),
         "noise_rms": problem.channels[0].noise,
-        "residual_over_noise": fits.residual_over_noise,
-        "model": fits.verdict,
-        "statistics": fits.as_json(),
-        "reasons": fits.reasons,
+        "residual_over_noise": assessment.residual_over_noise,
+        "model": assessment.verdict,
+        "statistics": assessment.as_json(),
+        "reasons": assessment.reasons,
         "covariance": known.covariance,
         "combinations": known.combinations,
         "measure_next": suggest_measurement(problem, iterate, known),
+        "notes": _collect_notes(problem, setup),
+        "evaluations": problem.counter.done,
     }
 
 
-def collect_notes(problem: FitProblem, setup: Setup) -> list[str]:
+def _collect_notes(problem: FitProblem, setup: Setup) -> list[str]:
     """Return sentences on the records and on keys that they tell together only."""
     found = [note for c in problem.channels for note in c.notes]
     keys = {f.key for f in problem.free}

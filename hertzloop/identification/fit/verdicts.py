@@ -4,6 +4,7 @@ from enum import StrEnum
 
 WIDEST = 0.30  # relative half-width of an identified key
 NORMAL = 1.959963984540054  # 95 %
+OPEN = "open"  # an end of an interval that is open, in text
 NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
@@ -227,6 +227,6 @@ def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on()
 
 
 def test_a_fit_refuses_a_preload() -> None:
-    model = FrozenModel(load("aluminium-3mm", ["actuator.preload_n=5"]), 1e-4, 1e-3)
+    model = ImpactSimulator(load("aluminium-3mm", ["actuator.preload_n=5"]), 1e-4, 1e-3)
     with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
         model.run({}, 1e-4)

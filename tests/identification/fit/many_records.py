@@ -19,21 +19,26 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.free_key_option import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from tests.identification.fit.drops import GRAVITY, Drop, scene_of
-from tests.identification.fit.many_drops import (
-    BALLS,
-    HEIGHT,
-    LIMIT,
-    PLATES,
-    RADIUS,
-    THICKNESS,
-    print_estimates,
-)
 
+BALLS = {
+    "steel": (210e9, 7800.0, 0.31),
+    "glass": (64e9, 2500.0, 0.22),
+    "tungsten carbide": (600e9, 15000.0, 0.22),
+    "alumina": (370e9, 3900.0, 0.22),
+}
+PLATES = {
+    "aluminium": (7.2e10, 2700.0, 0.34),
+    "steel": (2.0e11, 7850.0, 0.29),
+    "glass": (6.4e10, 2480.0, 0.23),
+    "brass": (1.0e11, 8500.0, 0.33),
+}
+RADIUS, THICKNESS, HEIGHT = "sphere.radius_m", "plate.thickness_m", "sphere.drop_height_m"
+LIMIT = "contact.limiting_pressure_pa"
 COLUMNS = {
     "contact_force": "contact_force_n", "v_p": "v_p_m_s", "acceleration": "acceleration_m_s2",
     "xi_p": "xi_p_m", "xi": "xi_m", "xi_s": "xi_s_m",
@@ -155,6 +160,19 @@ def one(number: int, other: int = 0) -> tuple[str, FitResult | str, dict[str, fl
             return said, fit(start, [record], [parse_free_key(start, key) for key in true]), true
         except ValueError as error:
             return said, str(error), true
+
+
+def print_estimates(result: FitResult, true: dict[str, float]) -> int:
+    """Print each estimate against its true value. Returns how many intervals hold it."""
+    held = 0
+    for e in result.estimates:
+        inside = (e.low or 0.0) <= true[e.key] <= (e.high or math.inf)
+        held += inside
+        away = math.log(e.value / true[e.key]) / (e.sd_log or math.nan)
+        half = e.half_width_percent or math.nan
+        words = "" if inside else ", MISSES"
+        print(f"   {e.key}: {e.verdict}, {away:+.2f} sd, +-{half:.2g} %{words}")
+    return held
 
 
 def main() -> None:

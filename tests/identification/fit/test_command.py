@@ -172,13 +172,21 @@ def test_exit_codes_of_the_command(tmp_path: Path) -> None:
         assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
 
 
-@pytest.mark.parametrize("words", [["--hold-out", "1"], ["--exact"], ["--replay", "f.rrd"]])
-@pytest.mark.parametrize("scene_words", [["aluminium-3mm", "--free", RADIUS], []])
-def test_a_check_refuses_options_of_a_fit(
-    tmp_path: Path, words: list[str], scene_words: list[str]
-) -> None:
+def test_an_option_without_use_is_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "drop.csv", record(scene()))
-    refused(f"{words[0]}: is part of a fit", "fit", *scene_words, path, "--check", *words)
+    with_scene, supposed = ["aluminium-3mm", path, "--free", RADIUS], "contact_force:80us:0.3%"
+    for words, option, value, why in (
+        ([*with_scene, "--check"], "--hold-out", ["1"], "is part of a fit"),
+        ([*with_scene, "--check"], "--out", [str(tmp_path / "o.toml")], "is part of a fit"),
+        ([path, "--check"], "--exact", [], "is part of a fit"),
+        ([path, "--check"], "--replay", ["f.rrd"], "is part of a fit"),
+        ([path, "--check"], "--expect", [supposed], "needs a scene"),
+        ([path, "--check"], "--json", [str(tmp_path / "f.json")], "needs a scene"),
+        ([path, "--check"], "--report", ["f.html"], "needs a scene"),
+        ([path, "--check"], "--set", ["controller.law=off"], "needs a scene"),
+        (with_scene, "--expect", [supposed], "supposes a record"),
+    ):
+        refused(f"{option}: {why}", "fit", *words, option, *value)
 
 
 @pytest.mark.parametrize("text", [
@@ -191,7 +199,7 @@ def test_an_expected_record_that_no_instrument_makes_is_refused(text: str) -> No
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
-    from hertzloop.identification.fit.report import fitted_scene
+    from hertzloop.identification.fit.fitted_scene import fitted_scene
     from hertzloop.studies.cases.uncertain_file import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
@@ -208,7 +216,7 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
 
 @pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
-    from hertzloop.identification.fit.report import fitted_scene
+    from hertzloop.identification.fit.fitted_scene import fitted_scene
     from hertzloop.studies.sweep.replay_cases import replay_cases
     from hertzloop.studies.sweep.results_file import read_results
 

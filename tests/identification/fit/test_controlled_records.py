@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit import report
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.loop_model import LoopModel
+from hertzloop.identification.fit.fit_text import sentences
+from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.loop_simulator import LoopSimulator
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.records.errors import RecordError
@@ -52,7 +52,7 @@ def holds(found: FitResult, **true: float) -> bool:
 ])  # fmt: skip
 def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str, ...]) -> None:
     setup = scene(*changes)
-    coarse, fine = LoopModel(setup, 90e-6, 1e-4), LoopModel(setup, 90e-6, 1e-4, 50)
+    coarse, fine = LoopSimulator(setup, 90e-6, 1e-4), LoopSimulator(setup, 90e-6, 1e-4, 50)
     time_s = np.arange(0.0, 85e-6, 0.17e-6)
     for phase in (0.0, 0.4, 0.9 * setup.every_steps):
         one, other = coarse.run({}, 90e-6, phase), fine.run({}, 90e-6, phase)
@@ -72,7 +72,7 @@ def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
     setup = scene("controller.latency_us=4", "run.plate_model=modal", "run.accuracy=1e-4",
                   "run.duration_s=2e-4", "run.lead_in_s=1e-4", "run.touch_phase=0.3")  # fmt: skip
     run = simulate(setup).truth
-    ours = LoopModel(setup, 90e-6, 1e-4, 1000).run({}, 90e-6, 0.3).truth
+    ours = LoopSimulator(setup, 90e-6, 1e-4, 1000).run({}, 90e-6, 0.3).truth
     first, other = (int(np.flatnonzero(rows[0] <= 0.0)[0]) for rows in (run, ours))
     np.testing.assert_allclose(
         ours[5, other : other + 85], run[5, first : first + 85], rtol=1e-3, atol=1e-3
@@ -132,7 +132,7 @@ def test_a_latency_without_effect_is_not_identifiable() -> None:
     [estimate] = found.estimates
     assert estimate.verdict is KeyVerdict.NOT_IDENTIFIABLE
     assert estimate.high is None
-    assert any("the records allow" in sentence for sentence in report.sentences(found))
+    assert any("the records allow" in sentence for sentence in sentences(found))
 
 
 @pytest.mark.full
@@ -222,4 +222,4 @@ def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
     assert LATENCY in page.read_text()
     expects = ["fit", "aluminium-3mm", "--check", "--expect", "contact_force:90us:0.3%", "--free"]
     assert invoke([*expects, LATENCY, "--set", f"{LATENCY}=6"]).exit_code == 0
-    assert report.sentences(check(scene(), [one], [parse_free_key(scene(), LATENCY)]))
+    assert sentences(check(scene(), [one], [parse_free_key(scene(), LATENCY)]))

@@ -14,8 +14,8 @@ from hertzloop.identification.fit.discrepancy_estimate import (
     estimate_discrepancies,
 )
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.report import sentences
+from hertzloop.identification.fit.fit_text import sentences
+from hertzloop.identification.fit.free_key_option import parse_free_key
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement, parse_record_table
@@ -84,7 +84,7 @@ def test_the_right_class_gives_the_estimates_of_an_exact_model() -> None:
     assert free.estimates[0].value == pytest.approx(exact.estimates[0].value, rel=1e-9)
     assert free.estimates[0].high == pytest.approx(exact.estimates[0].high, rel=1e-9)
     assert free.model == exact.model
-    assert free.nuisances[0].error_percent == (0.0, 0.0)
+    assert free.nuisances[0].discrepancy_in_pulse_percent == 0.0
 
 
 @pytest.mark.full

@@ -11,9 +11,10 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.observed_signal import observe
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
@@ -109,7 +110,7 @@ def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
 
 def test_every_key_that_a_record_cannot_tell_is_named() -> None:
     """Without a bound on the loss factor, a force leaves the thickness open as well."""
-    from hertzloop.identification.fit.report import sentences
+    from hertzloop.identification.fit.fit_text import sentences
 
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.4%")
@@ -218,7 +219,7 @@ def test_a_second_impact_is_part_of_the_simulation() -> None:
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact(
     point: tuple[float, float], duration_s: float, chain: dict[str, float], start_s: float
 ) -> None:
-    model = FrozenModel(scene(), duration_s, 1e-4, point, step_ns=125)
+    model = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, duration_s - 1e-5, 1e-6)
     value = observe(model.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
     # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.

@@ -3,7 +3,7 @@
 import pytest
 
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.free_keys import parse_free_key
+from hertzloop.identification.fit.free_key_option import parse_free_key
 from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene
 
 

@@ -10,8 +10,9 @@ from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_keys import parse_free_key
-from hertzloop.identification.fit.report import fit_table, sentences
+from hertzloop.identification.fit.fit_text import sentences
+from hertzloop.identification.fit.fitted_scene import fit_table
+from hertzloop.identification.fit.free_key_option import parse_free_key
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.reading import read_record, read_records

@@ -5,8 +5,9 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain, observe
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.observed_signal import observe
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import parse_record_table
 from hertzloop.loop.simulate import simulate
@@ -85,7 +86,7 @@ def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
     values = simulate(setup).values
     # The touch lies in the middle of a step.
     time_s = 100e-9 * (np.arange(len(values)) - 0.5) - 1e-4
-    model = FrozenModel(setup, 2.5e-4, 1e-4)
+    model = ImpactSimulator(setup, 2.5e-4, 1e-4)
     chain = MeasuringChain(150e3, 0.1, 2e3, 80e3, low_pass_order=4)
     seen = observe(model.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
     inside = time_s < 1.9e-4

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.model import FrozenModel
-from hertzloop.identification.fit.observation import MeasuringChain
-from hertzloop.identification.fit.prepare import prepare_problem
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.problem_preparation import prepare_problem
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.measurement import Measurement
 from tests.identification.fitting import HEIGHT, RADIUS, THICKNESS, YIELDS, fitted, scene
 
 
 def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
-    model = FrozenModel(scene(), 1e-4, 1e-4)
+    model = ImpactSimulator(scene(), 1e-4, 1e-4)
     counts = {
         model.plant_of(model.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
         for change in np.linspace(-1e-3, 1e-3, 9)
@@ -22,11 +22,11 @@ def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
 
 
 def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
-    model = FrozenModel(scene(*YIELDS), 1e-4, 1e-4)
+    model = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4)
     values = {RADIUS: 0.0031, HEIGHT: 0.06, "contact.stiffness_factor": 1.1}
     model.run({}, 1e-4)
     shared = model.run(values, 1e-4)
-    fresh = FrozenModel(scene(*YIELDS), 1e-4, 1e-4).run(values, 1e-4)
+    fresh = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4).run(values, 1e-4)
     assert np.array_equal(shared.truth, fresh.truth)
 
 
@@ -46,9 +46,9 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
     seen = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-7)
     one = measured(seen, Spoilt(noise=1e-3), 4, table=Measurement(**filters))
     problem = prepare_problem(start, [one], [])
-    [model], [channel] = problem.models, problem.channels
+    [simulator], [channel] = problem.simulators, problem.channels
     fine = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-8)
-    tau = np.arange(0.0, 1.3 * model.contact_s, 1e-7)
+    tau = np.arange(0.0, 1.3 * simulator.contact_s, 1e-7)
     error = problem.simulate_channel(0, {}, 1.2e-4).value(tau) - fine.value(tau)
     assert channel.simulation_error == 0.0
     assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise

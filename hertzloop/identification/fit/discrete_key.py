@@ -1,4 +1,4 @@
-"""Search and profile a key in whole steps, such as a latency.
+"""Search and profile a discrete key: one in whole steps, such as a latency.
 
 Chi-square is piecewise constant in such a key. So its derivative says nothing: every value is
 tried, and all other parameters are fitted at each. A value belongs to the 95 % interval where
@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.free_keys import FreeKey, step_range
+from hertzloop.identification.fit.free_keys import FreeKey
 from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.phases import (
-    clock_groups,
-    minima_by_phase,
-    minimise_over_phases,
-    subproblem,
-)
-from hertzloop.identification.fit.problem import SHIFT_UNIT_S, FitProblem
+from hertzloop.identification.fit.parameters import SHIFT_UNIT_S
+from hertzloop.identification.fit.phase_search import minima_by_phase, minimise_over_phases
+from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 
@@ -34,8 +30,8 @@ CHI_SQUARE_95 = 3.841458820694124  # chi-square of one parameter at 95 %
 
 
 @dataclass
-class StepProfile:
-    """What a record says of a key in whole steps.
+class DiscreteProfile:
+    """Chi-square at each value of a discrete key, with all other parameters fitted.
 
     Attributes:
         free: the key.
@@ -67,12 +63,11 @@ class StepProfile:
         It is half a step wider than the values in it, as a time between two steps is fitted by one
         of them.
         """
-        resolution = self.free.resolution or 1.0
         first, last = self.certain[0], self.certain[-1]
-        low: float | None = max(0.0, (first - 0.5) * resolution)
+        low: float | None = max(0.0, (first - 0.5) * self.free.step)
         if first == min(self.costs) and first > 0:
             low = None
-        return low, None if last == max(self.costs) else (last + 0.5) * resolution
+        return low, None if last == max(self.costs) else (last + 0.5) * self.free.step
 
     def spread(self, j: int, sd: float) -> tuple[float, float]:
         """Return how far the interval of parameter `j` goes down and up from the best value, over
@@ -85,135 +80,129 @@ class StepProfile:
         return min(d - r for d, r in reach), max(d + r for d, r in reach)
 
 
-def search_whole_steps(problem: FitProblem) -> FitProblem:
-    """Return the problem with its key in whole steps held at the best value, and its channels with
-    the phases and touches that fit best; of the other keys the starting values are used.
+def search_discrete_key(problem: FitProblem) -> FitProblem:
+    """Return the problem with its discrete key held at the best value, and its channels with the
+    phases and touches that fit best; of the other keys the starting values are used.
 
     Raises:
         SceneError: no value can be simulated.
     """
-    f = problem.whole_step_key
+    f = problem.discrete_key
     keys = {g.key: g.start for g in problem.free}
     longest_s = problem.windows_s()[-1]
-    contact_s = max(m.contact_s for m in problem.models)
+    contact_s = max(one.contact_s for one in problem.simulators)
     until_s = min(longest_s, _FIRST_CONTACTS * contact_s)
     if f is not None:
         until_s = min(longest_s, until_s + 1e-6 * f.high)
     tried: dict[int, tuple[float, list[np.ndarray]]] = {}
-    first, last = (0, 0) if f is None else step_range(f)
-    stride = max(1, (last - first) // _COARSE)
-    for k in range(first, last + 1, stride):
-        with suppress(SceneError):
-            tried[k] = _nuisances_at(problem, keys, k, until_s)
-    if not tried:
-        raise SceneError("no value of the key in whole steps can be simulated. Change its range.")
-    coarse = min(tried, key=lambda k: tried[k][0])
-    for k in range(max(first, coarse - stride + 1), min(last, coarse + stride - 1) + 1):
-        if k not in tried:
-            with suppress(SceneError):
-                tried[k] = _nuisances_at(problem, keys, k, until_s)
-    chosen = min(tried, key=lambda k: tried[k][0])
+
+    def best_of(some: Iterable[int]) -> int:
+        for k in some:
+            if k not in tried:
+                with suppress(SceneError):
+                    tried[k] = _nuisances_at(problem, keys, k, until_s)
+        if not tried:
+            raise SceneError(
+                "no value of the key in whole steps can be simulated. Change its range."
+            )
+        return min(tried, key=lambda k: tried[k][0])
+
+    steps = range(1) if f is None else f.steps
+    stride = max(1, (len(steps) - 1) // _COARSE)
+    coarse = best_of(steps[::stride])
+    chosen = best_of(k for k in steps if abs(k - coarse) < stride)
     alone = replace(problem, fixed=keys)
-    for some, x in zip(clock_groups(alone), tried[chosen][1], strict=True):
-        part = subproblem(alone, some)
+    for some, x in zip(alone.clock_groups, tried[chosen][1], strict=True):
+        part = alone.of_channels(some)
         for i, c in enumerate(part.channels):
             c.phase = part.phase(x, i)
             c.touch_s, c.ppm, c.gain, c.offset = part.nuisances(x, i)
-    if f is None:
-        return problem
-    return replace(problem, fixed=problem.fixed | {f.key: chosen * (f.resolution or 1.0)})
+    return problem if f is None else problem.hold({f.key: chosen * f.step})
 
 
 def _nuisances_at(
     problem: FitProblem, keys: dict[str, float], k: int, until_s: float
 ) -> tuple[float, list[np.ndarray]]:
-    """Fit the nuisances with all keys held, that in whole steps at a number of steps.
+    """Fit the nuisances with all keys held, the discrete one at a number of steps.
 
     Returns:
         Chi-square, and the nuisances of each group of channels with one clock. Raises SceneError.
     """
-    f, late_us = problem.whole_step_key, 0.0
+    f, late_us = problem.discrete_key, 0.0
     if f is not None:
-        value = k * (f.resolution or 1.0)
-        keys, late_us = keys | {f.key: value}, value - f.start
+        keys, late_us = keys | {f.key: k * f.step}, k * f.step - f.start
     alone = replace(problem, fixed=keys)
     cost, nuisances = 0.0, []
-    for some in clock_groups(alone):
-        x = subproblem(alone, some).start_vector()
-        if _only_actuator_force(alone.channels[i] for i in some):
+    for some in alone.clock_groups:
+        part = alone.of_channels(some)
+        x = part.start_vector()
+        if _only_actuator_force(part.channels):
             x[0] -= late_us * 1e-6 / SHIFT_UNIT_S
-        found = minima_by_phase(alone, some, x, until_s)[0]
+        found = minima_by_phase(part, x, until_s)[0]
         cost += found.chi_square
         nuisances.append(found.x)
     return cost, nuisances
 
 
-def profile_whole_steps(
-    problem: FitProblem, iterate: Iterate, until_s: float
-) -> tuple[FitProblem, Iterate, StepProfile]:
-    """Fit all other parameters at the values of the key in whole steps around the best one.
+def profile_discrete_key(
+    problem: FitProblem, x: np.ndarray, until_s: float
+) -> tuple[FitProblem, Iterate, DiscreteProfile]:
+    """Fit all other parameters at the values of the discrete key around the best one.
 
     Args:
         problem: with the key held at a value.
-        iterate: its solution there.
+        x: parameters that fit best there.
         until_s: end of the window after the touch, s.
 
     Returns:
         The problem with the key held at the best value, its solution, and the profile.
     """
-    f = problem.whole_step_key
+    f = problem.discrete_key
     assert f is not None
-    resolution = f.resolution or 1.0
-    lowest, highest = step_range(f)
     iterates: dict[int, Iterate] = {}
 
-    def at(k: int) -> FitProblem:
-        return replace(problem, fixed=problem.fixed | {f.key: k * resolution})
-
-    def tried(k: int, near: Iterate, late: int) -> bool:
-        held = at(k)
-        x = near.x.copy()
-        for group in clock_groups(problem):
+    def tried(k: int, near: np.ndarray, late: int) -> bool:
+        x = near.copy()
+        for group in problem.clock_groups:
             if _only_actuator_force(problem.channels[i] for i in group):
                 shift = problem.nuisance_indices[group[0]].shift
-                x[shift] -= late * resolution * 1e-6 / SHIFT_UNIT_S
+                x[shift] -= late * f.step * 1e-6 / SHIFT_UNIT_S
         try:
-            iterates[k] = minimise_over_phases(held, x, until_s)
+            iterates[k] = minimise_over_phases(problem.hold({f.key: k * f.step}), x, until_s)
         except SceneError:
             return False
         return True
 
-    start = round(problem.fixed[f.key] / resolution)
-    if not tried(start, iterate, 0):
+    start = round(problem.fixed[f.key] / f.step)
+    if not tried(start, x, 0):
         raise RecordError(f"--free {f.key}: cannot be simulated at its best value.")
     reach = max(_LEAST_REACH, start)  # farther, the key is not identifiable
     for way in (-1, 1):
         k, beyond = start + way, 0
-        while lowest <= k <= highest and beyond < _BEYOND and abs(k - start) <= reach:
-            if not tried(k, iterates[k - way], way):
+        while k in f.steps and beyond < _BEYOND and abs(k - start) <= reach:
+            if not tried(k, iterates[k - way].x, way):
                 break
             least = min(iterate.chi_square for iterate in iterates.values())
             beyond = beyond + 1 if iterates[k].chi_square - least > _FAR else 0
             k += way
     costs = {k: one.chi_square for k, one in iterates.items()}
-    found = StepProfile(f, costs, {k: one.x for k, one in iterates.items()})
-    return at(found.best), iterates[found.best], found
+    found = DiscreteProfile(f, costs, {k: one.x for k, one in iterates.items()})
+    return problem.hold({f.key: found.best * f.step}), iterates[found.best], found
 
 
-def expected_profile(problem: FitProblem, iterate: Iterate, until_s: float) -> StepProfile:
-    """The profile of a record without noise that has the values of a point.
+def expected_profile(problem: FitProblem, iterate: Iterate) -> DiscreteProfile:
+    """Return the profile of records without noise that have the readings of an iterate.
 
     Args:
-        problem: with the key held at a value.
-        iterate: where.
-        until_s: end of the window after the touch, s.
+        problem: with the discrete key held at a value.
+        iterate: of this problem.
     """
-    channels = []
-    for index, c in enumerate(problem.channels):
-        predicted = problem.predict(iterate.x, index, until_s)
-        channels.append(replace(c, value=predicted.reading))
+    channels = [
+        replace(c, value=one.predicted.reading)
+        for c, one in zip(problem.channels, iterate.channels, strict=True)
+    ]
     clean = replace(problem, channels=channels)
-    return profile_whole_steps(clean, iterate, until_s)[2]
+    return profile_discrete_key(clean, iterate.x, iterate.until_s)[2]
 
 
 def _only_actuator_force(channels: Iterable[Channel]) -> bool:

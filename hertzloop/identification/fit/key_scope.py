@@ -1,10 +1,20 @@
-"""Which scene keys concern a record."""
+"""What a scene key changes: the drop, the force of the actuator, or the measuring chain."""
 
 from collections.abc import Mapping
 
-from hertzloop.identification.fit.control_keys import is_control_key
 from hertzloop.identification.records.chain_keys import is_chain_key
 from hertzloop.identification.records.record import Record
+
+
+def is_control_key(key: str) -> bool:
+    """Whether a key changes nothing but the force of the actuator."""
+    table, _, last = key.partition(".")
+    return table == "controller" or (table == "actuator" and last != "mass_kg")
+
+
+def drop_values(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the scene keys that a drop without control depends on."""
+    return {k: v for k, v in values.items() if not (is_chain_key(k) or is_control_key(k))}
 
 
 def values_for_record(values: Mapping[str, float], record: Record) -> dict[str, float]:
@@ -19,8 +29,3 @@ def values_for_record(values: Mapping[str, float], record: Record) -> dict[str, 
         if name not in record.measurement.set and hit in ("", f"{record.hit}]"):
             found[name] = value
     return found
-
-
-def ignored_without_control(key: str) -> bool:
-    """Return whether a drop without control does not depend on a key."""
-    return is_chain_key(key) or is_control_key(key)

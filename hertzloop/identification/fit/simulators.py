@@ -1,14 +1,13 @@
-"""The frozen models of the records of a fit, as exact as the noise of the records asks for."""
+"""The simulators of the records of a fit, as exact as the noise of the records asks for."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from hertzloop.identification.fit.channel import Channel
-from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
-from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.key_scope import drop_values, values_for_record
+from hertzloop.identification.fit.loop_simulator import LoopSimulator
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.scene.setup import Setup
@@ -19,29 +18,29 @@ _HIDDEN, _AT_SAMPLES = 0.1, 200.0
 
 
 class _Kind(NamedTuple):
-    """What channels of one model have in common: keys of the record table, point, and law."""
+    """What channels of one simulator have in common: keys of the record table, point, and law."""
 
     given: tuple[tuple[str, Any], ...]
     point_m: tuple[float, float] | None
     looped: bool
 
 
-def freeze_models(
+def build_simulators(
     setup: Setup,
     channels: Sequence[Channel],
     looped: Sequence[bool],
     values: dict[str, float],
     accuracy: float,
-) -> list[FrozenModel]:
-    """Return the frozen model of every channel.
+) -> list[ImpactSimulator]:
+    """Return the simulator of every channel.
 
-    Channels of one impact and measuring point share a model, so that one simulation serves them.
+    Channels of one impact and measuring point share one, so that one simulation serves them.
 
     Args:
         setup: the scene.
         channels: of the fit.
         looped: which of them are under the law.
-        values: scene keys at which the models are frozen.
+        values: scene keys at which the modes of the plate are chosen.
         accuracy: relative error that leaving out modes may cause.
     """
     groups: dict[_Kind, list[Channel]] = {}
@@ -50,42 +49,41 @@ def freeze_models(
         measurement = c.record.measurement
         kinds.append(_Kind(tuple(sorted(measurement.set.items())), measurement.point_m, under))
         groups.setdefault(kinds[-1], []).append(c)
-    models = {kind: _freeze(setup, kind, some, values, accuracy) for kind, some in groups.items()}
-    return [models[kind] for kind in kinds]
+    found = {kind: _build(setup, kind, some, values, accuracy) for kind, some in groups.items()}
+    return [found[kind] for kind in kinds]
 
 
-def _freeze(
+def _build(
     setup: Setup,
     kind: _Kind,
     channels: Sequence[Channel],
     values: dict[str, float],
     accuracy: float,
-) -> FrozenModel:
-    """Return the model of channels of one kind."""
+) -> ImpactSimulator:
+    """Return the simulator of channels of one kind."""
     duration_s = max(float(c.time_s[-1]) - c.onset_s + 20e-6 for c in channels)
     own_setup = setup.vary(dict(kind.given)) if kind.given else setup
     known = values_for_record(values, channels[0].record)
     if kind.looped:
         duration_s += 1e-6 * setup.latency_us
-        return LoopModel(own_setup.vary(known), duration_s, accuracy)
-    base = own_setup.vary({k: v for k, v in known.items() if not ignored_without_control(k)})
+        return LoopSimulator(own_setup.vary(known), duration_s, accuracy)
+    base = own_setup.vary(drop_values(known))
     contact_s = rigid_impact(base.sphere, base.contact).contact_s
-    gains = [(c, velocity_error_gain(c, contact_s)) for c in channels]
-    errors = [hidden_error(c, contact_s) / gain for c, gain in gains if gain]
+    gains = [(c, _velocity_error_gain(c, contact_s)) for c in channels]
+    errors = [_hidden_error(c, contact_s) / gain for c, gain in gains if gain]
     velocity_error = min(errors, default=None)
-    return FrozenModel(base, duration_s, accuracy, kind.point_m, velocity_error=velocity_error)
+    return ImpactSimulator(base, duration_s, accuracy, kind.point_m, velocity_error=velocity_error)
 
 
-def refreeze(setup: Setup, problem: FitProblem, iterate: Iterate) -> FitProblem:
-    """Return the problem with its models frozen at a solution, for the limit of the modes."""
-    values = problem.key_values(iterate.x)
-    accuracy = problem.models[0].setup.accuracy
-    looped = [isinstance(model, LoopModel) for model in problem.models]
-    models = freeze_models(setup, problem.channels, looped, values, accuracy)
-    return replace(problem, models=models)
+def rebuild_simulators(setup: Setup, problem: FitProblem, values: dict[str, float]) -> FitProblem:
+    """Return the problem with the modes of its plates chosen anew, at other values of its keys."""
+    accuracy = problem.simulators[0].setup.accuracy
+    looped = [simulator.looped for simulator in problem.simulators]
+    simulators = build_simulators(setup, problem.channels, looped, values, accuracy)
+    return replace(problem, simulators=simulators)
 
 
-def velocity_error_gain(channel: Channel, contact_s: float) -> float | None:
+def _velocity_error_gain(channel: Channel, contact_s: float) -> float | None:
     """Error of a record at the contact point during contact, relative to its peak, over that of the
     plate's velocity; None of a record that the omitted modes hardly change, or without a limit.
 
@@ -101,17 +99,17 @@ def velocity_error_gain(channel: Channel, contact_s: float) -> float | None:
     return 1.0 if quantity == "v_p" else None
 
 
-def hidden_error(channel: Channel, contact_s: float) -> float:
+def _hidden_error(channel: Channel, contact_s: float) -> float:
     """Error during contact that the residual of a record does not show, over the peak."""
     samples = max(contact_s / channel.interval_s, 1.0)
     return _HIDDEN * (_AT_SAMPLES / samples) ** 0.25 * channel.noise_over_peak
 
 
-def visible_error(channel: Channel, model: FrozenModel) -> float:
+def visible_error(channel: Channel, simulator: ImpactSimulator) -> float:
     """Return the error of the simulation during contact over the noise of a channel, where a test
     of the residual would show it; else zero."""
-    gain = velocity_error_gain(channel, model.contact_s) or 0.0
-    error = gain * model.velocity_error
-    if error > 1.01 * hidden_error(channel, model.contact_s):
+    gain = _velocity_error_gain(channel, simulator.contact_s) or 0.0
+    error = gain * simulator.velocity_error
+    if error > 1.01 * _hidden_error(channel, simulator.contact_s):
         return error / channel.noise_over_peak
     return 0.0

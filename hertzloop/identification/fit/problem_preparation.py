@@ -13,16 +13,15 @@ from hertzloop.identification.fit.controlled_records import (
     refuse_mixed_clocks,
 )
 from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.frozen_models import freeze_models, visible_error
 from hertzloop.identification.fit.hit_speeds import set_start_speeds
-from hertzloop.identification.fit.loop_model import LoopModel
-from hertzloop.identification.fit.observation import chain_of_record
+from hertzloop.identification.fit.measuring_chain import chain_of_record
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.sample_selection import (
     cut_late_samples,
     thin_samples,
     weight_equal_readings,
 )
+from hertzloop.identification.fit.simulators import build_simulators, visible_error
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.quantities import PLATE_QUANTITIES
 from hertzloop.identification.records.record import Record
@@ -36,7 +35,7 @@ _FINEST, _COARSEST = 3e-5, 1e-3
 
 
 def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> FitProblem:
-    """Return the problem of a fit, with its channels aligned and its models frozen.
+    """Return the problem of a fit, with its channels aligned.
 
     Args:
         setup: the scene to start from.
@@ -56,12 +55,12 @@ def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[Free
     accuracy = _accuracy_of_modes(setup, channels)
     for c in channels:
         cut_late_samples(c)
-    models = freeze_models(setup, channels, looped, start, accuracy)
-    for c, model in zip(channels, models, strict=True):
-        if not isinstance(model, LoopModel):
-            c.simulation_error = visible_error(c, model)
+    simulators = build_simulators(setup, channels, looped, start, accuracy)
+    for c, simulator in zip(channels, simulators, strict=True):
+        if not simulator.looped:
+            c.simulation_error = visible_error(c, simulator)
     chains = [chain_of_record(c.record, setup) for c in channels]
-    problem = FitProblem(list(free), channels, models, chains)
+    problem = FitProblem(free=list(free), channels=channels, simulators=simulators, chains=chains)
     set_start_speeds(problem, start)
     _align_channels(problem, start, setup.latency_us)
     if any(looped):
@@ -85,12 +84,12 @@ def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: fl
 
     Channels of one clock share the touch of the first; records of the contact point come first.
     """
-    channels, models = problem.channels, problem.models
+    channels = problem.channels
     leaders: dict[str, Channel] = {}
     for index in sorted(range(len(channels)), key=lambda i: channels[i].away_from_contact):
-        c, model = channels[index], models[index]
-        long_s = max(3.0 * model.contact_s, 30e-6)
-        if isinstance(model, LoopModel):
+        c, simulator = channels[index], problem.simulators[index]
+        long_s = max(3.0 * simulator.contact_s, 30e-6)
+        if simulator.looped:
             long_s += 1e-6 * latency_us
         if c.away_from_contact:  # the wave has to arrive, and grow as it does in the record
             long_s = max(long_s, float(c.time_s[-1]) - c.onset_s)
@@ -99,10 +98,10 @@ def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: fl
         if clock and clock in leaders:
             c.touch_s = leaders[clock].touch_s
         else:
-            align(c, seen, model.contact_s)
+            align(c, seen, simulator.contact_s)
             if clock:
                 leaders[clock] = c
-        thin_samples(c, model.contact_s)
+        thin_samples(c, simulator.contact_s)
         weight_equal_readings(c)
 
 

@@ -1,13 +1,12 @@
-"""The HTML page of a fit, which needs no other file, and a replay of measured over simulated."""
+"""The HTML page of a fit, which needs no other file."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hertzloop.common.atomic_files import atomic_write
-from hertzloop.identification.fit.report import fitted_scene, number, sentences
+from hertzloop.identification.fit.fit_text import number, sentences
+from hertzloop.identification.fit.fitted_scene import fitted_scene
 from hertzloop.identification.fit.results import FitResult, Nuisance
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.quantities import QUANTITIES
@@ -144,27 +143,3 @@ def _decimated_places(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Places of kept values, of very many those that show the least and the largest."""
     places = np.flatnonzero(kept)
     return np.asarray(places[extremes(values[places], _MOST_POINTS)]) if len(places) else places
-
-
-def write_replay(result: FitResult, path: Path) -> None:
-    """Write a Rerun recording (.rrd) with measured and simulated values of every record.
-    Raises NotWritten."""
-    import rerun as rr
-
-    stream = rr.RecordingStream("hertzloop_fit")
-    # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
-    memory = stream.memory_recording()
-    for record, curve in zip(result.records, result.curves, strict=False):
-        times = [rr.TimeColumn("after_touch", duration=curve["time_s"])]
-        for name in ("simulated", "measured"):
-            stream.send_columns(
-                rr.new_entity_path([record.name, record.quantity, name]),
-                indexes=times,
-                columns=rr.Scalars.columns(scalars=curve[name]),
-            )
-        stream.send_columns(
-            rr.new_entity_path([record.name, "residual"]),
-            indexes=times,
-            columns=rr.Scalars.columns(scalars=curve["measured"] - curve["simulated"]),
-        )
-    atomic_write(path, memory.drain_as_bytes())

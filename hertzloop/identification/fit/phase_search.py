@@ -20,73 +20,41 @@ def minimise_over_phases(problem: FitProblem, x: np.ndarray, until_s: float) -> 
     parts of a period are all tried.
     """
     if not problem.phase_periods:
-        return minimise(problem, x, until_s, early=False)
+        return minimise(problem, x, until_s)
     alone = replace(problem, fixed=problem.key_values(x))
-    keys = len(problem.varied_keys)
-    groups = clock_groups(alone)
-    places = [
-        sorted({at for i in some for at in problem.nuisance_indices[i].all}) for some in groups
-    ]
-    ranked = [
-        _distinct_phases(
-            minima_by_phase(alone, some, x[at], until_s), subproblem(alone, some).phase_periods
-        )
-        for some, at in zip(groups, places, strict=True)
-    ]
-    found = []
+    indices, places, ranked, found = problem.nuisance_indices, [], [], []
+    for some in alone.clock_groups:
+        part = alone.of_channels(some)
+        places.append(sorted({at for i in some for at in indices[i].all}))
+        iterates = minima_by_phase(part, x[places[-1]], until_s)
+        ranked.append(_distinct_phases(iterates, part.phase_periods))
     for rank in range(max(len(iterates) for iterates in ranked)):
         start = x.copy()
         for iterates, at in zip(ranked, places, strict=True):
             start[at] = iterates[min(rank, len(iterates) - 1)].x
-        held = replace(problem, phases_held=True)
-        near = (
-            minimise(held, start, until_s, early=False, steps=8, tolerance=1e-3) if keys else None
-        )
-        begin = start if near is None else near.x
-        found.append(minimise(problem, begin, until_s, early=False, steps=15, tolerance=1e-4))
+        if problem.varied_keys:
+            held = replace(problem, phases_held=True)
+            start = minimise(held, start, until_s, steps=8, tolerance=1e-3).x
+        found.append(minimise(problem, start, until_s, steps=15, tolerance=1e-4))
     return min(found, key=lambda iterate: iterate.chi_square)
 
 
-def minima_by_phase(
-    problem: FitProblem, some: list[int], x: np.ndarray, until_s: float
-) -> list[Iterate]:
-    """The points of some channels at the phases of a grid, with all keys and the phase held, from
-    the best to the worst.
+def minima_by_phase(problem: FitProblem, x: np.ndarray, until_s: float) -> list[Iterate]:
+    """Return the best fits at the phases of a grid, from the best to the worst.
 
     Args:
-        problem: of all channels.
-        some: the channels, of one clock.
-        x: parameters of these channels to begin with.
+        problem: of channels with one clock, and all keys held.
+        x: parameters to begin with.
         until_s: end of the window after the touch, s.
     """
-    part = replace(subproblem(problem, some), phases_held=True)
+    part = replace(problem, phases_held=True)
     phases, found = part.phase_periods, []
     for number in range(_PHASES if phases else 1):
         start = x.copy()
         for at, period in phases.items():
             start[at] = (number + 0.5) / _PHASES * period
-        found.append(minimise(part, start, until_s, early=False, steps=2, tolerance=1e-3))
+        found.append(minimise(part, start, until_s, steps=2, tolerance=1e-3))
     return sorted(found, key=lambda iterate: iterate.chi_square)
-
-
-def clock_groups(problem: FitProblem) -> list[list[int]]:
-    """Channels that share a phase: their numbers, group by group."""
-    groups: dict[int, list[int]] = {}
-    for index, at in enumerate(problem.nuisance_indices):
-        groups.setdefault(at.shift, []).append(index)
-    return list(groups.values())
-
-
-def subproblem(problem: FitProblem, some: list[int]) -> FitProblem:
-    """The problem of some channels; all its keys have to be held."""
-    return FitProblem(
-        problem.free,
-        [problem.channels[i] for i in some],
-        [problem.models[i] for i in some],
-        [problem.chains[i] for i in some],
-        problem.fixed,
-        counter=problem.counter,
-    )
 
 
 def _distinct_phases(iterates: list[Iterate], phases: dict[int, int]) -> list[Iterate]:

@@ -1,118 +1,16 @@
-"""A fit as JSON, as a scene with a `[fit]` table, and as text for the terminal."""
+"""A fit as text for the terminal."""
 
 import math
-from typing import Any
-
-import numpy as np
 
 from hertzloop.identification.fit.results import Estimate, FitResult
-from hertzloop.identification.fit.verdicts import WIDEST, KeyVerdict, ModelVerdict
-from hertzloop.scene.tables import FitTable
-from hertzloop.scene.toml import to_toml
+from hertzloop.identification.fit.verdicts import OPEN, WIDEST, KeyVerdict, ModelVerdict
 from hertzloop.views.format import Table
 
-_OPEN = "open"
 _MODEL_WORDS = {
     ModelVerdict.FITS: "The model fits.",
     ModelVerdict.DOES_NOT_FIT: "The model does not fit.",
     ModelVerdict.CANNOT_TELL: "The records cannot tell whether the model fits.",
 }
-
-
-def as_json(result: FitResult) -> dict[str, Any]:
-    """Return a fit as data for JSON: see docs/reference/fit-json.md for the fields."""
-    by_record = {
-        n.record: {
-            "time_shift_s": n.time_shift_s,
-            "gain": n.gain,
-            "offset": n.offset,
-            "clock_ppm": n.clock_ppm,
-            "noise_rms": n.noise_rms,
-            "residual_over_noise": n.residual_over_noise,
-            "samples": n.samples,
-            "rejected_samples": n.rejected,
-            "in_pulse_percent": n.off_percent[0],
-            "after_pulse_percent": n.off_percent[1],
-            "largest_percent": n.off_percent[2],
-            "model_error_in_pulse_percent": n.error_percent[0],
-            "model_error_after_pulse_percent": n.error_percent[1],
-        }
-        for n in result.nuisances
-    }
-    first = next(iter(by_record.values()))
-    keys = ("time_shift_s", "gain", "offset", "clock_ppm")
-    return {
-        "parameters": {e.key: _estimate_json(e) for e in result.estimates},
-        "nuisances": {key: first[key] for key in keys} | {"by_record": by_record},
-        "noise_rms": result.noise_rms,
-        "residual_over_noise": result.residual_over_noise,
-        "model": str(result.model),
-        "statistics": result.statistics,
-        "reasons": result.reasons,
-        "combinations": [
-            {
-                "keys": c.exponents,
-                "combination": str(c),
-                "half_width_percent": c.half_width_percent,
-            }
-            for c in result.combinations
-        ],
-        "measure_next": result.measure_next,
-        "hold_out": result.hold_out,
-        "covariance_log": np.asarray(result.covariance).tolist(),
-        "speeds_m_s": list(result.speeds_m_s),
-        "records": [{"name": r.name, "sha256": r.sha256} for r in result.records],
-        "notes": result.notes,
-        "checked_only": result.checked_only,
-        "scene": None,
-        "evaluations": result.evaluations,
-        "wall_s": result.wall_s,
-    }
-
-
-def _estimate_json(e: Estimate) -> dict[str, Any]:
-    return {
-        "value": e.value,
-        "low": e.low,
-        "high": e.high,
-        "verdict": str(e.verdict),
-        "half_width_percent": e.half_width_percent,
-        "start": e.start,
-        "half_width_alone_percent": e.alone_percent,
-        "prior_pull_sigma": e.prior_pull,
-    }
-
-
-def fit_table(result: FitResult) -> FitTable:
-    """Return the `[fit]` table of a fitted scene, without the speeds of single hits."""
-    shared = [i for i, e in enumerate(result.estimates) if "[" not in e.key]
-    estimates = [result.estimates[i] for i in shared]
-    covariance = result.covariance[np.ix_(shared, shared)]
-    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
-    for i, e in enumerate(estimates):
-        if e.verdict is not KeyVerdict.IDENTIFIED:
-            covariance[i, :] = covariance[:, i] = 0.0
-    return FitTable(
-        keys=tuple(e.key for e in estimates),
-        values=tuple(e.value for e in estimates),
-        low=tuple(_OPEN if e.low is None else e.low for e in estimates),  # type: ignore[misc]
-        high=tuple(_OPEN if e.high is None else e.high for e in estimates),  # type: ignore[misc]
-        verdicts=tuple(str(e.verdict) for e in estimates),
-        covariance_log=tuple(float(v) for v in covariance.ravel()),
-        model=str(result.model),
-        residual_over_noise=float(result.residual_over_noise),
-        records=tuple(r.name for r in result.records),
-        sha256=tuple(r.sha256 for r in result.records),
-        speeds_m_s=result.speeds_m_s,
-    )
-
-
-def fitted_scene(result: FitResult, name: str) -> str:
-    """Return the fitted scene as TOML, with its `[fit]` table. Raises ValueError of a check."""
-    if result.setup is None:
-        raise ValueError("a check has no fitted scene")
-    scene = result.setup.scene.replaced(name=name, fit=fit_table(result))
-    return to_toml(scene)
 
 
 def _percent(value: float) -> str:
@@ -121,7 +19,7 @@ def _percent(value: float) -> str:
 
 def number(value: float | None, digits: int = 5) -> str:
     """Write a number, or "open" for the end of an interval that is open."""
-    return _OPEN if value is None else f"{value:.{digits}g}"
+    return OPEN if value is None else f"{value:.{digits}g}"
 
 
 def parameter_table(result: FitResult) -> Table:
@@ -162,11 +60,17 @@ def sentences(result: FitResult) -> list[str]:
         f"Residual over noise: {result.residual_over_noise:.3g}. {_MODEL_WORDS[result.model]}"
     )
     found += result.reasons
-    found += [_accuracy_sentence(n.record, *n.off_percent) for n in result.nuisances]
-    if any(any(n.error_percent) for n in result.nuisances):
+    found += [
+        _accuracy_sentence(n.record, n.in_pulse_percent, n.after_pulse_percent, n.largest_percent)
+        for n in result.nuisances
+    ]
+    if any(
+        n.discrepancy_in_pulse_percent or n.discrepancy_after_pulse_percent
+        for n in result.nuisances
+    ):
         errors = "; ".join(
-            f"{n.record}: {_percent(n.error_percent[0])} in the pulse and "
-            f"{_percent(n.error_percent[1])} after it"
+            f"{n.record}: {_percent(n.discrepancy_in_pulse_percent)} in the pulse and "
+            f"{_percent(n.discrepancy_after_pulse_percent)} after it"
             for n in result.nuisances
         )
         found.append(

@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.identification.fit.free_keys import PRESSURE_KEY, FreeKey
 from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_values import ignored_without_control, values_for_record
+from hertzloop.identification.fit.key_scope import drop_values, values_for_record
 from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.scene.errors import SceneError
@@ -37,19 +37,16 @@ def best_start(problem: FitProblem) -> np.ndarray:
     f = problem.varied_keys[place]
     pressure = _elastic_pressure(problem, f)
     end = problem.windows_s()[0]
-    best: Iterate | None = None
+    found = []
     for share in _PRESSURES:
         tried = x.copy()
         tried[place] = math.log(min(max(share * pressure, 1.01 * f.low), 0.99 * f.high))
-        found = minimise(problem, tried, end, early=True, steps=12, tolerance=1e-2)
-        if best is None or found.chi_square < best.chi_square:
-            best = found
-    assert best is not None
-    return best.x
+        found.append(minimise(problem, tried, end, early=True, steps=12, tolerance=1e-2))
+    return min(found, key=lambda iterate: iterate.chi_square).x
 
 
 def search_lower_minimum(
-    problem: FitProblem, iterate: Iterate, windows: Sequence[float]
+    problem: FitProblem, iterate: Iterate, shorter: Sequence[Iterate]
 ) -> Iterate:
     """Return the iterate, or one with a lower chi-square that a growing window missed.
 
@@ -59,12 +56,12 @@ def search_lower_minimum(
     Args:
         problem: the fit.
         iterate: solution of the whole records.
-        windows: ends of the windows after the touch, s.
+        shorter: solutions of shorter windows, the shortest first.
     """
-    keys = len(problem.varied_keys)
-    known = np.linalg.pinv(parameter_covariance(iterate)[:keys, :keys])
-    for end in reversed(windows[:-1]):
-        covariance = parameter_covariance(problem.evaluate(iterate.x, end, early=True))
+    keys, until_s = len(problem.varied_keys), iterate.until_s
+    known = np.linalg.pinv(iterate.covariance()[:keys, :keys])
+    for window in reversed(shorter):
+        covariance = problem.evaluate(iterate.x, window.until_s, early=True).covariance()
         variances, directions = np.linalg.eigh(covariance[:keys, :keys])
         direction, sd = directions[:, -1], math.sqrt(max(float(variances[-1]), 1e-30))
         apart = 1.0 / math.sqrt(max(float(direction @ known @ direction), 1e-30))
@@ -77,56 +74,26 @@ def search_lower_minimum(
         for t in np.linspace(-reach, reach, 2 * count + 1):
             with suppress(SceneError):  # a value that the scene refuses
                 x = iterate.x + t * axis
-                trials.append(problem.evaluate(x, windows[-1], early=False, jacobian=False))
+                trials.append(problem.evaluate(x, until_s, jacobian=False))
         chi = [trial.chi_square for trial in trials]
         minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
         for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
-            found = minimise(
-                problem, trials[i].x, windows[-1], early=False, steps=15, tolerance=1e-3
-            )
+            found = minimise(problem, trials[i].x, until_s, steps=15, tolerance=1e-3)
             if found.chi_square < iterate.chi_square - _LOWER:
                 iterate = found
         break
     return iterate
 
 
-def shifts_beyond_noise(
-    problem: FitProblem, shorter: Sequence[tuple[float, np.ndarray]], iterate: Iterate
-) -> list[np.ndarray]:
-    """Return how much farther the keys are from the solutions of shorter windows than noise
-    explains.
-
-    Args:
-        problem: the fit.
-        shorter: end of each window after the touch, s, and its solution, (parameters,).
-        iterate: solution of the whole records.
-
-    Returns:
-        Differences of the keys' logarithms, (keys,) for each window.
-    """
-    n, found = len(problem.varied_keys), []
-    for end, x in shorter:
-        apart = (x - iterate.x)[:n]
-        variance = np.diag(parameter_covariance(problem.evaluate(x, end, early=True)))[:n]
-        found.append(np.sign(apart) * np.sqrt(np.maximum(apart**2 - variance, 0.0)))
-    return found
-
-
-def parameter_covariance(iterate: Iterate) -> np.ndarray:
-    """Return the covariance of all parameters, (parameters, parameters)."""
-    inverse = iterate.pseudo_inverse()
-    return np.asarray(inverse @ inverse.T)
-
-
 def _elastic_pressure(problem: FitProblem, f: FreeKey) -> float:
     """Return the pressure in the centre of an elastic contact at its largest force, Pa, in the
     first record."""
-    model = problem.models[0]
-    starts = values_for_record({g.key: g.start for g in problem.free}, problem.channels[0].record)
-    values = {key: value for key, value in starts.items() if not ignored_without_control(key)}
-    run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
+    simulator = problem.simulators[0]
+    starts = {g.key: g.start for g in problem.free}
+    values = drop_values(values_for_record(starts, problem.channels[0].record))
+    run = simulator.run(values | {f.key: 1e13}, 2.0 * simulator.contact_s)
     force = float(np.max(run.force_n(run.time_s)))
-    bodies = model.setup.vary(values).mechanics
+    bodies = simulator.setup.vary(values).mechanics
     radius = bodies.sphere.radius_m
     modulus = 0.75 * run.contact.stiffness / math.sqrt(radius)
     a = (0.75 * force * radius / modulus) ** (1.0 / 3.0)

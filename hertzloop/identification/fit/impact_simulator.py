@@ -1,4 +1,4 @@
-"""The simulation of a fit, on a frozen model of the plate.
+"""Simulate the impact of a scene with other values of its keys, on frozen modes of the plate.
 
 A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
 the way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.identification.fit.key_scope import drop_values
 from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.plant import state_kernels
 from hertzloop.plant import time_series as ts
@@ -43,10 +44,11 @@ _COARSER = 1.3
 _KEPT_PLANTS = 24
 _KEPT_RUNS = 64
 _NEXT_MODE = 1.02  # how far above the limit the next mode is looked for
+_KEY_STEP = 1e-4  # of a derivative by the logarithm of a key
 
 
-class FrozenModel:
-    """Simulations of one scene with other values of its keys, on one frozen model of the plate.
+class ImpactSimulator:
+    """Simulates the impact of one scene with other values of its keys, on frozen modes.
 
     Args:
         setup: the starting point; its law is switched off.
@@ -60,10 +62,16 @@ class FrozenModel:
     Attributes:
         velocity_error: estimate of this error; larger where refinement would cost too much, and
             zero of a solid, for which no estimate is known.
+        key_step: of a derivative by the logarithm of a key.
+        looped: whether the impact is under a law, and the phase matters.
+        phase_period: range of the phase, in steps of the scene; one without a law.
+        simulations: number of simulations so far.
 
     Raises:
         SceneError: the scene cannot be simulated.
     """
+
+    looped = False
 
     def __init__(
         self,
@@ -101,7 +109,7 @@ class FrozenModel:
         self._scale = _frequency_scale(self.spec)
         self._plants: dict[Any, Any] = {}
         self._runs: dict[Any, SimulatedImpact] = {}
-        self.simulations = 0
+        self.simulations, self.key_step, self.phase_period = 0, _KEY_STEP, 1
 
     def _velocity_error(self, step_ns: int, limit_hz: float) -> float:
         if self.spec.plate.solid:
@@ -141,7 +149,8 @@ class FrozenModel:
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
-        return self.spec_with(self.setup.vary(values).mechanics if values else self.setup.mechanics)
+        own = drop_values(values)
+        return self.spec_with(self.setup.vary(own).mechanics if own else self.setup.mechanics)
 
     def spec_with(self, bodies: Mechanics) -> PlantSpec:
         """Return the plant with other bodies, at the frozen model of the plate."""
@@ -162,14 +171,21 @@ class FrozenModel:
         check_modes_reach_impact(spec)
         return spec
 
-    def run(self, values: Mapping[str, float], until_s: float) -> SimulatedImpact:
+    def run(
+        self, values: Mapping[str, float], until_s: float, phase: float = PHASE
+    ) -> SimulatedImpact:
         """Simulate the drop with other values of some keys until `until_s` after the touch.
+
+        Args:
+            values: scene keys; those that a drop without a law does not depend on have no effect.
+            until_s: end of the simulation after the touch, s.
+            phase: from the last sample of a law to the touch, in steps; no effect without a law.
 
         Raises:
             SceneError: a value that the scene refuses.
         """
         steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
-        key = (tuple(sorted(values.items())), steps)
+        key = (tuple(sorted(drop_values(values).items())), steps)
         return self.cached(key, lambda: self._simulated(self.spec_of(values), steps))
 
     def run_spec(self, spec: PlantSpec, until_s: float) -> SimulatedImpact:
@@ -190,8 +206,7 @@ class FrozenModel:
         self.simulations += 1
         plant = self.plant_of(spec)
         truth = ts.series_under(plant, np.zeros(steps))
-        lead_s, _ = _lead(spec, spec.sphere.impact_speed_m_s)
-        time_s = np.arange(steps) * spec.step_s - lead_s
+        time_s = np.arange(steps) * spec.step_s - _lead_s(spec)
         return self.as_impact(spec, plant, time_s, truth)
 
     def as_impact(
@@ -254,14 +269,14 @@ class FrozenModel:
         return new.at_start(phase)
 
 
-def _lead(spec: PlantSpec, speed_m_s: float) -> tuple[float, float]:
-    """Flight before the touch, s, as the plant rounds it, and the fall, s."""
-    g = spec.sphere.gravity_m_s2
+def _lead_s(spec: PlantSpec) -> float:
+    """Flight before the touch, s, as the plant rounds it."""
+    speed_m_s, g = spec.sphere.impact_speed_m_s, spec.sphere.gravity_m_s2
     fall_s = speed_m_s / g if g else math.inf
     height, _ = state_kernels.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
     # Height = lead (v - g lead/2); the smaller root is the lead.
     root = math.sqrt(max(speed_m_s**2 - 2.0 * g * float(height), 0.0))
-    return min(2.0 * float(height) / (speed_m_s + root), fall_s), fall_s
+    return min(2.0 * float(height) / (speed_m_s + root), fall_s)
 
 
 def _step_ns(contact_s: float, duration_s: float) -> int:

@@ -1,4 +1,4 @@
-"""The simulation of a fit under a law: the closed loop on the frozen model of the plate.
+"""Simulate the impact of a scene under its law, on frozen modes of the plate.
 
 Sensor, law and line keep the steps of the scene. The plant takes several steps in each of them, so
 that a record is as exact as that of a drop without control. Where in a sampling period the sphere
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.identification.fit.model import FrozenModel
+from hertzloop.identification.fit.impact_simulator import PHASE, ImpactSimulator
 from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
@@ -23,10 +23,12 @@ _LEAD_SAMPLES = 8  # before the touch; more for the window and the horizon of th
 _HORIZONS = 3
 _ROOM_S = 0.01  # added to the run, so that a latency of the search is not longer than it
 _ACTS = 1e-12  # N
+_KEY_STEP = 2e-3  # of a derivative by the logarithm of a key
+_KEY_STEP_ROUNDED = 3e-2  # the same where a converter of the loop rounds
 
 
-class LoopModel(FrozenModel):
-    """Simulations of one scene under its law, with other values of its keys.
+class LoopSimulator(ImpactSimulator):
+    """Simulates the impact of one scene under its law, with other values of its keys.
 
     Args:
         setup: the starting point, with its law.
@@ -34,6 +36,8 @@ class LoopModel(FrozenModel):
         accuracy: relative error that leaving out modes may cause.
         plant_ns: longest step of the plant.
     """
+
+    looped = True
 
     def __init__(
         self, setup: Setup, duration_s: float, accuracy: float, plant_ns: int = PLANT_NS
@@ -61,30 +65,19 @@ class LoopModel(FrozenModel):
             "run.duration_s": max(setup.duration_s, 2.0 * duration_s) + _ROOM_S,
         }
         self.loop = setup.vary(kept | changed)
-
-    @property
-    def period(self) -> int:
-        """Steps of the scene from sample to sample: the range of a phase."""
-        return self.loop.every_steps
-
-    @property
-    def converts(self) -> bool:
-        """Whether a converter rounds what the law reads or commands."""
-        return self.loop.sensor.bits is not None or self.loop.line.bits is not None
+        rounds = self.loop.sensor.bits is not None or self.loop.line.bits is not None
+        self.key_step = _KEY_STEP_ROUNDED if rounds else _KEY_STEP
+        self.phase_period = self.loop.every_steps
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
         return self.spec_with(self.loop.vary(values).mechanics if values else self.loop.mechanics)
 
     def run(
-        self, values: Mapping[str, float], until_s: float, phase: float = 0.5
+        self, values: Mapping[str, float], until_s: float, phase: float = PHASE
     ) -> SimulatedImpact:
-        """Simulate the drop with other values of some keys until `until_s` after the touch.
-
-        Raises:
-            SceneError: a value that the scene refuses, or a law that fails.
-        """
-        phase %= self.period
+        """Simulate the drop as without a law. Raises SceneError of a law that fails, too."""
+        phase %= self.phase_period
         key = (tuple(sorted(values.items())), until_s, round(phase, 9))
         return self.cached(key, lambda: self._looped(values, until_s, phase))
 
