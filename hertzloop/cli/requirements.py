@@ -8,7 +8,7 @@ from hertzloop.cli import outputs, prepare
 from hertzloop.cli.terminal import if_interrupted, out, progress
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.views.format import unwrapped
 from hertzloop.warmup import CASES

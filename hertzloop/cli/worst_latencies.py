@@ -8,7 +8,7 @@ from typing import Any
 from hertzloop.cli.outputs import is_replaceable
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.studies.cases.design import toml_text
+from hertzloop.scene.toml import toml_text
 
 _HEADING = "# Worst latencies found by hertzloop"
 

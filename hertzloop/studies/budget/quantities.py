@@ -22,11 +22,11 @@ def contact_us(setup: Setup) -> float:
     return 1e6 * rigid_impact(setup.sphere, setup.contact).contact_s
 
 
-NAMES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
+QUANTITIES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
 
 
 def quantities_of(setup: Setup) -> list[BudgetQuantity]:
-    """Return the quantities of a scene with the values that are searched, in the order of `NAMES`.
+    """Return the quantities of a scene with the values to search, in the order of `QUANTITIES`.
 
     Latency and jitter go to twice the contact time on a rigid plate in whole steps, the sampling
     period to the contact time itself; bits from 24 to 1 after an ideal converter; noise over six

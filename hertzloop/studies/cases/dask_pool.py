@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from hertzloop.results.cases import Span
-from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, run_chunk
+from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, RunNumbered, run_chunk
 from hertzloop.studies.cases.identity import code_version
-from hertzloop.studies.cases.pool import SweepFailed
+from hertzloop.studies.cases.workers import WorkersLost
 
 _WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers; between two looks
 
 
 @contextmanager
-def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
+def dask_pool(address: str, on_wait: Callable[[str], None], run: RunNumbered) -> Iterator[Pool]:
     """Yield a function as `local_pool` does, which uses the workers of a Dask scheduler.
 
     Dask gives the work of a dead worker to others.
@@ -22,16 +22,17 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
     Args:
         address: Address of the scheduler, for example tcp://host:8786.
         on_wait: Called with a sentence when the scheduler has no workers.
+        run: Runs the cases of a chunk.
 
     Raises:
-        SweepFailed: no scheduler answers, its workers have other versions, or the cluster is lost.
+        WorkersLost: no scheduler answers, its workers have other versions, or the cluster is lost.
     """
     try:
         from distributed import CancelledError, Client, KilledWorker
         from distributed import as_completed as dask_completed
         from distributed.comm import CommClosedError
     except ImportError as error:
-        raise SweepFailed(
+        raise WorkersLost(
             "--dask needs the package distributed: pip install distributed"
         ) from error
     # Dask logs tracebacks; here an error is one sentence.
@@ -41,7 +42,7 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise SweepFailed(f"no Dask scheduler answers at {address}: {error}") from error
+        raise WorkersLost(f"no Dask scheduler answers at {address}: {error}") from error
     with client:
         without = f"the Dask scheduler at {address} has no workers"
         waits = f"{without}; waiting {_WORKERLESS_S:g} s for one (dask worker {address})"
@@ -50,18 +51,18 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
         try:
             client.wait_for_workers(1, timeout=_WORKERLESS_S)
         except TimeoutError as error:
-            raise SweepFailed(without) from error
+            raise WorkersLost(without) from error
         ours = code_version()
         for worker, theirs in client.run(code_version).items():
             if theirs != ours:
-                raise SweepFailed(
+                raise WorkersLost(
                     f"the worker {worker} has {theirs}, this process {ours}; install the same"
                 )
         done = threading.Event()
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
             futures = client.map(
-                lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+                lambda chunk: run_chunk(run, toml, span, chunk), chunks, pure=False, retries=2
             )
 
             def watch() -> None:
@@ -82,6 +83,6 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
         try:
             yield results
         except (CancelledError, CommClosedError, KilledWorker) as error:
-            raise SweepFailed(f"the Dask cluster at {address} was lost") from error
+            raise WorkersLost(f"the Dask cluster at {address} was lost") from error
         finally:
             done.set()

@@ -10,13 +10,13 @@ from hertzloop.results.cases import CASE_METRICS, CaseState, Span
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.find_limits import LimitProblem, limits_of
+from hertzloop.studies.budget.effort import effort_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import LEAST, Boundary, BudgetLimit
+from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.requirements.rows import Row, beside
-from hertzloop.studies.budget.search import search_of
+from hertzloop.studies.budget.requirements.requirement import SceneRequirement, beside
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
@@ -33,7 +33,7 @@ class Checked:
     loop that is unstable while the row holds; the command that reproduces the failure; whether the
     loop is unstable, in a run or by linear theory."""
 
-    row: Row
+    row: SceneRequirement
     holds: tuple[str, ...]
     fails: tuple[str, ...]
     command: str
@@ -57,7 +57,7 @@ def digits_of(setup: Setup, metric: str, value: float) -> float:
     return 2.0 * error * abs(value)
 
 
-def check(pool: Pool, row: Row) -> Checked:
+def check(pool: Pool, row: SceneRequirement) -> Checked:
     """Check one row.
 
     Args:
@@ -103,7 +103,7 @@ def check(pool: Pool, row: Row) -> Checked:
 class _Findings:
     """What is found while a row is checked; see `Checked`."""
 
-    row: Row
+    row: SceneRequirement
     holds: list[str] = field(default_factory=list)
     fails: list[str] = field(default_factory=list)
     command: str = ""
@@ -182,7 +182,7 @@ def _check_limits(found: _Findings, setup: Setup, margin: Margin | None, run: Ru
                 f"{one.name}, limit.{name}: is not a quantity. Choose from {', '.join(known)}"
             )
     goals = one.goals or (parse_goal(DEFAULT_GOAL),)
-    problem = LimitProblem(setup, margin, goals, search_of(setup, False, one.span))
+    problem = LimitProblem(setup, margin, goals, effort_of(setup, False, one.span))
     by_name = {limit.quantity: limit for limit in limits_of(problem, list(one.limit), run)}
     failed: dict[str, Any] = {}
     any_failed = False

@@ -28,8 +28,8 @@ from hertzloop.common.text_files import text_of
 from hertzloop.results.cases import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.toml import toml_text
 from hertzloop.studies.budget.goal import METRICS, Goal, parse_goal
-from hertzloop.studies.cases.design import toml_text
 
 
 class Requirement(BaseModel):
@@ -76,7 +76,7 @@ class Requirement(BaseModel):
 
 
 @dataclass(frozen=True)
-class Row:
+class SceneRequirement:
     """A requirement in one scene; files that it names are beside `folder`."""
 
     requirement: Requirement
@@ -121,7 +121,7 @@ def beside(folder: Path, name: str) -> str:
     return f"{path}{colon}{rest}" if path.is_file() else name
 
 
-def read_requirements(path: Path) -> list[Row]:
+def read_requirements(path: Path) -> list[SceneRequirement]:
     """Read a file of requirements. Raises SceneError with the row and what is wrong in it."""
     try:
         data = tomllib.loads(text_of(path.read_bytes()))
@@ -147,7 +147,7 @@ def read_requirements(path: Path) -> list[Row]:
                 f"{path}, requirement {number}{where and f', {where}'}: {sentence}. Correct the row"
             ) from error
         for scene in one.scenes or (one.scene or "",):
-            rows.append(Row(one, scene, one.law or for_all.get("law"), path.parent))
+            rows.append(SceneRequirement(one, scene, one.law or for_all.get("law"), path.parent))
     if not rows:
         raise SceneError(f"{path}: has no [[requirement]]. Add at least one")
     names = [row.name for row in rows]
