@@ -9,8 +9,9 @@ from typing import Any
 from hertzloop.cli.terminal import out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.scene.setup import Setup
-from hertzloop.scene.toml import to_toml, toml_text
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.sentences import unstable_line
+from hertzloop.studies.pages.commands import run_command
 from hertzloop.studies.pages.words import write_rows
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
@@ -164,8 +165,4 @@ def _run_command(candidate: Candidate, setup: Setup, name: str, arguments: TuneA
         for text in given
         if text.partition("=")[0].strip() in known or not text.startswith("controller.")
     ]
-    keys = [f"{key}={toml_text(value)}" for key, value in candidate.values.items()]
-    words = ["hertzloop", "run", name]
-    words += [word for text in [*kept, *keys] for word in ("--set", text)]
-    seed = arguments.seed
-    return shlex.join(words if seed is None else [*words, "--seed", str(seed)])
+    return run_command(name, candidate.values, kept, arguments.seed)

@@ -25,14 +25,15 @@ _MOST_DOTS = 4000  # a panel
 def telling_metrics(rows: Rows) -> tuple[list[str], list[str]]:
     """Return the metrics that differ between cases, or all with a value if none differs, and
     sentences on the other metrics."""
-    there = [metric for metric in SHOWN if with_metric(rows, metric)]
     shown = {
-        metric: {_digits(row[metric]) for row in with_metric(rows, metric)} for metric in there
+        metric: {_digits(row[metric]) for row in having}
+        for metric in SHOWN
+        if (having := with_metric(rows, metric))
     }
-    differing = [metric for metric in there if len(shown[metric]) > 1] or there
+    differing = [metric for metric, values in shown.items() if len(values) > 1] or list(shown)
     sentences = [
         f"{words.against_none(metric)}: no value in any case"
-        if metric not in there
+        if metric not in shown
         else f"{words.against_none(metric)}: {min(shown[metric])} in every case"
         for metric in SHOWN
         if metric not in differing

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.budget_agreement import difference
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.budget import budget
@@ -259,18 +258,6 @@ def test_limits_agree_with_brute_force(pool):
             assert limit.cases < len(rows) / 3
     [nominal] = evaluate(pool, setup, "impact", [{}])
     assert found.as_data()["nominal"]["plate_energy_db"] == nominal["plate_energy_db"]
-
-
-def test_brute_force_says_how_a_limit_differs():
-    quantity = LATENCY
-    right, _ = found_by(lambda value, _: value <= 33, quantity)
-    assert not difference(quantity, right, {place: place <= 33 for place in range(100)})
-    assert not difference(quantity, right, {0: True, 30: True, 60: False, 99: False})
-    assert "7.0 fails" in difference(quantity, right, {0: True, 7: False, 60: False})
-    assert "next value holds" in difference(quantity, right, {33: True, 34: True, 60: False})
-    assert "gap" in difference(quantity, right, {33: True, 34: False, 60: True})
-    beyond, _ = found_by(lambda *_: True, quantity)
-    assert "99.0 fails" in difference(quantity, beyond, {0: True, 99: False})
 
 
 def test_the_limit_of_the_jitter_has_the_mean_latency(pool):

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 
 from hertzloop.loop.simulate import simulate
@@ -22,7 +20,7 @@ from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.repeat_cases import repeat_cases
-from hertzloop.studies.sweep.results_file import column_of, read_results, write_results
+from hertzloop.studies.sweep.results_file import read_results, write_results
 from tests.commands import invoke
 from tests.studies.sweeping import COARSE, ONE_WORKER
 
@@ -296,18 +294,3 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
     assert "no case has metrics to verify" in " ".join(found.stderr.split())
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        [1.0, None, -0.0, math.inf], [3, 2**60, None], [True, None, False] * 7,
-        ["a", None, "é", ""], [None, None], [[1.0, 2.0], None, []], [1.5] * 9, ["x"],
-        [-1], [0, 0.5, 1],
-    ],
-)  # fmt: skip
-def test_a_column_is_what_pyarrow_makes_of_its_values(values: list[object]) -> None:
-    found, expected = column_of(values), pa.array(values)
-    assert found.type == expected.type
-    assert found.null_count == expected.null_count
-    assert repr(found.to_pylist()) == repr(expected.to_pylist())

@@ -16,7 +16,6 @@ A row may also have `expect` (metrics and their values), `limit` (quantities of 
 that must be tolerated), or `probability` with `uncertain`.
 """
 
-import shlex
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +29,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import toml_text
 from hertzloop.studies.budget.goal import METRICS, Goal, parse_goal
+from hertzloop.studies.pages.commands import run_command
 
 
 class Requirement(BaseModel):
@@ -109,9 +109,7 @@ class SceneRequirement:
 
     def command(self, case: dict[str, Any]) -> str:
         """Return the command that runs one case of the row again."""
-        given = self.settings() | case
-        words = [w for key, value in given.items() for w in ("--set", f"{key}={toml_text(value)}")]
-        return shlex.join(["hertzloop", "run", self.source, *words, "--transport", "compiled"])
+        return f"{run_command(self.source, self.settings() | case)} --transport compiled"
 
 
 def beside(folder: Path, name: str) -> str:
