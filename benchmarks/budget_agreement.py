@@ -14,10 +14,12 @@ from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
+from hertzloop.studies.budget.effort import SearchEffort, effort_of, variants
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
+from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.search import Search, limit_of, search_of, side_by_side, variants
+from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.cases.pool import local_pool
 
@@ -32,7 +34,7 @@ DURATIONS_S = {
 
 
 def by_brute_force(
-    pool: Pool, setup: Setup, quantity: BudgetQuantity, search: Search, most: int
+    pool: Pool, setup: Setup, quantity: BudgetQuantity, search: SearchEffort, most: int
 ) -> dict[int, bool]:
     """Return which places of a quantity meet the goal: all, or at most so many, evenly spread."""
     last, each = len(quantity.values) - 1, variants(quantity, search)
@@ -81,7 +83,7 @@ def compare(
 ) -> Agreement:
     """Compare the limits of all quantities, or of those named `only`, with at most `most` values of
     each; the time of brute force is then that of all values, in proportion."""
-    search, goals = search_of(setup, False, "impact"), [parse_goal(DEFAULT_GOAL)]
+    search, goals = effort_of(setup, False, "impact"), [parse_goal(DEFAULT_GOAL)]
 
     def run(cases: list[dict[str, Any]]) -> Rows:
         return evaluate(pool, setup, "impact", cases)

@@ -13,7 +13,8 @@ import time
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.simulate import IN_LOOP
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.design import Kind, axes_from, design_of
+from hertzloop.studies.cases.axis import axes_from
+from hertzloop.studies.cases.design import Kind, design_of
 from hertzloop.studies.cases.evaluate import chunked, run_cases
 
 SCENE = "aluminium-3mm"

@@ -14,7 +14,7 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.cli.prepare import compile_first
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.cases.design import fitted
+from hertzloop.studies.cases.axis import fitted
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan, plan_tune

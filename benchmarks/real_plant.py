@@ -30,8 +30,9 @@ from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.real_plant import NOISE, REAL
 from hertzloop.studies.cases.evaluate import Pool, evaluate
-from hertzloop.studies.cases.pool import SweepFailed, local_pool
+from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_of
+from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.tune.plan import LAWS
 
@@ -282,7 +283,7 @@ def main(
     with results_in(folder, "real_plant", "modal", json_file=json_file) as results:
         try:
             found = run(names)
-        except SweepFailed as error:
+        except WorkersLost as error:
             fail(str(error), 1)
         write(results, found)
         for scene in names:

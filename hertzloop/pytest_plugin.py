@@ -17,7 +17,7 @@ from hertzloop.common.text_files import text_of
 
 if TYPE_CHECKING:
     from hertzloop.results.cases import CaseMetrics
-    from hertzloop.studies.budget.requirements.rows import Row
+    from hertzloop.studies.budget.requirements.requirement import SceneRequirement
 
 _FILE = "requirements.toml"
 _HEADING = re.compile(r"^[ \t]*\[[ \t]*hertzloop[ \t]*\]", re.MULTILINE)
@@ -44,7 +44,7 @@ class RequirementsFile(pytest.File):
     def collect(self) -> Iterable[pytest.Item]:
         """Return a test for each row in each of its scenes."""
         from hertzloop.scene.errors import SceneError
-        from hertzloop.studies.budget.requirements.rows import read_requirements
+        from hertzloop.studies.budget.requirements.requirement import read_requirements
 
         try:
             rows = read_requirements(self.path)
@@ -57,7 +57,7 @@ class RequirementsFile(pytest.File):
 class RequirementItem(pytest.Item):
     """A row of requirements."""
 
-    def __init__(self, *, row: "Row", **named: Any) -> None:
+    def __init__(self, *, row: "SceneRequirement", **named: Any) -> None:
         super().__init__(**named)
         self.row = row
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from hertzloop.results.span_metrics import RunMetrics, SpanMetrics
     from hertzloop.studies.budget.request import BudgetRequest
     from hertzloop.studies.budget.result import BudgetResult
-    from hertzloop.studies.cases.design import DesignError
-    from hertzloop.studies.cases.pool import SweepFailed
+    from hertzloop.studies.cases.axis import DesignError
+    from hertzloop.studies.cases.workers import WorkersLost
     from hertzloop.studies.margin.result import MarginResult
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
@@ -58,10 +58,10 @@ __all__ = [
     "SceneError",
     "SpanMetrics",
     "StreamFault",
-    "SweepFailed",
     "SweepRequest",
     "TuneRequest",
     "TuneResult",
+    "WorkersLost",
     "budget",
     "compare",
     "fit",
@@ -95,8 +95,8 @@ _NAMES_BY_MODULE = {
     "identification.records.record": ("Record",),
     "studies.budget.request": ("BudgetRequest",),
     "studies.budget.result": ("BudgetResult",),
-    "studies.cases.design": ("DesignError",),
-    "studies.cases.pool": ("SweepFailed",),
+    "studies.cases.axis": ("DesignError",),
+    "studies.cases.workers": ("WorkersLost",),
     "studies.margin.result": ("MarginResult",),
     "studies.sweep.request": ("SweepRequest",),
     "studies.tune.request": ("TuneRequest",),

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from hertzloop.studies.budget.request import BudgetRequest
     from hertzloop.studies.budget.result import BudgetResult
-    from hertzloop.studies.cases.design import Range
+    from hertzloop.studies.cases.axis import Range
     from hertzloop.studies.margin.result import MarginResult
     from hertzloop.studies.margin.system import LinearSystem
     from hertzloop.studies.sweep.request import SweepRequest
@@ -63,7 +63,7 @@ def sweep(
     Raises:
         DesignError: the ranges cannot be used, or `worst` does not fit the scene.
         SceneError: the scene cannot be simulated.
-        SweepFailed: a worker process was lost.
+        WorkersLost: a worker process was lost.
     """
     from hertzloop.studies.sweep.plan import plan_sweep
     from hertzloop.studies.sweep.request import SweepRequest
@@ -95,7 +95,7 @@ def tune(
     Raises:
         DesignError: a range or a metric cannot be used.
         SceneError: a scene cannot be simulated.
-        SweepFailed: a worker process was lost.
+        WorkersLost: a worker process was lost.
     """
     need("pymoo")
     from hertzloop.studies.tune.plan import plan_tune
@@ -122,7 +122,7 @@ def budget(
 
     Raises:
         SceneError: the scene cannot be simulated, has no law, or a goal cannot be used.
-        SweepFailed: a worker process was lost.
+        WorkersLost: a worker process was lost.
     """
     from hertzloop.studies.budget.budget import budget as search_budget
     from hertzloop.studies.budget.plan import plan_budget

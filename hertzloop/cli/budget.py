@@ -20,7 +20,6 @@ from hertzloop.cli.budget_text import (
 from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.cli.worst_latencies import run_command
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
@@ -28,6 +27,7 @@ from hertzloop.studies.budget.budget import budget as search_budget
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.result import BudgetResult
+from hertzloop.studies.pages.commands import run_command
 from hertzloop.warmup import CASES
 
 GoalOption = Annotated[
@@ -213,7 +213,7 @@ def _print_result(
         _report_worst(arguments, result, plan.setup.seed)
     likely = result.probability
     if likely:
-        command = run_command(arguments.scene, arguments.settings, plan.setup.seed, likely.worst)
+        command = run_command(arguments.scene, likely.worst, arguments.settings, plan.setup.seed)
         print_probability(likely, result.sensitivities, command)
         data["probability"]["worst_command"] = command
     return data

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 from hertzloop.cli.terminal import out
 from hertzloop.studies.budget.limits import Boundary
-from hertzloop.studies.budget.probability import Probability, Sensitivity
+from hertzloop.studies.budget.probability import Probability
 from hertzloop.studies.budget.result import BudgetResult, InPlant
+from hertzloop.studies.budget.sensitivity import Sensitivity
 from hertzloop.studies.budget.stability import instability
 from hertzloop.studies.margin.sentences import margin_lines
 from hertzloop.views.format import Table

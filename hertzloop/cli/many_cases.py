@@ -8,7 +8,7 @@ from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
 from hertzloop.studies.cases.journal import JournalEntries, kept
-from hertzloop.studies.cases.pool import SweepFailed
+from hertzloop.studies.cases.workers import WorkersLost
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def cases_are_kept(explain: Callable[[], str], target: str) -> Iterator[None]:
     try:
         with if_interrupted(explain):
             yield
-    except SweepFailed as error:
+    except WorkersLost as error:
         fail(f"{error}; {explain()}.", 1)
     except OSError as error:
         reason = error.strerror or error  # an error of Arrow has no number

@@ -8,7 +8,7 @@ from hertzloop.cli import outputs, prepare
 from hertzloop.cli.terminal import if_interrupted, out, progress
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.views.format import unwrapped
 from hertzloop.warmup import CASES
@@ -58,9 +58,9 @@ def check_requirements(
             "name": result.row.name,
             "scene": result.row.scene,
             "passed": result.passed,
-            "holds": list(result.holds),
-            "fails": list(result.fails),
-            "warnings": list(result.warnings),
+            "holds": result.holds,
+            "fails": result.fails,
+            "warnings": result.warnings,
             "unstable": result.unstable,
             "measured": result.measured,
             "command": result.command,

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.cases import SHOWN
+from hertzloop.studies.cases.evaluate import with_metric
 from hertzloop.studies.pages.words import short
-from hertzloop.studies.sweep.result import extremes, known
+from hertzloop.studies.sweep.result import extremes
 from hertzloop.views.format import Table
 
 _MOST_ROWS = 20
@@ -26,7 +27,7 @@ def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Return median and 95 % range of metrics over the draws; a row for each setting of `keys`."""
     # As many metrics as fit side by side in 80 columns.
-    names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
+    names = [name for name in SHOWN if with_metric(rows, name)][: max(2, 4 - len(keys))]
     right = [*(key.split(".")[-1] for key in keys), *names]
     table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
@@ -35,7 +36,7 @@ def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     for values, group in list(groups.items())[:_MOST_ROWS]:
         cells = []
         for name in names:
-            having = [row[name] for row in known(group, name)] or [math.nan]
+            having = [row[name] for row in with_metric(group, name)] or [math.nan]
             low, middle, high = np.percentile(having, [2.5, 50.0, 97.5])
             cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
         table.add_row(*(short(value) for value in values), *cells)

@@ -39,11 +39,11 @@ def verify(
     if header["versions"] != code_version():
         err.say(f"{results}: written by {header['versions']}; bits may differ")
     prepare.compile_first()
-    from hertzloop.studies.sweep.replay_cases import RepeatedCase, replay_cases
+    from hertzloop.studies.sweep.repeat_cases import RepeatedCase, repeat_cases
 
     repeated: list[RepeatedCase] = []
     with progress(f"{cases} cases", cases) as advance:
-        for checked in replay_cases(rows, header, cases, transport, seed):
+        for checked in repeat_cases(rows, header, cases, transport, seed):
             repeated.append(checked)
             advance(len(repeated))
     compared = [checked for checked in repeated if not checked.not_run]

@@ -18,14 +18,14 @@ from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.evaluate import Rows, run_case
+from hertzloop.studies.cases.evaluate import Rows, run_case, with_metric
 from hertzloop.studies.cases.touch_phases import KEY as PHASE
 from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.result import SweepResult, counted, known, worst_row
+from hertzloop.studies.sweep.result import SweepResult, counted, worst_row
 from hertzloop.studies.worst.of_case import WORST_CASES, worst_columns
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
@@ -268,7 +268,7 @@ def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -
 
 def _print_best(study: _Study, results: SweepResult, request: SweepRequest) -> None:
     """Say whether the case with the least plate energy looks different over the other span."""
-    rows = known(results.rows, "plate_energy_db")
+    rows = with_metric(results.rows, "plate_energy_db")
     if not rows:
         return
     best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]

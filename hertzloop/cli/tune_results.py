@@ -9,8 +9,10 @@ from typing import Any
 from hertzloop.cli.terminal import out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.scene.setup import Setup
-from hertzloop.scene.toml import to_toml, toml_text
+from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.sentences import unstable_line
+from hertzloop.studies.pages.commands import run_command
+from hertzloop.studies.pages.words import write_rows
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import Candidate, TuneResult, write_tuned
@@ -76,8 +78,8 @@ def write_result(
     Raises:
         NotWritten: A file cannot be written.
     """
-    from hertzloop.studies.pages.words import write_rows
-    from hertzloop.studies.tune.chart import draw_front  # of an extra
+    from hertzloop.studies.pages import pictures  # of an extra, as the next
+    from hertzloop.studies.tune.chart import front_sheet
 
     name, metrics = arguments.file_name(plan), result.minimise
     keys = sorted({key for candidate in result.front for key in candidate.values})
@@ -92,7 +94,8 @@ def write_result(
     )
     write_rows(folder / f"{name}.csv", headings, rows)
     write_tuned(folder / f"{name}.json", replace(result, command=_tune_command(arguments, plan)))
-    draw_front(folder / f"{name}.png", ", ".join(base.name for base in plan.bases), result)
+    title = ", ".join(base.name for base in plan.bases)
+    pictures.save(front_sheet(title, result), folder / f"{name}.png")
     best_scenes = _scenes_with(result.best, plan)
     for setup in best_scenes:
         atomic_write(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
@@ -162,8 +165,4 @@ def _run_command(candidate: Candidate, setup: Setup, name: str, arguments: TuneA
         for text in given
         if text.partition("=")[0].strip() in known or not text.startswith("controller.")
     ]
-    keys = [f"{key}={toml_text(value)}" for key, value in candidate.values.items()]
-    words = ["hertzloop", "run", name]
-    words += [word for text in [*kept, *keys] for word in ("--set", text)]
-    seed = arguments.seed
-    return shlex.join(words if seed is None else [*words, "--seed", str(seed)])
+    return run_command(name, candidate.values, kept, arguments.seed)

@@ -1,6 +1,5 @@
 """The file of the worst latencies that a search finds, and the command that replays them."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from hertzloop.cli.outputs import is_replaceable
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.studies.cases.design import toml_text
+from hertzloop.studies.pages.commands import run_command
 
 _HEADING = "# Worst latencies found by hertzloop"
 
@@ -31,26 +30,5 @@ def write_file(
     that replays them; the other arguments are those of `run_command`."""
     lines = [_HEADING, "latency_us", *(f"{value:.12g}" for value in latencies_us)]
     atomic_write(path, "\n".join(lines) + "\n")
-    replayed = {**case, "controller.latency_us": 0, "controller.latency_trace": path}
-    out.say(f"written: {path}. See it: {run_command(scene, settings, seed, replayed)}")
-
-
-def run_command(scene: str, settings: list[str], seed: int, case: Mapping[str, Any]) -> str:
-    """Return the command that runs a case again.
-
-    Args:
-        scene: Name of the scene.
-        settings: Changes of its keys, as of --set.
-        seed: Random seed, unless the case has its own.
-        case: Values of scene keys.
-    """
-    changes = [
-        *settings,
-        *(
-            f"{key}={toml_text(value) if isinstance(value, list) else value}"
-            for key, value in case.items()
-        ),
-    ]
-    words = [word for change in changes for word in ("--set", change)]
-    seeded = [] if "run.seed" in case else ["--seed", str(seed)]
-    return shlex.join(["hertzloop", "run", scene, *words, *seeded])
+    replayed = {**case, "controller.latency_us": 0, "controller.latency_trace": str(path)}
+    out.say(f"written: {path}. See it: {run_command(scene, replayed, settings, seed)}")

@@ -1,5 +1,6 @@
 """Scenes and values as TOML text."""
 
+import json
 import tomllib
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,9 @@ def toml_value(text: str) -> Any:
 
 
 def toml_text(value: Any) -> str:
-    """A value as written in TOML: what `toml_value` reads."""
-    return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
+    """A value as `toml_value` reads it, in one line; a text without quotes where that is enough."""
+    bare = isinstance(value, str) and toml_value(value) == value
+    return value if bare else json.dumps(value)
 
 
 def to_toml(scene: "Scene", law: str | None = None, brief: bool = False) -> str:

@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from hertzloop.results.cases import OTHER, CaseState, Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.find_limits import LimitProblem, limits_of
+from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limit_map import map_of
 from hertzloop.studies.budget.plan import BudgetPlan
-from hertzloop.studies.budget.probability import Draws, probability, sensitivities
+from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
+from hertzloop.studies.budget.probability import Draws, probability
 from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
-from hertzloop.studies.budget.search import Search, search_of
+from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
-from hertzloop.studies.cases.evaluate import Case, CaseTally, Pool, Rows, Run, evaluate
+from hertzloop.studies.cases.evaluate import Case, CaseTally, Pool, Rows, Run, evaluate, metric_of
 from hertzloop.studies.cases.journal import JournalEntries
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.touch_phases import spread_of
@@ -36,7 +37,7 @@ def budget(
 
     Raises:
         SceneError: the nominal case, or a case with drawn values, cannot be run.
-        SweepFailed: a worker process was lost.
+        WorkersLost: a worker process was lost.
     """
     with local_pool(plan.request.workers) as workers:
         return _budget(plan, workers if finished is None else finished.of(workers), on_progress)
@@ -79,7 +80,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     limit_map = likely = None
     if request.with_map:
         problem = LimitProblem(
-            setup, ideal.margin, goals, search_of(setup, request.quick, scene.span)
+            setup, ideal.margin, goals, effort_of(setup, request.quick, scene.span)
         )
         limit_map = map_of(problem, ideal, scene.run(pool))
     indices = []
@@ -88,7 +89,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         stable = stable_under(setup, ideal.margin)
         likely = probability(setup, goals, draws, scene.run(counted), stable)
         if request.sobol:
-            indices = sensitivities(setup, goals, draws, request.sobol, scene.run(counted))
+            indices = sensitivities(setup, goals, plan.uncertain, request.sobol, scene.run(counted))
     on_progress(1.0)
     return BudgetResult(
         scene=setup.name,
@@ -113,7 +114,7 @@ def _in_plant(
 ) -> InPlant:
     """Measure the effect and the limits of the law in one plant."""
     setup, run = plant.setup, plant.run(pool)
-    search = search_of(setup, plan.request.quick, plant.span)
+    search = effort_of(setup, plan.request.quick, plant.span)
     nominal = nominal_of(run, setup, plan.goals, search, plant.whole)
     margin = linear_margin(setup)
     problem = LimitProblem(setup, margin, plan.goals, search)
@@ -128,18 +129,17 @@ def _worst_of(plan: BudgetPlan, ideal: InPlant, run: Run) -> WorstLimit:
     setup = plan.setup
     jitter = next(limit for limit in ideal.limits if limit.quantity == "jitter_us")
     most_us = jitter.searched[1] if jitter.first_failure is None else jitter.first_failure
-    search = search_of(setup, plan.request.quick, ideal.span)
-    lasts = {} if search.short_s is None else {"run.duration_s": search.short_s}
+    search = effort_of(setup, plan.request.quick, ideal.span)
 
     def run_short(cases: list[Case]) -> Rows:
-        return run([lasts | case for case in cases])
+        return run([lasting(search.short_s) | case for case in cases])
 
     most_steps = round(1000.0 * most_us / setup.step_ns)
     return worst_limit(setup, plan.goals, most_steps, search.phases, run_short)
 
 
 def nominal_of(
-    run: Run, setup: Setup, goals: Sequence[Goal], search: Search, whole: bool
+    run: Run, setup: Setup, goals: Sequence[Goal], search: SearchEffort, whole: bool
 ) -> Baseline:
     """Measure what a law does in a scene as it is.
 
@@ -154,7 +154,7 @@ def nominal_of(
     Raises:
         SceneError: a case cannot be run.
     """
-    lasts = {} if search.long_s is None else {"run.duration_s": search.long_s}
+    lasts = lasting(search.long_s)
     at = [lasts | {"run.touch_phase": phase} for phase in search.phases]
     own, *rows = run([{} if whole else lasts, *at])
     for row in (own, *rows):
@@ -162,11 +162,8 @@ def nominal_of(
             raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Baseline(
-        metrics={name: float("nan") if own[name] is None else own[name] for name in METRICS},
-        over_phases={
-            name: spread_of([float("nan") if row[name] is None else row[name] for row in rows])
-            for name in METRICS
-        },
+        metrics={name: metric_of(own, name) for name in METRICS},
+        over_phases={name: spread_of([metric_of(row, name) for row in rows]) for name in METRICS},
         met=all(all_met(goals, row) for row in rows),
         unstable=any(row["state"] == CaseState.UNSTABLE for row in (own, *rows)),
         missed=tuple(str(goal) for goal in goals if not goal.met(worst)),

@@ -51,12 +51,10 @@ class Goal:
             return math.inf
         return _SIGN[self.relation] * (float(value) - self.limit)
 
-    def met(self, row: Mapping[str, Any], tolerance: float = 0.0) -> bool:
-        """Return whether a case meets the goal, or misses it by no more than `tolerance`."""
+    def met(self, row: Mapping[str, Any]) -> bool:
+        """Return whether a case meets the goal."""
         excess = self.excess(row)
-        if self.relation in ("<", ">") and not tolerance:
-            return excess < 0.0
-        return excess <= tolerance
+        return excess < 0.0 if self.relation in ("<", ">") else excess <= 0.0
 
 
 def parse_goal(text: str) -> Goal:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from hertzloop.studies.budget.find_limits import LimitProblem
+from hertzloop.studies.budget.effort import lasting
 from hertzloop.studies.budget.goal import all_met
 from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
+from hertzloop.studies.budget.plant_limits import LimitProblem
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.result import InPlant, LimitMap, nearest
 from hertzloop.studies.cases.evaluate import Run
@@ -29,11 +30,11 @@ def map_of(problem: LimitProblem, plant: InPlant, run: Run) -> LimitMap | None:
         return None
     known = {quantity.name: quantity for quantity in quantities_of(problem.setup)}
     search = problem.search
-    lasts = {} if search.short_s is None else {"run.duration_s": search.short_s}
     across, down = (known[limit.quantity] for limit in limits)
     places = [_places(known[limit.quantity], limit) for limit in limits]
     cases = [
-        {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase} | lasts
+        {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase}
+        | lasting(search.short_s)
         for j in places[1]
         for i in places[0]
         for phase in search.phases

@@ -1,8 +1,8 @@
 """A limit: up to which value of a quantity a law meets its goals, and what decides that.
 
-Three things decide. Runs that miss a goal (`search.py`), values that the scene refuses
-(`search.py`), and a linear loop in flight that is unstable (`stability.py`). `find_limits.py` asks
-them in this order, and `Boundary` tells which one it was.
+Three things decide: runs that miss a goal and values that the scene refuses (`limit_search.py`),
+and a linear loop in flight that is unstable (`stability.py`). `plant_limits.py` asks them in this
+order, and `Boundary` tells which one it was.
 """
 
 from dataclasses import asdict, dataclass, replace

@@ -8,7 +8,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, Goal, parse_goal
-from hertzloop.studies.budget.quantities import NAMES
+from hertzloop.studies.budget.quantities import QUANTITIES
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.identity import work_of
@@ -59,9 +59,9 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
             "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
         )
     for name in request.only:
-        if name not in NAMES:
+        if name not in QUANTITIES:
             raise SceneError(
-                f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
+                f"--only = '{name}': is not a quantity. Choose from {', '.join(QUANTITIES)}"
             )
     if request.worst:
         _check_worst(setup, request)

@@ -1,11 +1,10 @@
 """How likely a law meets its goals when scene keys are not known exactly.
 
-The probability has a Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209);
-sensitivities are Sobol indices by SALib (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259).
+The probability has a Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209).
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
@@ -16,8 +15,8 @@ from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Case, Rows, Run
-from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
+from hertzloop.studies.cases.evaluate import Case, Rows, Run, metric_of, with_metric
+from hertzloop.studies.cases.uncertain import UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
 _NORMAL = NormalDist()
@@ -137,96 +136,13 @@ def probability(
         unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows) + holds.count(False),
         quantiles={name: _quantiles(rows, name) for name in METRICS},
         worst={key: worst[key] for key in drawn[0]},
-        worst_metrics={name: math.nan if worst[name] is None else worst[name] for name in METRICS},
+        worst_metrics={name: metric_of(worst, name) for name in METRICS},
         drawn=tuple(drawn),
     )
 
 
 def _quantiles(rows: Rows, metric: str) -> dict[float, float]:
-    known = [row[metric] for row in rows if row[metric] is not None and row[metric] == row[metric]]
+    known = [row[metric] for row in with_metric(rows, metric)]
     if not known:
         return dict.fromkeys(QUANTILES, math.nan)
     return {q: float(np.quantile(known, q)) for q in QUANTILES}
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Sobol indices of one uncertain part on one metric, each with half its 95 % interval.
-    Correlated keys count as one part."""
-
-    keys: tuple[str, ...]
-    metric: str
-    first: float
-    first_half: float
-    total: float
-    total_half: float
-
-
-def sobol_indices(
-    parts: Sequence[UncertainInput],
-    metrics: Sequence[str],
-    base: int,
-    run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]],
-    seed: int = 1,
-) -> list[Sensitivity]:
-    """Return first-order and total Sobol indices.
-
-    Args:
-        parts: The uncertain parts.
-        metrics: Names of the metrics.
-        base: Number of base points, a power of 2; base * (parts + 2) points are run.
-        run: Returns the metrics at points of the unit cube, shape (points, keys).
-        seed: Of the points and of the bootstrap that gives the intervals.
-
-    Raises:
-        ModuleNotFoundError: SALib is not installed.
-        SceneError: a metric is missing at a point.
-    """
-    from SALib.analyze import sobol
-    from SALib.sample import sobol as sampling
-
-    names = [key for part in parts for key in part.keys]
-    groups = [str(number) for number, part in enumerate(parts) for _ in part.keys]
-    problem: dict[str, Any] = {
-        "num_vars": len(names),
-        "names": names,
-        "bounds": [[0.0, 1.0]] * len(names),
-    }
-    if len(parts) < len(names):
-        problem["groups"] = groups
-    points = sampling.sample(problem, base, calc_second_order=False, seed=seed)
-    inside = np.clip(points, 1e-15, 1.0 - 1e-15)
-    rows = run([[float(x) for x in point] for point in inside])
-    found = []
-    for metric in metrics:
-        values = np.array([row[metric] for row in rows], dtype=float)
-        if not np.isfinite(values).all():
-            raise SceneError(
-                f"{metric}: is missing in {np.count_nonzero(~np.isfinite(values))} cases, as their "
-                "loop is unstable. Narrow the distributions to get Sobol indices"
-            )
-        if np.ptp(values) == 0.0:
-            found += [Sensitivity(part.keys, metric, 0.0, 0.0, 0.0, 0.0) for part in parts]
-            continue
-        got = sobol.analyze(
-            problem, values, calc_second_order=False, seed=seed, print_to_console=False
-        )
-        for number, part in enumerate(parts):
-            numbers = (float(got[name][number]) for name in ("S1", "S1_conf", "ST", "ST_conf"))
-            found.append(Sensitivity(part.keys, metric, *numbers))
-    return found
-
-
-def sensitivities(
-    setup: Setup, goals: Sequence[Goal], draws: Draws, base: int, run: Run
-) -> list[Sensitivity]:
-    """Return the Sobol indices of the metrics of the goals. See `sobol_indices`."""
-
-    def metrics_at(points: list[list[float]]) -> Rows:
-        rows = run([draws.inputs.at(point) for point in points])
-        return [
-            {name: math.nan if row[name] is None else row[name] for name in METRICS} for row in rows
-        ]
-
-    names = list(dict.fromkeys(goal.metric for goal in goals))
-    return sobol_indices(draws.inputs.parts, names, base, metrics_at, setup.seed)

@@ -22,11 +22,11 @@ def contact_us(setup: Setup) -> float:
     return 1e6 * rigid_impact(setup.sphere, setup.contact).contact_s
 
 
-NAMES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
+QUANTITIES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
 
 
 def quantities_of(setup: Setup) -> list[BudgetQuantity]:
-    """Return the quantities of a scene with the values that are searched, in the order of `NAMES`.
+    """Return the quantities of a scene with the values to search, in the order of `QUANTITIES`.
 
     Latency and jitter go to twice the contact time on a rigid plate in whole steps, the sampling
     period to the contact time itself; bits from 24 to 1 after an ideal converter; noise over six
@@ -34,26 +34,20 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
     times that of the sphere. The last three have 25 values a decade. Times go on to the contact
     time without control, and the bandwidth to the inverse of that, where they do not reach it.
     """
-    scene, step_us = setup.scene, setup.step_ns / 1000.0
-    rigid_us, free_us = contact_us(setup), 1e6 * uncontrolled(setup, "impact").contact_time_s
+    free_us = 1e6 * uncontrolled(setup, "impact").contact_time_s
+    found = [*_times(setup, free_us), *_of_converter(setup), *_of_actuator(setup, free_us)]
+    return sorted(found, key=lambda quantity: QUANTITIES.index(quantity.name))
+
+
+def _times(setup: Setup, free_us: float) -> list[BudgetQuantity]:
+    """Return latency, jitter and sampling period, given the contact time without control, us."""
+    step_us, rigid_us, control = setup.step_ns / 1000.0, contact_us(setup), setup.scene.controller
     # A latency as long as the run is refused.
     most = min(2.0 * rigid_us, 0.45e6 * (setup.duration_s - setup.lead_in_s))
     usual, used = (max(2, math.ceil(x / step_us)) for x in (most, rigid_us))
     longest = math.ceil(min(free_us, 1e6 * setup.duration_s - step_us) / step_us)
     times = tuple(i * step_us for i in range(max(usual, longest) + 1))
     periods = tuple(range(1, max(used, longest) + 1))
-    bits = ("ideal", *range(_MOST_BITS, 0, -1))
-    fine = tuple(range(1, _MOST_BITS - _COARSE_BITS, 4))
-    high_hz, low_hz = max(_BANDWIDTHS_HZ), min(_BANDWIDTHS_HZ)
-    slow_hz = max(1.0, 1e6 / (2.0 * math.pi * free_us))
-    slower = _spread(slow_hz, low_hz)[-2::-1] if slow_hz < low_hz else ()
-    bandwidths = (*reversed(_spread(low_hz, high_hz)), *slower)
-    least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
-    masses = (0.0, *_spread(max(least_kg, 1e-6), min(most_kg, 1e3)))
-    width = converter_width(setup)
-    noises = (0.0, *(() if width is None else _spread(width * 10.0**-_NOISE_DECADES, width)))
-    line, sensors, actuator = scene.controller, scene.sensors, scene.actuator
-    own_hz = actuator.bandwidth_hz
     return [
         BudgetQuantity(
             "latency_us",
@@ -62,7 +56,7 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
             times,
             "the latency is as long as the contact",
             usual,
-            _place(times, line.latency_us),
+            _place(times, control.latency_us),
             finer=2,
         ),
         BudgetQuantity(
@@ -72,10 +66,33 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
             times,
             "the jitter is as long as the contact",
             usual,
-            _place(times, line.jitter_us),
+            _place(times, control.jitter_us),
             by_chance=True,
             finer=2,
         ),
+        BudgetQuantity(
+            "sampling_us",
+            "sensors.every_steps",
+            "us",
+            periods,
+            "the contact has one sample",
+            used - 1,
+            _place(periods, setup.scene.sensors.every_steps),
+            scale=step_us,
+            finer=4,
+            scan=tuple(range(used)) if used <= _FEW else (),
+        ),
+    ]
+
+
+def _of_converter(setup: Setup) -> list[BudgetQuantity]:
+    """Return bits and noise."""
+    sensors = setup.scene.sensors
+    bits = ("ideal", *range(_MOST_BITS, 0, -1))
+    fine = range(1, _MOST_BITS - _COARSE_BITS, 4)
+    width = converter_width(setup)
+    noises = (0.0, *(() if width is None else _spread(width * 10.0**-_NOISE_DECADES, width)))
+    return [
         BudgetQuantity(
             "bits",
             "sensors.bits",
@@ -97,18 +114,19 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
             by_chance=True,
             finer=4,
         ),
-        BudgetQuantity(
-            "sampling_us",
-            "sensors.every_steps",
-            "us",
-            periods,
-            "the contact has one sample",
-            used - 1,
-            _place(periods, sensors.every_steps),
-            scale=step_us,
-            finer=4,
-            scan=tuple(range(used)) if used <= _FEW else (),
-        ),
+    ]
+
+
+def _of_actuator(setup: Setup, free_us: float) -> list[BudgetQuantity]:
+    """Return bandwidth and mass, given the contact time without control, us."""
+    actuator, (low_hz, high_hz) = setup.scene.actuator, _BANDWIDTHS_HZ
+    slow_hz = max(1.0, 1e6 / (2.0 * math.pi * free_us))
+    slower = _spread(slow_hz, low_hz)[-2::-1] if slow_hz < low_hz else ()
+    bandwidths = (*reversed(_spread(low_hz, high_hz)), *slower)
+    own_hz = math.inf if actuator.bandwidth_hz is None else actuator.bandwidth_hz
+    least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
+    masses = (0.0, *_spread(max(least_kg, 1e-6), min(most_kg, 1e3)))
+    return [
         BudgetQuantity(
             "bandwidth_hz",
             "actuator.bandwidth_hz",
@@ -116,7 +134,7 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
             bandwidths,
             "the actuator is slower than the contact",
             len(bandwidths) - len(slower) - 1,
-            0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1),
+            max(0, sum(hz >= own_hz for hz in bandwidths) - 1),
         ),
         BudgetQuantity(
             "mass_kg",

@@ -9,7 +9,8 @@ import numpy as np
 from hertzloop.results.cases import Span
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
-from hertzloop.studies.budget.probability import Probability, Sensitivity
+from hertzloop.studies.budget.probability import Probability
+from hertzloop.studies.budget.sensitivity import Sensitivity
 from hertzloop.studies.budget.worst_limit import WorstLimit
 from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.flight import Margin

@@ -1,6 +1,6 @@
 """What a law tolerates where it has a linear loop: the loop has to be stable, too.
 
-An instability that grows slowly does not show in a run, so `search.py` cannot find it. Linear
+An instability that grows slowly does not show in a run, so `limit_search.py` cannot find it. Linear
 theory gives its verdict at any value. Bits and noise are not part of the linear loop, and jitter
 makes it vary with time: there the verdict is that of the scene.
 """

@@ -1,5 +1,6 @@
 """Simulate cases of a scene: one case, a chunk that a worker takes, or all cases in a pool."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,14 +16,15 @@ from hertzloop.results.cases import (
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies.worst.of_case import WORST_OF, worst_columns, worst_of_case
 
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
 
 Case = dict[str, Any]  # values by scene key
 Numbered = list[tuple[int, Case]]
-Rows = list[dict[str, Any]]
+Row = dict[str, Any]  # of a case: see `run_cases`
+Rows = list[Row]
 Run = Callable[[list[Case]], Rows]  # rows of cases, in their order
+RunNumbered = Callable[[Setup, Span, Numbered], Iterator[Row]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 
 
@@ -37,58 +39,47 @@ def scene_of(toml: str) -> Setup:
     return setup if setup.law_is_shipped else parse(toml)
 
 
-def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
-    """Return the rows of a chunk of cases."""
-    return list(run_cases(scene_of(scene_toml), span, numbered))
+def run_chunk(run: RunNumbered, scene_toml: str, span: Span, numbered: Numbered) -> Rows:
+    """Return the rows of a chunk of cases, which `run_cases` or another function runs."""
+    return list(run(scene_of(scene_toml), span, numbered))
 
 
-def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
+def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
     """Yield the rows of cases.
 
     A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
     `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
-    sentence, and the others go on. The values of a case are scene keys; with a metric under
-    `WORST_OF` among them, its row has the columns of `worst_of_case`, too.
+    sentence, and the others go on.
     """
     return (run_case(setup, span, *case) for case in numbered)
 
 
-def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+def run_case(setup: Setup, span: Span, number: int, values: Case) -> Row:
     """Return the row of one case; see `run_cases`."""
-    keys = {key: value for key, value in values.items() if key != WORST_OF}
-    row: dict[str, Any] = {"case": number, **keys}
+    row: Row = {"case": number, **values}
     try:
-        metrics = metrics_of_case(setup.vary(keys), span)
-        row |= vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
+        metrics = metrics_of_case(setup.vary(values), span)
+        return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
-        row |= dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
-    if WORST_OF not in values:
-        return row
-    if row["state"] == CaseState.NOT_RUN:
-        return row | dict.fromkeys(worst_columns(values[WORST_OF]))
-    metric = values[WORST_OF]
-    try:
-        varied = setup.vary(keys)
-        return row | worst_of_case(
-            varied, metric, lambda cases: list(run_cases(varied, span, [*enumerate(cases)]))
-        )
-    except Exception as error:
-        return row | dict.fromkeys(worst_columns(metric)) | {"status": f"failed: {error!r}"}
+        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
+
+
+def metric_of(row: Row, metric: str) -> float:
+    """Return a metric of a case; nan without one."""
+    value: float | None = row[metric]
+    return math.nan if value is None else value
+
+
+def with_metric(rows: Rows, metric: str) -> Rows:
+    """Return the rows that have a metric."""
+    return [row for row in rows if not math.isnan(metric_of(row, metric))]
 
 
 def not_run(rows: Rows) -> Rows:
     """Return the rows of cases that could not be run. An unstable case was run."""
     return [row for row in rows if row["state"] == CaseState.NOT_RUN]
-
-
-def older_state(status: str | None) -> str:
-    """Return the state of a case from results of a version that wrote `status` only."""
-    if not status:
-        return CaseState.METRICS.value
-    unstable = status.startswith("the closed loop is unstable")
-    return (CaseState.UNSTABLE if unstable else CaseState.NOT_RUN).value
 
 
 @dataclass
@@ -110,13 +101,12 @@ class CaseTally:
         return results
 
 
-def chunked(numbered: Numbered) -> list[Numbered]:
-    """Return the chunks of cases. A case with a search takes seconds, and is a chunk by itself."""
-    some = 1 if any(WORST_OF in values for _, values in numbered) else _CHUNK
-    return [numbered[i : i + some] for i in range(0, len(numbered), some)]
+def chunked(numbered: Numbered, size: int = _CHUNK) -> list[Numbered]:
+    """Return the chunks of cases."""
+    return [numbered[i : i + size] for i in range(0, len(numbered), size)]
 
 
-def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:
+def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[Case]) -> Rows:
     """Return the rows of all cases, in their order."""
     chunks = chunked(list(enumerate(cases)))
     rows = [row for some in pool(to_toml(setup.scene), span, chunks) for row in some]

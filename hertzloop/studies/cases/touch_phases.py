@@ -11,7 +11,7 @@ import numpy as np
 
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate, metric_of
 
 KEY = "run.touch_phase"
 _FEW = 5
@@ -56,10 +56,7 @@ def spread_over(
 
 
 def _spreads(rows: Rows, metrics: tuple[str, ...]) -> dict[str, Spread]:
-    def value(row: dict[str, Any], name: str) -> float:
-        return np.nan if row["status"] or row[name] is None else float(row[name])
-
-    return {name: spread_of([value(row, name) for row in rows]) for name in metrics}
+    return {name: spread_of([metric_of(row, name) for row in rows]) for name in metrics}
 
 
 def grouped(rows: Rows, keys: list[str], metrics: tuple[str, ...]) -> list[dict[str, Any]]:

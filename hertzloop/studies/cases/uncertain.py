@@ -13,7 +13,8 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.design import Design, on_resolution
+from hertzloop.studies.cases.axis import on_resolution
+from hertzloop.studies.cases.design import Design
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
 _NORMAL = NormalDist()

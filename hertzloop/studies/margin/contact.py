@@ -19,7 +19,7 @@ from hertzloop.results.statistics import control_force_n
 from hertzloop.scene.build import build_sensor, free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.growth import outside_poles
+from hertzloop.studies.margin.growth import fastest_hz, growth_per_s, outside_poles
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import (
     PoleForm,
@@ -168,10 +168,8 @@ def contact_margin(setup: Setup) -> ContactMargin | str:
     if poles is None:
         count = growth = None
     elif len(poles):
-        fastest = poles[int(np.argmax(np.abs(poles)))]
         sample_s = every * setup.step_s
-        growth = math.log(abs(fastest)) / sample_s
-        at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
+        growth, at_hz = growth_per_s(poles, sample_s), fastest_hz(poles, sample_s)
     folds = None if growth is None else growth * touch.contact_s
     stable = None
     if folds is not None:

@@ -99,8 +99,7 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     if not count:
         return Growth(0, 0.0, None, 0.0)
     sample_s = setup.every_steps * setup.step_s
-    per_s = math.log(float(np.abs(poles).max())) / sample_s
-    return Growth(count, per_s, fastest_hz(poles, sample_s), None)
+    return Growth(count, growth_per_s(poles, sample_s), fastest_hz(poles, sample_s), None)
 
 
 def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
@@ -119,6 +118,11 @@ def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
     if not np.sum(size > 1.0 + _ON_CIRCLE) <= count <= np.sum(size > 1.0 - _ON_CIRCLE):
         return None
     return found[np.argsort(-size)[:count]]
+
+
+def growth_per_s(poles: np.ndarray, sample_s: float) -> float:
+    """Return the growth of the pole that is farthest outside the unit circle, 1/s."""
+    return math.log(float(np.abs(poles).max())) / sample_s
 
 
 def fastest_hz(poles: np.ndarray, sample_s: float) -> float:

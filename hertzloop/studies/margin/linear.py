@@ -50,6 +50,15 @@ class PoleForm:
     residues: np.ndarray
     fir: np.ndarray
 
+    def both_of_pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return all poles and their whole residues: both poles of each conjugate pair."""
+        paired = self.poles.imag != 0.0
+        whole = np.where(paired, self.residues, 2.0 * self.residues)
+        return (
+            np.concatenate([self.poles, self.poles[paired].conj()]),
+            np.concatenate([whole, self.residues[paired].conj()]),
+        )
+
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the response at complex numbers `z` of any shape."""
         points = np.atleast_1d(np.asarray(z, complex)).ravel()

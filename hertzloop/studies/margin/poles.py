@@ -29,11 +29,7 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
     """
     if law.factored:
         return _by_response(plant, law, delay)
-    pair = plant.poles.imag != 0.0
-    double = np.where(plant.poles.imag == 0.0, 2.0, 1.0)  # a real pole has half its residue
-    poles = np.concatenate([plant.poles, plant.poles[pair].conj()])
-    residues = np.concatenate([plant.residues * double, plant.residues[pair].conj()])
-    poles, residues, twins = _merged(poles, residues)
+    poles, residues, twins = _merged(*plant.both_of_pairs())
     own, own_residues = np.asarray(law.poles, complex), np.asarray(law.residues, complex)
     taps = 2 if plant.fir[1] else 1 if plant.fir[0] else 0
     n, m = len(poles), len(own)
@@ -103,11 +99,7 @@ def _by_response(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | No
     F(Z) = (1 + L(Z)) times the product of (Z - p) over all open-loop poles p has the closed-loop
     poles as its zeros, and F'/F needs no coefficients.
     """
-    paired = plant.poles.imag != 0.0
-    own = np.concatenate([plant.poles, plant.poles[paired].conj()])
-    residues = np.concatenate(
-        [np.where(paired, plant.residues, 2.0 * plant.residues), plant.residues[paired].conj()]
-    )
+    own, residues = plant.both_of_pairs()
     # A finite impulse response is a delay too: its poles are at zero, to the last digit.
     control_poles = law.poles[law.poles != 0.0]
     late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1

@@ -9,11 +9,12 @@ from matplotlib.figure import Figure
 
 from hertzloop.results.cases import CASE_METRICS, SHOWN, CaseState
 from hertzloop.scene.setup import Setup, parse
-from hertzloop.studies.cases.design import keys_of, toml_text
-from hertzloop.studies.cases.evaluate import Rows, not_run
+from hertzloop.scene.toml import toml_text
+from hertzloop.studies.cases.design import keys_of
+from hertzloop.studies.cases.evaluate import Rows, not_run, with_metric
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
-from hertzloop.studies.sweep.result import counted, extremes, known
+from hertzloop.studies.sweep.result import counted, extremes
 from hertzloop.studies.sweep.results_file import read_results
 
 _MOST_KEYS = 6
@@ -24,12 +25,15 @@ _MOST_DOTS = 4000  # a panel
 def telling_metrics(rows: Rows) -> tuple[list[str], list[str]]:
     """Return the metrics that differ between cases, or all with a value if none differs, and
     sentences on the other metrics."""
-    there = [metric for metric in SHOWN if known(rows, metric)]
-    shown = {metric: {_digits(row[metric]) for row in known(rows, metric)} for metric in there}
-    differing = [metric for metric in there if len(shown[metric]) > 1] or there
+    shown = {
+        metric: {_digits(row[metric]) for row in having}
+        for metric in SHOWN
+        if (having := with_metric(rows, metric))
+    }
+    differing = [metric for metric, values in shown.items() if len(values) > 1] or list(shown)
     sentences = [
         f"{words.against_none(metric)}: no value in any case"
-        if metric not in there
+        if metric not in shown
         else f"{words.against_none(metric)}: {min(shown[metric])} in every case"
         for metric in SHOWN
         if metric not in differing
@@ -65,7 +69,7 @@ def over_keys(rows: Rows, keys: list[str]) -> Figure:
 
 
 def _draw(ax: Any, rows: Rows, key: str, metric: str) -> None:
-    having = known(rows, metric)
+    having = with_metric(rows, metric)
     numbers = all(isinstance(row[key], int | float) for row in rows)
     numbers = numbers and not any(isinstance(row[key], bool) for row in rows)
     kinds = list(dict.fromkeys(row[key] if numbers else str(row[key]) for row in rows))
@@ -107,7 +111,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
     across, up = (sorted({row[key] for row in rows}) for key in (x, y))
     for ax, metric in zip(axes[0], metrics, strict=True):
         z = np.full((len(up), len(across)), np.nan)
-        for row in known(rows, metric):
+        for row in with_metric(rows, metric):
             z[up.index(row[y]), across.index(row[x])] = row[metric]
         z -= CASE_METRICS[metric].without
         largest = float(np.nanmax(np.abs(z)))
@@ -171,7 +175,7 @@ def sweep_page(path: Path) -> ResultPage:
         [
             str(row["case"]),
             *(words.short(row[key]) for key in keys),
-            *(_digits(row[f]) if known([row], f) else "" for f in metrics),
+            *(_digits(row[f]) if with_metric([row], f) else "" for f in metrics),
             row["status"] or "",
         ]
         for row in rows[:_MOST_ROWS]
@@ -207,10 +211,10 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
     if design["kind"] != "grid":
         line += ["--design", design["kind"], "--cases", str(design["count"])]
     about = "the scene below, saved under this name"
-    if design.get("drawn"):
+    if design["drawn"]:
         line += ["--uncertain", "DISTRIBUTIONS.toml", "--cases", str(len(design["drawn"]))]
         about += ", and the file of the distributions"
-    if design.get("worst"):
+    if design["worst"]:
         line += ["--worst", design["worst"]]
     line += ["--span", header["span"], "--out", path.name]
     return [f"{shlex.join(line)}    # {about}"]

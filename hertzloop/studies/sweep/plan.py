@@ -7,13 +7,14 @@ from typing import Any
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies.cases.design import Design, DesignError, as_axis, axes_from, design_of
+from hertzloop.studies.cases.axis import DesignError, as_axis, axes_from
+from hertzloop.studies.cases.design import Design, design_of
 from hertzloop.studies.cases.identity import code_version, laws_of
 from hertzloop.studies.cases.touch_phases import KEY, phases
 from hertzloop.studies.cases.uncertain import with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.worst_design import with_worst
+from hertzloop.studies.sweep.worst_check import check_worst
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class SweepPlan:
         """What names this sweep, and goes with its results."""
         return {
             "scene_toml": to_toml(self.setup.scene),
-            "design": asdict(self.design),
+            "design": asdict(self.design) | {"worst": self.request.worst or ""},
             "laws": laws_of(self.setup, self.design),
             "span": self.request.span,
             "versions": code_version(),
@@ -58,7 +59,7 @@ def plan_sweep(setup: Setup, request: SweepRequest) -> SweepPlan:
         inputs = read_uncertain(request.uncertain, setup)
         design = with_draws(setup, design, inputs, request.points)
     if request.worst is not None:
-        design = with_worst(setup, design, request.worst)
+        check_worst(setup, design, request.worst)
     return SweepPlan(setup, design, request)
 
 

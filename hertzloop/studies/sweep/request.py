@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hertzloop.results.cases import Span
-from hertzloop.studies.cases.design import Kind, Range
+from hertzloop.studies.cases.axis import Range
+from hertzloop.studies.cases.design import Kind
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hertzloop.results.cases import SHOWN, CaseState
-from hertzloop.studies.cases.evaluate import Rows, not_run
+from hertzloop.studies.cases.evaluate import Rows, not_run, with_metric
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.worst.of_case import worst_columns
 
@@ -52,7 +52,7 @@ def worst_row(rows: Rows, metric: str) -> dict[str, Any] | None:
     """Return the row with the worst value that the search of the worst latencies found; None
     without one."""
     name = worst_columns(metric)[0]
-    return max(known(rows, name), key=lambda row: row[name], default=None)
+    return max(with_metric(rows, name), key=lambda row: row[name], default=None)
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:
@@ -61,17 +61,12 @@ def counted(rows: Rows, column: str) -> dict[str, int]:
     return dict(Counter(names).most_common())
 
 
-def known(rows: Rows, metric: str) -> Rows:
-    """Return the rows that have a metric."""
-    return [row for row in rows if row[metric] is not None and row[metric] == row[metric]]
-
-
 def extremes(rows: Rows, keys: list[str], metrics: Sequence[str] = SHOWN) -> list[list[str]]:
     """Return where each metric is least and largest, in words: its name, the least value and its
     keys, the largest value and its keys."""
     found = []
     for metric in metrics:
-        having = known(rows, metric)
+        having = with_metric(rows, metric)
         if not having:
             continue
         ends = [pick(having, key=lambda row: row[metric]) for pick in (min, max)]

@@ -5,16 +5,14 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
 from hertzloop.common.atomic_files import atomic_write, whole_file
 from hertzloop.results.cases import CASE_METRICS
-from hertzloop.scene.toml import toml_value
-from hertzloop.studies.cases.design import keys_of, toml_text
-from hertzloop.studies.cases.evaluate import older_state
+from hertzloop.scene.toml import toml_text, toml_value
+from hertzloop.studies.cases.design import keys_of
 from hertzloop.studies.worst.of_case import LATENCIES, worst_columns
 
 
@@ -23,7 +21,7 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
     NAME.csv.json. Raises NotWritten."""
     keys = keys_of(header["design"])
     alike = _one_type_a_column(rows, keys, out.suffix)
-    table = pa.table({name: column_of([row[name] for row in alike]) for name in alike[0]})
+    table = pa.table({name: [row[name] for row in alike] for name in alike[0]})
     about = json.dumps(header, indent=2)
     with whole_file(out) as unfinished:
         if out.suffix == ".parquet":
@@ -32,31 +30,6 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
         else:
             pyarrow.csv.write_csv(table, unfinished)
             atomic_write(_beside(out), about + "\n")
-
-
-_TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
-
-
-def column_of(values: list[Any]) -> pa.Array:
-    """Return a column of a table. Numbers and texts are passed as buffers, since `pa.array` imports
-    pandas if it is installed, which takes longer than a hundred cases."""
-    kinds = {type(value) for value in values if value is not None}
-    if not kinds:
-        return pa.nulls(len(values))
-    kind = kinds.pop() if len(kinds) == 1 else None
-    if kind is str:
-        builder = pa.lib.StringBuilder()
-        builder.append_values(values)
-        return builder.finish()
-    if kind not in _TYPES:
-        return pa.array(values)
-    known = np.array([value is not None for value in values])
-    data = np.array([kind() if value is None else value for value in values])
-    memory = [
-        np.packbits(part, bitorder="little") if part.dtype == bool else part
-        for part in (known, data)
-    ]
-    return pa.Array.from_buffers(_TYPES[kind], len(values), [pa.py_buffer(m) for m in memory])
 
 
 def _beside(out: Path) -> Path:
@@ -106,18 +79,16 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        searched = header["design"].get("worst")
+        searched = header["design"]["worst"]
         worst = worst_columns(searched) if searched else ()
-        names = ["case", *keys, *CASE_METRICS, "status", "state", *worst, "growth_per_s"]
+        needed = ["case", *keys, "status", "state"]
+        names = [*needed, *CASE_METRICS, *worst, "growth_per_s"]
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
-        # An earlier version may lack a metric, but every case has its keys.
+        # An earlier version may lack a metric.
         later = {*CASE_METRICS} - {*table.column_names}
-        columns = [name for name in names if name in table.column_names or name in keys]
-        rows = [
-            {**dict.fromkeys(later), **row, "state": row.get("state") or older_state(row["status"])}
-            for row in table.select(columns).to_pylist()
-        ]
+        columns = [name for name in names if name in table.column_names or name in needed]
+        rows = [dict.fromkeys(later) | row for row in table.select(columns).to_pylist()]
         for name in ("scene_toml", "span", "versions"):
             header[name]
     except KeyError as error:

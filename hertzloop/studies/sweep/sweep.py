@@ -3,16 +3,18 @@
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
-from hertzloop.studies.cases.evaluate import Rows, chunked, not_run
+from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, not_run, run_cases
 from hertzloop.studies.cases.journal import Journal
 from hertzloop.studies.cases.pool import local_cores, local_pool
 from hertzloop.studies.sweep.growth import with_growth
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.result import SweepResult
 from hertzloop.studies.sweep.results_file import read_results, write_results
+from hertzloop.studies.worst.of_case import run_cases_with_worst
 
 
 def sweep(
@@ -32,7 +34,7 @@ def sweep(
         on_wait: Called with a sentence when the sweep waits for workers of Dask.
 
     Raises:
-        SweepFailed: workers were lost. The finished cases are kept.
+        WorkersLost: workers were lost. The finished cases are kept.
         JournalError: the journal belongs to another sweep, or is in use.
         OSError: a file cannot be written.
     """
@@ -55,12 +57,17 @@ def _run(
     request, done = plan.request, {} if journal is None else journal.done
     cases = list(enumerate(plan.cases))
     missing = [(number, values) for number, values in cases if number not in done]
+    run: RunNumbered = run_cases
     chunks = chunked(missing)
+    if request.worst is not None:
+        run = partial(run_cases_with_worst, request.worst)
+        chunks = chunked(missing, 1)  # a case with a search takes seconds
     on_progress(len(done))
     started = time.perf_counter()
     if chunks:
         count = min(request.workers or local_cores(), len(chunks))
-        with dask_pool(request.dask, on_wait) if request.dask else local_pool(count) as pool:
+        address = request.dask
+        with dask_pool(address, on_wait, run) if address else local_pool(count, run) as pool:
             for some in pool(plan.header["scene_toml"], request.span, chunks):
                 for row in some:
                     done[row["case"]] = row

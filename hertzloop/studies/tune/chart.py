@@ -1,20 +1,13 @@
 """The chart of a tuning: its settings over two metrics."""
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
 
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.tune.result import TuneResult
 
 
-def draw_front(path: Path, title: str, result: TuneResult) -> None:
-    """Write the Pareto front as PNG. Raises NotWritten."""
-    pictures.save(front_sheet(title, result), path)
-
-
 def front_sheet(title: str, result: TuneResult) -> Figure:
-    """The settings found, law by law, over the first two metrics (or over their number)."""
+    """Draw the settings found, law by law, over the first two metrics (or over their number)."""
     sheet, axes = pictures.sheet(1, 1, width=8.5, height=4.2)
     ax, best, reference = axes[0, 0], result.front, result.published
     x, y = result.minimise[0], result.minimise[min(1, len(result.minimise) - 1)]

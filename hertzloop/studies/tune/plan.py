@@ -12,7 +12,8 @@ from hertzloop.results.cases import OBJECTIVES
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.design import Axis, Design, DesignError, axes_from
+from hertzloop.studies.cases.axis import Axis, DesignError, axes_from
+from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.identity import work_of
 from hertzloop.studies.tune.request import TuneRequest
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from hertzloop.results.cases import Span
-from hertzloop.studies.cases.design import Range
+from hertzloop.studies.cases.axis import Range
 
 
 @dataclass(frozen=True)

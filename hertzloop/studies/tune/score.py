@@ -10,7 +10,7 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.evaluate import Pool, evaluate, metric_of
 from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_over
 from hertzloop.studies.margin.growth import Growth, growth_of
 from hertzloop.studies.tune.plan import TunePlan
@@ -40,7 +40,7 @@ def worst_of(
     """
 
     def metric(row: dict[str, Any], name: str) -> float:
-        value = NO_METRIC if row["status"] else float(row[name])
+        value = metric_of(row, name)
         return NO_METRIC if math.isnan(value) else value
 
     scenes, span, phases = plan.variants, plan.request.span, plan.request.phases

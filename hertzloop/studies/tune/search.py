@@ -13,7 +13,7 @@ from pymoo.core.problem import Problem
 from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from hertzloop.studies.cases.design import Axis, fitted
+from hertzloop.studies.cases.axis import Axis, fitted
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.tune.plan import TunePlan

@@ -31,17 +31,16 @@ def tune(
 
     Raises:
         SceneError: a scene cannot be simulated.
-        SweepFailed: a worker process was lost.
+        WorkersLost: a worker process was lost.
     """
     request, tally = plan.request, CaseTally()
     found: list[Candidate] = []
     with local_pool(request.workers) as workers:
-        pool = workers if finished is None else finished.of(workers)
-        counted = tally.of(pool)
-        published = published_setting(counted, plan)
+        pool = tally.of(workers if finished is None else finished.of(workers))
+        published = published_setting(pool, plan)
         for before, law in enumerate(plan.axes):
             done = before * request.generations
-            found += search_law(counted, plan, law, lambda n, done=done: on_progress(done + n))  # type: ignore[misc]
+            found += search_law(pool, plan, law, lambda n, done=done: on_progress(done + n))  # type: ignore[misc]
         best = front(found, request.minimise)
         published, *best = with_spreads(pool, plan, [published, *best])
     growths = [unstable_loop(plan.variants, candidate.values) for candidate in best]

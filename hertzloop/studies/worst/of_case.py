@@ -1,16 +1,17 @@
-"""The worst value of a metric over the latencies within the jitter of one case of a sweep."""
+"""The worst value of a metric over the latencies within the jitter of each case of a sweep."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from hertzloop.results.cases import CaseState, Span
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.worst.search import Run, WorstSearch, largest
+from hertzloop.studies.cases.evaluate import Case, Numbered, Row, Rows, run_case, run_cases
+from hertzloop.studies.worst.search import WorstSearch, largest
 
-# Among the values of a case, beside its scene keys: the metric to search.
-WORST_OF = "worst"
 WORST_CASES, LATENCIES = "worst_cases", "worst_latencies_us"
 
 
@@ -19,26 +20,39 @@ def worst_columns(metric: str) -> tuple[str, str, str]:
     return f"worst_{metric}", WORST_CASES, LATENCIES
 
 
-def worst_of_case(setup: Setup, metric: str, run: Run) -> dict[str, Any]:
-    """Search the latencies within the jitter of a case, the drawn ones among them.
+def run_cases_with_worst(
+    metric: str, setup: Setup, span: Span, numbered: Numbered
+) -> Iterator[Row]:
+    """Yield the rows of cases as `run_cases`, with the columns of the worst latencies of each.
 
-    Args:
-        setup: The case.
-        metric: Name of the metric whose largest value is the worst.
-        run: Returns the rows of cases of this setup, in their order.
-
-    Returns:
-        The columns: the worst value is infinite if the loop is unstable. Each is None for a case
-        without jitter or law; value and latencies also if no case has the metric.
+    The worst value is infinite if the loop is unstable. Each column is None for a case that cannot
+    be run, or has no jitter or law; value and latencies also if no latencies have the metric.
     """
-    names, control = worst_columns(metric), setup.scene.controller
+    for number, values in numbered:
+        row = run_case(setup, span, number, values) | dict.fromkeys(worst_columns(metric))
+        if row["state"] != CaseState.NOT_RUN:
+            try:
+                row |= _worst_of_case(setup.vary(values), metric, span)
+            except Exception as error:  # one case must not end the others
+                row["status"] = f"failed: {error!r}"
+        yield row
+
+
+def _worst_of_case(setup: Setup, metric: str, span: Span) -> dict[str, Any]:
+    """Search the latencies within the jitter of a case, the drawn ones among them."""
+    control = setup.scene.controller
     most_steps = round(control.jitter_us * 1000 / setup.step_ns)
     if not most_steps or not setup.has_law:
-        return dict.fromkeys(names)
+        return {}
+
+    def run(cases: list[Case]) -> Rows:
+        return list(run_cases(setup, span, [*enumerate(cases)]))
+
     drawn_us = latencies_us(setup) - control.latency_us
     drawn = np.round(drawn_us * 1000 / setup.step_ns).astype(np.int32)
     search = WorstSearch(setup, largest(metric), [setup.touch_phase], run)
     found = search.within(most_steps, also=[drawn])
     if found.excess == -math.inf:
-        return dict.fromkeys(names) | {WORST_CASES: found.cases}
-    return dict(zip(names, (found.excess, found.cases, list(found.latencies_us)), strict=True))
+        return {WORST_CASES: found.cases}
+    values = found.excess, found.cases, list(found.latencies_us)
+    return dict(zip(worst_columns(metric), values, strict=True))

@@ -12,12 +12,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Any
 
 import numpy as np
 
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.cases.evaluate import Case, Row, Run
 from hertzloop.studies.worst.window import LatencyWindow, window_of
 
 MOST_CASES = 2000  # of the search within one range
@@ -26,8 +26,6 @@ _CHANGES = 64  # samples at which a change between the ends is tried, at most
 _STARTS = 3  # simple sequences from which the exchange starts
 _FEWEST_BLOCKS = 8  # of the window, in the first round of the exchange
 
-Row = dict[str, Any]
-Run = Callable[[list[dict[str, Any]]], list[Row]]
 # Additional latency of each sample's command from the start of the run, steps, shape (samples,).
 Delays = np.ndarray
 
@@ -201,7 +199,7 @@ class WorstSearch:
                 count *= 2
 
 
-def case_of(latencies_us: Sequence[float], touch_phase: float) -> dict[str, Any]:
+def case_of(latencies_us: Sequence[float], touch_phase: float) -> Case:
     """Return the settings under which a run has these latencies by sample."""
     return {
         "controller.latency_us": 0.0,

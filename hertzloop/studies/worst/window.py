@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.cases.evaluate import Row
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class LatencyWindow:
         return [(self.first + int(a), self.first + int(b)) for a, b in pairwise(edges)]
 
 
-def window_of(setup: Setup, most_steps: int, nominal: dict[str, Any]) -> LatencyWindow:
+def window_of(setup: Setup, most_steps: int, nominal: Row) -> LatencyWindow:
     """Return the samples whose latencies matter to the first impact.
 
     Args:

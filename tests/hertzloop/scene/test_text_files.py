@@ -14,7 +14,7 @@ from hertzloop.identification.records.reading import read_records
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import load, parse, shipped_text
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from tests.commands import invoke
 
 READ = {

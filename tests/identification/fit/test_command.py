@@ -217,7 +217,7 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
 @pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
     from hertzloop.identification.fit.fitted_scene import fitted_scene
-    from hertzloop.studies.sweep.replay_cases import replay_cases
+    from hertzloop.studies.sweep.repeat_cases import repeat_cases
     from hertzloop.studies.sweep.results_file import read_results
 
     found = fitted(
@@ -233,5 +233,5 @@ def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path
     rows, header = read_results(results)
     assert len({row[RADIUS] for row in rows}) == 3
     assert len(rows) == 6
-    checked = list(replay_cases(rows, header, 2, "compiled", 1))
+    checked = list(repeat_cases(rows, header, 2, "compiled", 1))
     assert [one.same for one in checked] == [True, True]

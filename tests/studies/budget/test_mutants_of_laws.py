@@ -10,7 +10,7 @@ from hertzloop.controller import laws
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.requirements.check import check, digits_of
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.cases.evaluate import evaluate
 
 LAWS = (

@@ -10,8 +10,10 @@ from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import METRICS, parse_goal
-from hertzloop.studies.budget.probability import FIRST, Draws, probability, sobol_indices, wilson
-from hertzloop.studies.cases.design import Axis, Design
+from hertzloop.studies.budget.probability import FIRST, Draws, probability, wilson
+from hertzloop.studies.budget.sensitivity import sobol_indices
+from hertzloop.studies.cases.axis import Axis
+from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.uncertain import UncertainInput, with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain, uncertain_of

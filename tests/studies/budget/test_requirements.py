@@ -16,7 +16,7 @@ from hertzloop.studies.budget.plan import plan_budget
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from tests.commands import invoke
 
 REQUIREMENTS = """

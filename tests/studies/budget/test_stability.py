@@ -13,11 +13,11 @@ from hertzloop.studies.budget.budget import budget
 from hertzloop.studies.budget.goal import parse_goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.plan import BudgetPlan
-from hertzloop.studies.budget.quantities import NAMES, quantities_of
+from hertzloop.studies.budget.quantities import QUANTITIES, quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
-from hertzloop.studies.budget.requirements.rows import read_requirements
+from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
 from hertzloop.studies.margin.growth import growth_of, stable_in_flight
 from hertzloop.studies.margin.loop import loops_of
@@ -111,7 +111,7 @@ def test_an_unstable_loop_tolerates_nothing(folder, kind):
     margin = linear_margin(setup)
     assert margin.stable is False
     assert margin.latency_limit_steps == -1
-    for name in NAMES:
+    for name in QUANTITIES:
         quantity = next(q for q in quantities_of(setup) if q.name == name)
         found, limit = tolerated_of(setup, name, quantity.reported(2))
         assert found.words() == "none (unstable loop)"

@@ -7,15 +7,8 @@ import pytest
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.design import (
-    Axis,
-    Design,
-    DesignError,
-    axes_from,
-    design_of,
-    fitted,
-    parse_axis,
-)
+from hertzloop.studies.cases.axis import Axis, DesignError, axes_from, fitted, parse_axis
+from hertzloop.studies.cases.design import Design, design_of
 
 LONG = "9" * 4000
 LAWS = "controller.law=slope_threshold,fade_out,predicted"

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.latency import Named, critical
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.design import Axis
+from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.cases.touch_phases import KEY, phases, spread_of
 from hertzloop.studies.tune.plan import TunePlan

@@ -5,19 +5,20 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from multiprocessing import active_children
+from multiprocessing import active_children, parent_process
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from hertzloop.results.cases import Span
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
+from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases import pool as crew
-from hertzloop.studies.cases.evaluate import Numbered, chunked, scene_of
-from hertzloop.studies.cases.pool import SweepFailed, local_pool
+from hertzloop.studies.cases.evaluate import Numbered, Row, chunked, run_cases, scene_of
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.workers import WorkersLost
 
 ROOT = Path(__file__).resolve().parents[3]
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
@@ -32,6 +33,19 @@ def write(folder: Path) -> Path:
 
 def cases(count: int) -> list[Numbered]:
     return chunked([(number, {"run.seed": number}) for number in range(count)])
+
+
+HERE: list[int] = []  # numbers of the cases that this process runs
+
+
+def noted(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
+    HERE.extend(number for number, _ in numbered)
+    return run_cases(setup, span, numbered)
+
+
+def in_a_worker(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
+    assert parent_process() is not None
+    return run_cases(setup, span, numbered)
 
 
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,22 +88,14 @@ def test_every_case_is_run_once_by_whichever_process(
     at_once(monkeypatch)
     monkeypatch.setattr(crew, "local_cores", lambda: cores)
     before = set(active_children())
-    here: list[int] = []
-    run_cases = crew.run_cases
-
-    def noted(scene: Any, span: Any, numbered: Numbered) -> Iterator[Any]:
-        here.extend(number for number, _ in numbered)
-        return run_cases(scene, span, numbered)
-
-    monkeypatch.setattr(crew, "run_cases", noted)
-    with local_pool(workers) as pool:
+    with local_pool(workers, noted) as pool:
         for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
-            here.clear()
+            HERE.clear()
             rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
             assert sorted(row["case"] for row in rows) == list(range(count))
             assert not any(row["status"] for row in rows)
-            assert 0 < len(here) < count
-            assert len(set(here)) == len(here)
+            assert 0 < len(HERE) < count
+            assert len(set(HERE)) == len(HERE)
             assert len(set(active_children()) - before) == 2  # and this process
 
 
@@ -117,7 +123,7 @@ def test_a_worker_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(SpawnProcess, "start", fails)
     with (
-        pytest.raises(SweepFailed, match="workers cannot be started: Cannot allocate memory"),
+        pytest.raises(WorkersLost, match="workers cannot be started: Cannot allocate memory"),
         local_pool(3) as pool,
     ):
         list(pool(TOML, "impact", cases(64)))
@@ -127,9 +133,9 @@ def test_a_worker_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch
 
 HALVED = """
 import sys
-from hertzloop.studies.cases import pool
+from hertzloop.studies.cases import pool, workers
 from tests.studies.cases.halved import half_an_answer
-pool.run_chunk, pool._all_shipped = half_an_answer, lambda *_: False  # so that workers run all
+workers.run_chunk, pool._own_laws = half_an_answer, lambda *_: {"mine.py"}  # workers run all
 with pool.local_pool(2) as results:
     list(results(sys.argv[1], "impact", [[(0, {})], [(1, {})]]))
 """
@@ -141,20 +147,17 @@ def test_a_worker_that_dies_within_an_answer_holds_nobody_up() -> None:
     said = subprocess.run(
         [sys.executable, "-c", HALVED, TOML], cwd=ROOT, capture_output=True, text=True, timeout=120
     ).stderr
-    assert said.splitlines()[-1].endswith("SweepFailed: a worker process died"), said
+    assert "WorkersLost: a worker process died in a case of the law mine.py." in said
 
 
 @pytest.mark.parametrize("by_case", [False, True])
-def test_a_law_from_elsewhere_is_not_run_here(
-    by_case: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_from_elsewhere_is_not_run_here(by_case: bool, tmp_path: Path) -> None:
     """It may crash its process; what the others have found is not lost with it."""
-    monkeypatch.setattr(crew, "run_cases", None)
     law = str(write(tmp_path))
     toml, values = TOML, {"controller.law": law}
     if not by_case:
         toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene), {}
-    with local_pool(2) as pool:
+    with local_pool(2, in_a_worker) as pool:
         (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
     assert [row["status"] for row in rows] == ["", ""]
 

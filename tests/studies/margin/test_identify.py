@@ -11,7 +11,6 @@ from hertzloop.scene.controller import law_context
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
-from hertzloop.studies.margin.linear import PoleForm
 from tests.commands import invoke
 
 LAW = '''"""A filter of two poles."""
@@ -83,25 +82,6 @@ def test_what_the_transfer_function_does_not_hold_is_refused(setting):
     assert law_filter(load("aluminium-3mm", law)).direct < 0.0
     with pytest.raises(NotLinearError, match=setting.split("=")[0]):
         law_filter(load("aluminium-3mm", [*law, setting]))
-
-
-@pytest.mark.parametrize("every", [1, 2, 5])
-def test_held_commands_between_samples(every):
-    form = PoleForm(np.array([0.9 + 0.3j]), np.array([0.2 - 0.1j]), np.array([0.3, -0.2]))
-    k = np.arange(200)
-    response = np.zeros(200)
-    response[1:] = 2.0 * (form.residues[0] * form.poles[0] ** k[:-1]).real
-    response[1:3] += form.fir
-    for shift in range(every):
-        held = form.held(every, shift)
-        command = np.zeros(200)
-        command[shift : shift + every] = 1.0
-        expected = np.convolve(command, response)[:200:every]
-        m = np.arange(len(expected))
-        found = np.zeros(len(expected))
-        found[1:] = 2.0 * (held.residues[0] * held.poles[0] ** m[:-1]).real
-        found[1:3] += held.fir[: len(found) - 1]
-        assert np.abs(found - expected).max() < 1e-12
 
 
 @pytest.mark.parametrize(

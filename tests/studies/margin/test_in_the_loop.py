@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.design import Axis
+from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of

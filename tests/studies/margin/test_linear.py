@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.margin import eigenvalues
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.results.scene_modes import modes_of_scene
@@ -13,10 +12,7 @@ from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.setup import Setup, load
 from hertzloop.sensors import kernels as sk
 from hertzloop.studies.margin.flight import margin_of
-from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.loop import loop_of
-from hertzloop.studies.margin.poles import closed_loop_poles
 
 VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4"]
 
@@ -135,26 +131,3 @@ def test_a_loop_that_is_not_linear_has_no_margin(law):
     found = margin_of(load("aluminium-20mm", [f"controller.law={law}"]))
     assert not found.applicable
     assert found.reason
-
-
-LOOPS = [
-    ("oak-20mm", [], 1, 0), ("oak-20mm", [], 1, 5), ("oak-20mm", [], 3, 0), ("oak-20mm", [], 3, 4),
-    ("oak-20mm", BY_ACCELERATION, 1, 3), ("oak-20mm", FILTERS, 2, 7),
-    pytest.param("offcentre-6mm", ["run.accuracy=0.01"], 1, 2, marks=pytest.mark.full),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("scene", "settings", "every", "latency"), LOOPS)
-def test_eigenvalues_agree_with_the_table_and_with_all_poles(
-    scene: str, settings: list[str], every: int, latency: int
-) -> None:
-    setup = load(scene, [*VELOCITY, "controller.kappa=1.1", *settings])
-    plant, law = plant_in_flight(setup), law_filter(setup)
-    delay, remainder = divmod(latency + 1, every)
-    loop = loop_of(plant, law, every, remainder)
-    dense, found = eigenvalues(loop, delay), closed_loop_poles(loop.plant, loop.law, delay)
-    outside = dense[np.abs(dense) > 1.0 + 1e-12]
-    assert len(outside) == np.sum(np.abs(found) > 1.0 + 1e-12) > 0
-    assert len(outside) == loop.table.unstable(np.array([delay]))[0]
-    for pole in outside:
-        assert np.abs(found - pole).min() < 1e-9

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from benchmarks.latency_pictures import draw_maps
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.pages.pictures import round_above
-from hertzloop.studies.tune.chart import draw_front
+from hertzloop.studies.tune.chart import front_sheet
 from hertzloop.studies.tune.result import Candidate, TuneResult
 
 
@@ -72,12 +72,12 @@ def test_scales_are_rounded_up(value: float, above: float) -> None:
     assert round_above(value) == pytest.approx(above)
 
 
-def test_a_front_is_labelled_in_words_beside_its_points(saved: list[Figure]) -> None:
+def test_a_front_is_labelled_in_words_beside_its_points() -> None:
     figures = {"plate_energy_db": -3.0, "peak_force_n": 40.0}
     best = Candidate({"controller.law": "shifted_threshold"}, figures)
     result = TuneResult([], tuple(figures), "impact", {}, [best], best, [], 1, 1, "")
-    draw_front(Path("x.png"), "made up", result)
-    (figure,) = saved
+    figure = front_sheet("made up", result)
+    figure.draw_without_rendering()
     (ax,) = figure.axes
     assert ax.get_xlabel() == "plate energy against no control (dB)"
     assert ax.get_ylabel() == "largest contact force (N)"

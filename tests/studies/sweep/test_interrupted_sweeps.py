@@ -14,7 +14,8 @@ import pytest
 
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases import dask_pool
-from hertzloop.studies.cases.design import axes_from, design_of
+from hertzloop.studies.cases.axis import axes_from
+from hertzloop.studies.cases.design import design_of
 from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan

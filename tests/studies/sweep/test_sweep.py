@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 
 from hertzloop.loop.simulate import simulate
@@ -16,12 +14,13 @@ from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases import evaluate
-from hertzloop.studies.cases.design import Axis, Design, axes_from, design_of
+from hertzloop.studies.cases.axis import Axis, axes_from
+from hertzloop.studies.cases.design import Design, design_of
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
-from hertzloop.studies.sweep.replay_cases import replay_cases
-from hertzloop.studies.sweep.results_file import column_of, read_results, write_results
+from hertzloop.studies.sweep.repeat_cases import repeat_cases
+from hertzloop.studies.sweep.results_file import read_results, write_results
 from tests.commands import invoke
 from tests.studies.sweeping import COARSE, ONE_WORKER
 
@@ -119,14 +118,14 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
     header = SweepPlan(scene, design, ONE_WORKER).header
     count = 12 if transport == "inprocess" else 3
-    found = list(replay_cases(rows, header, count, transport, 1))
+    found = list(repeat_cases(rows, header, count, transport, 1))
     assert [checked.same for checked in found] == [True] * count
     # And the comparison can fail.
     wrong = [row | {"controller.latency_us": 1 + row["controller.latency_us"]} for row in rows]
-    assert not any(checked.same for checked in replay_cases(wrong, header, 3, "inprocess", 1))
+    assert not any(checked.same for checked in repeat_cases(wrong, header, 3, "inprocess", 1))
     other = {"modal": "infinite", "infinite": "modal"}
     wrong = [row | {"plate_model": other[row["plate_model"]]} for row in rows]
-    assert not any(checked.same for checked in replay_cases(wrong, header, 3, "inprocess", 1))
+    assert not any(checked.same for checked in repeat_cases(wrong, header, 3, "inprocess", 1))
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -295,18 +294,3 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
     assert "no case has metrics to verify" in " ".join(found.stderr.split())
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        [1.0, None, -0.0, math.inf], [3, 2**60, None], [True, None, False] * 7,
-        ["a", None, "é", ""], [None, None], [[1.0, 2.0], None, []], [1.5] * 9, ["x"],
-        [-1], [0, 0.5, 1],
-    ],
-)  # fmt: skip
-def test_a_column_is_what_pyarrow_makes_of_its_values(values: list[object]) -> None:
-    found, expected = column_of(values), pa.array(values)
-    assert found.type == expected.type
-    assert found.null_count == expected.null_count
-    assert repr(found.to_pylist()) == repr(expected.to_pylist())

@@ -4,7 +4,6 @@ import json
 import shlex
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +11,12 @@ import pytest
 import hertzloop
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.evaluate import chunked, run_case
+from hertzloop.studies.cases.evaluate import Numbered
 from hertzloop.studies.sweep.plan import plan_sweep
 from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.results_file import read_results
 from hertzloop.studies.sweep.sweep import sweep
-from hertzloop.studies.worst.of_case import WORST_OF
+from hertzloop.studies.worst.of_case import run_cases_with_worst
 from tests.commands import invoke
 
 SCENE = ["run.duration_s=0.0016"]
@@ -85,20 +84,14 @@ def test_a_killed_search_continues_with_the_next_case(tmp_path: Path) -> None:
     assert out.read_bytes() == whole.read_bytes()
 
 
-def test_cases_with_a_search_travel_alone() -> None:
-    cases: list[tuple[int, dict[str, Any]]] = [(0, {}), (1, {})]
-    assert len(chunked(cases)) == 1
-    assert len(chunked([(n, {WORST_OF: "plate_energy_db"}) for n, _ in cases])) == 2
-
-
 @pytest.mark.usefixtures("few_cases")
 def test_a_loop_that_some_latencies_make_unstable_is_the_worst() -> None:
     settings = ["run.accuracy=0.05", "controller.law=velocity_feedback", "run.duration_s=0.01"]
     setup = load("aluminium-20mm", [*settings, "controller.kappa=1.2", "controller.jitter_us=20"])
-    row = run_case(setup, "run", 0, {WORST_OF: "plate_energy_db"})
+    cases: Numbered = [(0, {}), (1, {"run.duration_s": 0.0009})]
+    row, failed = run_cases_with_worst("plate_energy_db", setup, "run", cases)
     assert row["worst_plate_energy_db"] == np.inf
     assert max(row["worst_latencies_us"]) <= 20
-    failed = run_case(setup, "run", 0, {"run.duration_s": 0.0009, WORST_OF: "plate_energy_db"})
     assert failed["worst_cases"] is None
 
 

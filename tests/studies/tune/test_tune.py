@@ -8,7 +8,7 @@ import pytest
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.cases.design import Axis
+from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.tune.plan import TunePlan, ranges_of
 from hertzloop.studies.tune.request import TuneRequest

@@ -74,14 +74,6 @@ def test_blocks_cover_a_window(count: int) -> None:
     assert lengths[0] <= lengths[-1]
 
 
-def test_it_is_worse_than_random_draws() -> None:
-    setup = load("aluminium-3mm", SCENE)
-    found = search_of(setup).within(3)
-    jitter = {"controller.jitter_us": 3.0, "run.touch_phase": 0.0}
-    drawn = simulated(setup, [jitter | {"run.seed": seed} for seed in range(200)])
-    assert max(row["plate_energy_db"] for row in drawn) <= found.excess
-
-
 def test_it_is_as_bad_as_the_worst_of_all_few() -> None:
     """All sequences of two samples with three latencies each, by brute force."""
     setup = load("aluminium-3mm", [*SCENE, "sensors.every_steps=20"])

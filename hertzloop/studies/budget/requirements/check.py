@@ -10,15 +10,15 @@ from hertzloop.results.cases import CASE_METRICS, CaseState, Span
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.budget.find_limits import LimitProblem, limits_of
+from hertzloop.studies.budget.effort import effort_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import LEAST, Boundary, BudgetLimit
+from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.requirements.rows import Row, beside
-from hertzloop.studies.budget.search import search_of
+from hertzloop.studies.budget.requirements.requirement import SceneRequirement, beside
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
-from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate
+from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate, metric_of
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
@@ -27,25 +27,39 @@ _WITHIN = 0.01  # half the width of the interval of a required probability
 _WHOLE_NUMBERS = ("sensors.bits", "sensors.every_steps")
 
 
-@dataclass(frozen=True)
-class Checked:
-    """What became of a row: sentences on what holds and by how much, on what fails, and on a linear
-    loop that is unstable while the row holds; the command that reproduces the failure; whether the
-    loop is unstable, in a run or by linear theory."""
+@dataclass
+class CheckedRequirement:
+    """What became of a requirement in a scene.
 
-    row: Row
-    holds: tuple[str, ...]
-    fails: tuple[str, ...]
-    command: str
-    unstable: bool
-    seconds: float
+    Attributes:
+        row: The requirement.
+        holds: Sentences on what holds, and by how much.
+        fails: Sentences on what fails.
+        command: Command that reproduces the first failure.
+        unstable: Whether the loop is unstable, in a run or by linear theory.
+        measured: Metrics with an expected value.
+        warnings: Sentences on a linear loop that is unstable while the requirement holds.
+        seconds: Wall time of the check, s.
+    """
+
+    row: SceneRequirement
+    holds: list[str] = field(default_factory=list)
+    fails: list[str] = field(default_factory=list)
+    command: str = ""
+    unstable: bool = False
     measured: dict[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    warnings: list[str] = field(default_factory=list)
+    seconds: float = 0.0
 
     @property
     def passed(self) -> bool:
-        """Whether the row holds."""
+        """Whether the requirement holds."""
         return not self.fails
+
+    def fail(self, sentence: str, case: dict[str, Any]) -> None:
+        """Note a failure; the first one gives the command that reproduces it."""
+        self.fails.append(sentence)
+        self.command = self.command or self.row.command(case)
 
 
 def digits_of(setup: Setup, metric: str, value: float) -> float:
@@ -57,7 +71,7 @@ def digits_of(setup: Setup, metric: str, value: float) -> float:
     return 2.0 * error * abs(value)
 
 
-def check(pool: Pool, row: Row) -> Checked:
+def check(pool: Pool, row: SceneRequirement) -> CheckedRequirement:
     """Check one row.
 
     Args:
@@ -71,7 +85,7 @@ def check(pool: Pool, row: Row) -> Checked:
     one, setup = row.requirement, row.setup()
     margin = linear_margin(setup)
     unstable_words = instability(margin) if margin is not None and margin.stable is False else ""
-    found = _Findings(row)
+    found = CheckedRequirement(row)
 
     def run(cases: list[dict[str, Any]]) -> Rows:
         return evaluate(pool, setup, one.span, cases)
@@ -86,37 +100,15 @@ def check(pool: Pool, row: Row) -> Checked:
         likely = probability(setup, one.goals, draws, run, stable_under(setup, margin))
         _check_probability(found, likely)
     # A row that fails by the instability says so already.
-    said_already = found.unstable or any(unstable_words in sentence for sentence in found.fails)
-    return Checked(
-        row,
-        tuple(found.holds),
-        tuple(found.fails),
-        found.command,
-        found.unstable or bool(unstable_words),
-        time.perf_counter() - began_s,
-        found.measured,
-        () if not unstable_words or said_already else (unstable_words,),
-    )
+    if unstable_words and not found.unstable:
+        found.unstable = True
+        if not any(unstable_words in sentence for sentence in found.fails):
+            found.warnings.append(unstable_words)
+    found.seconds = time.perf_counter() - began_s
+    return found
 
 
-@dataclass
-class _Findings:
-    """What is found while a row is checked; see `Checked`."""
-
-    row: Row
-    holds: list[str] = field(default_factory=list)
-    fails: list[str] = field(default_factory=list)
-    command: str = ""
-    unstable: bool = False
-    measured: dict[str, float] = field(default_factory=dict)
-
-    def fail(self, sentence: str, case: dict[str, Any]) -> None:
-        """Note a failure; the first one gives the command that reproduces it."""
-        self.fails.append(sentence)
-        self.command = self.command or self.row.command(case)
-
-
-def _check_runs(found: _Findings, setup: Setup, run: Run) -> None:
+def _check_runs(found: CheckedRequirement, setup: Setup, run: Run) -> None:
     """Check the expected metrics in the scene as it is, and the goals at every touch phase."""
     one = found.row.requirement
     phases = [{"run.touch_phase": phase} for phase in spread_evenly(one.phases)]
@@ -131,8 +123,7 @@ def _check_runs(found: _Findings, setup: Setup, run: Run) -> None:
             found.unstable = True
             found.fail("the closed loop is unstable", case)
     for metric, value in one.expect.items():
-        got = rows[0][metric]
-        measured = found.measured[metric] = math.nan if got is None else float(got)
+        measured = found.measured[metric] = metric_of(rows[0], metric)
         allowed = one.tolerance.get(metric, digits_of(setup, metric, value))
         sentence = f"{metric} = {measured:.6g}, expected {value:.6g} within {allowed:.2g}"
         if abs(measured - value) <= allowed:
@@ -157,7 +148,7 @@ def _check_runs(found: _Findings, setup: Setup, run: Run) -> None:
             found.fail(f"{goal}: the metric is not defined in this scene", phases[worst])
 
 
-def _check_probability(found: _Findings, likely: Probability) -> None:
+def _check_probability(found: CheckedRequirement, likely: Probability) -> None:
     """Check the required probability by its lower end: it has to be shown, not only possible."""
     one = found.row.requirement
     assert one.probability is not None
@@ -172,7 +163,7 @@ def _check_probability(found: _Findings, likely: Probability) -> None:
         found.fail(sentence, likely.worst)
 
 
-def _check_limits(found: _Findings, setup: Setup, margin: Margin | None, run: Run) -> None:
+def _check_limits(found: CheckedRequirement, setup: Setup, margin: Margin | None, run: Run) -> None:
     """Check the tolerated values of quantities."""
     one = found.row.requirement
     known = {quantity.name: quantity for quantity in quantities_of(setup)}
@@ -182,7 +173,7 @@ def _check_limits(found: _Findings, setup: Setup, margin: Margin | None, run: Ru
                 f"{one.name}, limit.{name}: is not a quantity. Choose from {', '.join(known)}"
             )
     goals = one.goals or (parse_goal(DEFAULT_GOAL),)
-    problem = LimitProblem(setup, margin, goals, search_of(setup, False, one.span))
+    problem = LimitProblem(setup, margin, goals, effort_of(setup, False, one.span))
     by_name = {limit.quantity: limit for limit in limits_of(problem, list(one.limit), run)}
     failed: dict[str, Any] = {}
     any_failed = False

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.studies.budget.requirements.check import Checked
+from hertzloop.studies.budget.requirements.check import CheckedRequirement
 
 
-def junit(path: Path, found: Sequence[Checked]) -> None:
+def junit(path: Path, found: Sequence[CheckedRequirement]) -> None:
     """Write the results as JUnit XML. Raises NotWritten."""
     suite = ET.Element(
         "testsuite",

@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 
 from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.setup import Setup
+from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
+from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.search import Search, limit_of, side_by_side
+from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.budget.stability import tolerated
 from hertzloop.studies.cases.evaluate import Run
 from hertzloop.studies.margin.flight import Margin
@@ -28,7 +30,7 @@ class LimitProblem:
     setup: Setup
     margin: Margin | None
     goals: Sequence[Goal]
-    search: Search
+    search: SearchEffort
 
 
 def limits_of(

@@ -16,7 +16,6 @@ A row may also have `expect` (metrics and their values), `limit` (quantities of 
 that must be tolerated), or `probability` with `uncertain`.
 """
 
-import shlex
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,9 @@ from hertzloop.common.text_files import text_of
 from hertzloop.results.cases import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.toml import toml_text
 from hertzloop.studies.budget.goal import METRICS, Goal, parse_goal
-from hertzloop.studies.cases.design import toml_text
+from hertzloop.studies.pages.commands import run_command
 
 
 class Requirement(BaseModel):
@@ -76,7 +76,7 @@ class Requirement(BaseModel):
 
 
 @dataclass(frozen=True)
-class Row:
+class SceneRequirement:
     """A requirement in one scene; files that it names are beside `folder`."""
 
     requirement: Requirement
@@ -109,9 +109,7 @@ class Row:
 
     def command(self, case: dict[str, Any]) -> str:
         """Return the command that runs one case of the row again."""
-        given = self.settings() | case
-        words = [w for key, value in given.items() for w in ("--set", f"{key}={toml_text(value)}")]
-        return shlex.join(["hertzloop", "run", self.source, *words, "--transport", "compiled"])
+        return f"{run_command(self.source, self.settings() | case)} --transport compiled"
 
 
 def beside(folder: Path, name: str) -> str:
@@ -121,7 +119,7 @@ def beside(folder: Path, name: str) -> str:
     return f"{path}{colon}{rest}" if path.is_file() else name
 
 
-def read_requirements(path: Path) -> list[Row]:
+def read_requirements(path: Path) -> list[SceneRequirement]:
     """Read a file of requirements. Raises SceneError with the row and what is wrong in it."""
     try:
         data = tomllib.loads(text_of(path.read_bytes()))
@@ -147,7 +145,7 @@ def read_requirements(path: Path) -> list[Row]:
                 f"{path}, requirement {number}{where and f', {where}'}: {sentence}. Correct the row"
             ) from error
         for scene in one.scenes or (one.scene or "",):
-            rows.append(Row(one, scene, one.law or for_all.get("law"), path.parent))
+            rows.append(SceneRequirement(one, scene, one.law or for_all.get("law"), path.parent))
     if not rows:
         raise SceneError(f"{path}: has no [[requirement]]. Add at least one")
     names = [row.name for row in rows]

@@ -1,19 +1,19 @@
 """Which sweeps can search the worst latencies of their cases."""
 
-from dataclasses import replace
 from typing import Any
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.cases import OBJECTIVES
 from hertzloop.scene.errors import shortened, shown
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.design import Design, DesignError
+from hertzloop.studies.cases.axis import DesignError
+from hertzloop.studies.cases.design import Design
 
 _OTHER_LATENCIES = ("latency_trace", "clock_ppm", "drop_out_probability")
 
 
-def with_worst(setup: Setup, design: Design, metric: str) -> Design:
-    """Return a design whose cases search the worst value of a metric within their jitter.
+def check_worst(setup: Setup, design: Design, metric: str) -> None:
+    """Refuse a design in which the worst value of a metric within the jitter cannot be searched.
 
     Raises:
         DesignError: The metric is unknown; no case has jitter, or a law; or a case has latencies
@@ -44,4 +44,3 @@ def with_worst(setup: Setup, design: Design, metric: str) -> Design:
                 f"controller.{name} = {shortened(str(value))}: --worst searches all latencies. "
                 "Remove the key."
             )
-    return replace(design, worst=metric)

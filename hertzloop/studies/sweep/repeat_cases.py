@@ -31,7 +31,7 @@ class RepeatedCase:
     not_run: str = ""
 
 
-def replay_cases(
+def repeat_cases(
     rows: list[dict[str, Any]], header: dict[str, Any], count: int, transport: str, seed: int
 ) -> Iterator[RepeatedCase]:
     """Run `count` random cases of a sweep's results again. Raises SceneError for a scene in the

@@ -1,0 +1,24 @@
+"""The command that runs a case again."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hertzloop.scene.toml import toml_text
+
+
+def run_command(
+    scene: str, case: Mapping[str, Any], settings: Sequence[str] = (), seed: int | None = None
+) -> str:
+    """Return the command that runs a case.
+
+    Args:
+        scene: Name or file of the scene.
+        case: Values of scene keys.
+        settings: Other changes of keys, as of --set.
+        seed: Random seed, unless the case has its own; None: that of the scene.
+    """
+    changes = [*settings, *(f"{key}={toml_text(value)}" for key, value in case.items())]
+    words = [word for change in changes for word in ("--set", change)]
+    seeded = [] if seed is None or "run.seed" in case else ["--seed", str(seed)]
+    return shlex.join(["hertzloop", "run", scene, *words, *seeded])
