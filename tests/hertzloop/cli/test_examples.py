@@ -1,6 +1,5 @@
 """The documented examples of what is struck, from an empty folder, and sweeps over all of it."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
 from tests.commands import as_options, refused, succeed
 from tests.hertzloop.own_laws import EXAMPLES
+from tests.hertzloop.scenes import json_in
 
 
 def copied(folder: Path, *names: str) -> None:
@@ -39,7 +39,7 @@ def test_example(here: Path, scene: str, files: list[str], struck: str) -> None:
     copied(here, scene, *files)
     told = succeed("run", scene, "--details", "--json", "report.json")
     assert "not defined" in told
-    report = json.loads((here / "report.json").read_text())
+    report = json_in(here / "report.json")
     assert report["struck"]["name"] == struck
     assert abs(report["residuals"]["energy"]) < 1e-10
     assert abs(report["residuals"]["momentum"]) < 1e-12

@@ -17,6 +17,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
+from tests.hertzloop.scenes import aluminium_3mm
 
 ROOT = Path(__file__).parents[3]
 WIRE = (ROOT / "docs" / "reference" / "wire.md").read_text()
@@ -53,10 +54,10 @@ def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
     """A scene on a file of modes, and one with a file of latencies."""
     folder = tmp_path_factory.mktemp("files")
     modes, trace = folder / "modes.npz", folder / "trace.csv"
-    modes.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm"))))
+    modes.write_bytes(write_modes(".npz", modes_of_scene(aluminium_3mm())))
     trace.write_text("\n".join(str(i % 7) for i in range(2000)))
     settings = (f"plate.modes={modes}", f"controller.latency_trace={trace}")
-    return [load("aluminium-3mm", [setting]).with_steps(1500) for setting in settings]
+    return [aluminium_3mm(setting).with_steps(1500) for setting in settings]
 
 
 def test_the_hello_of_a_scene_with_files_is_small(with_files: list[Setup]) -> None:

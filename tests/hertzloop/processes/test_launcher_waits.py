@@ -40,8 +40,10 @@ def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
     for role, program in programs.items():
         process = subprocess.Popen(
             [sys.executable, "-c", SAY + program],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         child = ChildProcess(role, process, folder / role)
         launcher.children.append(child)
         threading.Thread(target=launcher._listen, args=(child,), daemon=True).start()

@@ -14,6 +14,7 @@ from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.results.deflection import deflection, frame_steps
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup, load
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.002"]
 
@@ -48,7 +49,7 @@ def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings:
 
 
 def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -> None:
-    _, plate = replayed(tmp_path, load("aluminium-3mm", SHORT))
+    _, plate = replayed(tmp_path, aluminium_3mm(*SHORT))
     w, rounding = plate.w_m, 1e-12 * abs(plate.w_m).max()
     for edge in (w[:, 0], w[:, -1], w[:, :, 0], w[:, :, -1]):
         assert abs(edge).max() < rounding
@@ -58,7 +59,7 @@ def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -
 
 def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path: Path) -> None:
     settings = [*SHORT, "plate.contact_point_m=[0.003, 0.41]", "run.accuracy=0.05"]
-    _, plate = replayed(tmp_path, load("aluminium-3mm", settings))
+    _, plate = replayed(tmp_path, aluminium_3mm(*settings))
     i, j = plate.contact_node
     assert (plate.x_m[i], plate.y_m[j]) == plate.contact_point_m == (0.003, 0.41)
     for axis in (plate.x_m, plate.y_m):
@@ -79,7 +80,7 @@ def test_frames_are_dense_at_the_first_contact_and_bounded() -> None:
 
 
 def test_a_recording_without_contact_shows_a_plate_at_rest(tmp_path: Path) -> None:
-    recording, plate = replayed(tmp_path, load("aluminium-3mm", ["run.duration_s=5e-4"]))
+    recording, plate = replayed(tmp_path, aluminium_3mm("run.duration_s=5e-4"))
     assert recording.truth.arrays["xi_m"].min() > 0.0
     assert not plate.w_m.any()
     assert frame_steps(1, []).tolist() == [0]

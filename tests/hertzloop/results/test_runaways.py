@@ -15,8 +15,8 @@ from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
 from hertzloop.studies.cases.evaluate import not_run, older_state, run_case
+from tests.hertzloop.scenes import aluminium_3mm
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
 AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
@@ -24,7 +24,7 @@ AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
 
 @pytest.mark.parametrize(("law", "kappa"), AWAY)
 def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
-    scene = load("aluminium-3mm", [*RUN, f"controller.law={law}", f"controller.kappa={kappa}"])
+    scene = aluminium_3mm(*RUN, f"controller.law={law}", f"controller.kappa={kappa}")
     with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
         metrics_of_case(scene, "run")
     row = run_case(scene, "run", 0, {})
@@ -42,7 +42,7 @@ def test_events_that_are_too_many_are_counted(
 ) -> None:
     """However the samples come in blocks."""
     monkeypatch.setattr(loop_events, "MOST", 1)
-    scene = load("aluminium-3mm", RUN)
+    scene = aluminium_3mm(*RUN)
     told = []
     for compiled in (True, False):
         file = tmp_path / f"{compiled}.mcap"
@@ -61,8 +61,8 @@ def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n: float) ->
     """Its metrics stand however much energy it puts in; it has no kappa to change."""
     keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
             "controller.duration_us=2500"]  # fmt: skip
-    found = metrics_of_case(load("aluminium-3mm", keys), "run")
+    found = metrics_of_case(aluminium_3mm(*keys), "run")
     assert found.plate_energy_db > 10.0
     assert not found.pumps
     with pytest.raises(SceneError, match="law = 'constant', whose keys are: delay_us, lead_us"):
-        load("aluminium-3mm", [*keys, "controller.kappa=-2.0"])
+        aluminium_3mm(*keys, "controller.kappa=-2.0")

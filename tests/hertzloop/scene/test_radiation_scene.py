@@ -8,6 +8,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
+from tests.hertzloop.scenes import aluminium_3mm
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -16,7 +17,7 @@ SHORT = "run.duration_s=0.0016"
 
 
 def noise_of(*settings: str) -> dict[str, float]:
-    scene = load("aluminium-3mm", [SHORT, *settings])
+    scene = aluminium_3mm(SHORT, *settings)
     return vars(metrics_of(scene, simulate(scene).truth).noise[0])
 
 
@@ -24,9 +25,11 @@ def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
     """Metric of the study and real energy, without control; change by the default law."""
     free, controlled = noise_of("controller.law=off"), noise_of()
     wanted = {
-        "radiated_j": (167.0, -1.17), "radiated_maidanik_j": (267.0, -2.18),
-        "sound_j": (176.0, -2.01), "sound_maidanik_j": (187.0, -2.15),
-    }  # fmt: skip
+        "radiated_j": (167.0, -1.17),
+        "radiated_maidanik_j": (267.0, -2.18),
+        "sound_j": (176.0, -2.01),
+        "sound_maidanik_j": (187.0, -2.15),
+    }
     for key, (energy_uj, change_db) in wanted.items():
         assert 1e6 * free[key] == pytest.approx(energy_uj, abs=0.6), key
         change = 10.0 * math.log10(controlled[key] / free[key])
@@ -40,7 +43,7 @@ def test_air_damps_the_plate() -> None:
     """Of the plate's energy most goes into air, more of it by two faces than by one."""
     taken = []
     for faces in ("one_face", "two_faces"):
-        scene = load("aluminium-3mm", [f"plate.radiation={faces}", "run.duration_s=0.02"])
+        scene = aluminium_3mm(f"plate.radiation={faces}", "run.duration_s=0.02")
         balance = simulate(scene).balance
         assert abs(balance.energy_residual) < 1e-10
         taken.append(balance.air_dissipated_j)

@@ -25,9 +25,12 @@ KEYS = [
     if hasattr(model, "model_fields")
     for key in model.model_fields
 ]
-NUMBERS = st.integers() | st.integers(-(2**80), 2**80) | st.floats() | st.sampled_from(
-    [0, 1, -1, 5e-324, 1e-300, 1e155, 1e300, -1e300, 2**63, 10**400]
-)  # fmt: skip
+NUMBERS = (
+    st.integers()
+    | st.integers(-(2**80), 2**80)
+    | st.floats()
+    | st.sampled_from([0, 1, -1, 5e-324, 1e-300, 1e155, 1e300, -1e300, 2**63, 10**400])
+)
 WORDS = st.text(max_size=20) | st.sampled_from(
     ["[red]", "[/y]", "auto", "none", "ideal", "x" * 9999]
 )
@@ -50,8 +53,11 @@ def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | No
 
 
 @settings(max_examples=120, suppress_health_check=list(HealthCheck))
-@given(st.sampled_from(shipped()), st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
-       st.dictionaries(WORDS, VALUES, max_size=2))  # fmt: skip
+@given(
+    st.sampled_from(shipped()),
+    st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
+    st.dictionaries(WORDS, VALUES, max_size=2),
+)
 def test_any_values_make_a_scene_or_a_sentence(
     name: str, changes: dict[tuple[str, str], Any], more: dict[str, Any]
 ) -> None:

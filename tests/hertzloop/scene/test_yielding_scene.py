@@ -16,9 +16,10 @@ from hertzloop.results.model import limiting_pressure
 from hertzloop.results.recorded import truth_of
 from hertzloop.results.verification import verify
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.views.details import pressure_words
 from tests.commands import run_and_inspected
+from tests.hertzloop.scenes import aluminium_3mm
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.full
 
 def yielding(pressure_pa: float, *settings: str) -> Setup:
     law = ["contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_pa}"]
-    return load("aluminium-3mm", ["run.duration_s=0.0013", *law, *settings])
+    return aluminium_3mm("run.duration_s=0.0013", *law, *settings)
 
 
 # Contact time (us), rebound (m/s), plate energy, dissipated (uJ), dent (um), and the plate energy
@@ -92,7 +93,6 @@ def test_verify_a_contact_that_yields() -> None:
     scene = yielding(1.05e9, "controller.v_thr_m_s=-0.6")
     run = simulate(scene)
     found = verify(scene, run.truth)
-    assert found is not None
     assert found.rebound_speed < 1e-3
     assert found.penetration < 1e-3
 
@@ -114,7 +114,7 @@ def test_verify_a_contact_that_yields() -> None:
 )  # fmt: skip
 def test_what_is_refused(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
-        load("aluminium-3mm", settings)
+        aluminium_3mm(*settings)
 
 
 @pytest.mark.parametrize(
@@ -129,10 +129,8 @@ def test_what_is_refused(settings: list[str], words: str) -> None:
 def test_the_limiting_pressure_comes_from_the_softer_body(
     settings: list[str], gigapascal: float, words: str
 ) -> None:
-    scene = load("aluminium-3mm", ["contact.plasticity=thornton", *settings])
+    scene = aluminium_3mm("contact.plasticity=thornton", *settings)
     limit = scene.plant.contact.limit
-    assert limit is not None
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
     found = limiting_pressure(scene)
-    assert found is not None
     assert words in pressure_words(found)

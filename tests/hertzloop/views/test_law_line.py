@@ -15,13 +15,13 @@ from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import law_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
-from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from hertzloop.views import inspection
 from hertzloop.views.law_line import law_line
 from hertzloop.views.run import print_run
+from tests.hertzloop.scenes import aluminium_3mm
 
-SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
+SCENE = aluminium_3mm("run.duration_s=0.0012", "run.accuracy=0.1")
 
 
 def recording(law: str) -> Recording:
@@ -54,7 +54,6 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     foreign = recorded.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     assessed = assess_recording(SCENE, recorded, free_metrics(SCENE))
-    assert recorded.balance is not None
     about = recorded.balance, parts_of(SCENE, recorded.balance)
     ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
