@@ -16,7 +16,7 @@ from hertzloop.plant.time_series import F_C
 from hertzloop.scene.build import build_plant
 from hertzloop.studies.budget.quantities import quantities_of
 from tests.commands import as_options, succeed
-from tests.hertzloop.own_laws import needs_cc, write_law
+from tests.hertzloop.own_laws import write_law
 from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 HAMMER = ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.5"]
@@ -100,25 +100,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
 
 
 @pytest.mark.full
-@needs_cc
-def test_an_exported_plant_steps_as_the_loop(modes: Path) -> None:
-    pytest.importorskip("gymnasium")
-    from hertzloop.interop.environment import Impacts
-
-    setup = aluminium_3mm(*settings_of("sensor mass", modes), "controller.law=off")
-    loop, impacts = simulate(setup), Impacts(setup, 1, limit_n=64.0, scale=1.0)
-    impacts.reset(seed=setup.seed)
-    begin, seen, over = int(impacts.batch.values["step"][0]), [], False
-    while not over and len(seen) < 500:
-        seen.append(float(impacts.batch.values["sample"][0]))
-        over = bool(impacts.step(np.zeros((1, 1)))[2][0])
-    impacts.close()
-    assert len(seen) > 20
-    assert np.array(seen).tobytes() == loop.values[begin : begin + len(seen)].tobytes()
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["soft tip", "sensor mass"])
+@pytest.mark.parametrize("name", ["soft tip", "sensor mass", "modes from a file"])
 def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> None:
     settings = settings_of(name, modes)
     if name == "soft tip":  # a law of one's own senses the gap
