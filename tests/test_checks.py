@@ -13,10 +13,13 @@ SCRIPTS = Path(sys.executable).parent
 @pytest.mark.parametrize(
     "command",
     [
-        "ruff format --check .", "ruff check .", "pyrefly check --output-format min-text",
-        "lint-imports", pytest.param("mypy", marks=pytest.mark.full),
+        "ruff format --check .",
+        "ruff check .",
+        "pyrefly check --output-format min-text",
+        "lint-imports",
+        pytest.param("mypy", marks=pytest.mark.full),
     ],
-)  # fmt: skip
+)
 def test_check(command: str) -> None:
     program, *words = command.split()
     done = subprocess.run([SCRIPTS / program, *words], cwd=ROOT, capture_output=True, text=True)

@@ -52,8 +52,11 @@ def commands(page: Path) -> list[list[str]]:
 def test_documented_commands_exist(page: Path) -> None:
     """Command and options; the files that they name need not be there."""
     for words in commands(page):
-        [entry] = [entry for entry in all_commands() if words[1:][: len(entry.words.split())]
-                  == entry.words.split()]  # fmt: skip
+        [entry] = [
+            entry
+            for entry in all_commands()
+            if words[1:][: len(entry.words.split())] == entry.words.split()
+        ]
         command, rest = app.load_command(entry), words[1 + len(entry.words.split()) :]
         options = {
             name for option in command.params for name in (*option.opts, *option.secondary_opts)
@@ -94,8 +97,11 @@ def test_the_site_builds_strictly(tmp_path: Path) -> None:
     done = subprocess.run(
         # Without --quiet, with which MkDocs does not count the warnings that --strict refuses.
         [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", tmp_path],
-        cwd=ROOT, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "how-to" / "laws" / "index.html").exists()
 

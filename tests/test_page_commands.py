@@ -49,8 +49,10 @@ SHORTER = {
     "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
     "--trace paced.mcap\n": "--trace paced.mcap --quick\n",
     "pytest\n": "python -m pytest -q\n",  # of the environment, not the one that is first on a PATH
-    "10.0.0.1": "127.0.0.1", "10.0.0.2": "127.0.0.1", "10.0.0.3": "127.0.0.1",
-}  # fmt: skip
+    "10.0.0.1": "127.0.0.1",
+    "10.0.0.2": "127.0.0.1",
+    "10.0.0.3": "127.0.0.1",
+}
 # What a page says that the reader has.
 HAS = {
     "docs/how-to/budget.md": "hertzloop law new mine.py --with-check && "

@@ -17,8 +17,11 @@ RUN = ["--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1"]
 def built(root: Path, target: str, folder: Path) -> Path:
     done = subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder],
-        cwd=root, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     [path] = folder.iterdir()
     return path
@@ -114,7 +117,8 @@ def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
         run(*tool, "law", "new", name)
     subprocess.run(
         ["cc", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "mine.c", "-o", "mine.so", "-lm"],
-        cwd=tmp_path, check=True,
-    )  # fmt: skip
+        cwd=tmp_path,
+        check=True,
+    )
     for law in ("mine.py", "mine.so"):
         run(*tool, "run", *RUN, "--set", f"controller.law={law}", "--out", f"{law}.mcap")

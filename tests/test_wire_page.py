@@ -65,8 +65,10 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
     [alive] = [key for key in keys if "alive" in key]
     [stream] = [key for key in keys if "<stream>" in key]
     assert {key.split("/")[2] for key in keys if key not in (alive, stream)} == {
-        "compiling", "complete", "starting",
-    }  # fmt: skip
+        "compiling",
+        "complete",
+        "starting",
+    }
     [number] = free_ports(1)
     port = ZenohPort(CONTROLLER, "page", [f"tcp/127.0.0.1:{number}"])
     config = zenoh.Config()

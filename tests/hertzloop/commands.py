@@ -90,7 +90,6 @@ def next_line(
     """The next line that a process prints, on its standard output if no other stream is given.
     Raises AssertionError where it prints none."""
     stream = of or process.stdout
-    assert stream is not None
     found: list[str] = []
     reader = threading.Thread(target=lambda: found.append(stream.readline()), daemon=True)
     reader.start()

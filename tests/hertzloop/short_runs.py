@@ -2,7 +2,8 @@
 
 from functools import cache
 
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
+from tests.hertzloop.scenes import aluminium_3mm
 
 # A coarse model, 2.5 blocks long: the first contact is at the end of the first block.
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
@@ -26,4 +27,4 @@ SCENES = {
 @cache
 def scene(name: str = "law") -> Setup:
     """A short scene by its name in SCENES."""
-    return load("aluminium-3mm", [*SHORT, *SCENES[name]])
+    return aluminium_3mm(*SHORT, *SCENES[name])

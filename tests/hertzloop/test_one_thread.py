@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from hertzloop.plant import one_thread
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.scene.setup import load
+from tests.hertzloop.scenes import aluminium_3mm
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""
@@ -36,7 +36,7 @@ def test_a_plate_is_the_same_where_numpy_came_first() -> None:
                           capture_output=True, text=True, timeout=280)  # fmt: skip
     assert done.returncode == 0, done.stderr
     before, digest, after = done.stdout.split()
-    assert digest == metrics_of_case(load("aluminium-3mm", SETTINGS)).digest
+    assert digest == metrics_of_case(aluminium_3mm(*SETTINGS)).digest
     assert before == after == "2"  # what the caller has is left alone
 
 

@@ -1,6 +1,5 @@
 """A new scheme, structure, quantity and stream need what docs/explanation/architecture.md says."""
 
-import json
 import os
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.hertzloop.own_laws import ROOT
+from tests.hertzloop.scenes import json_in
 
 SCHEME = """
 from pathlib import Path
@@ -347,14 +347,17 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) ->
     def command(*words: str) -> str:
         done = subprocess.run(
             [sys.executable, "-m", "hertzloop", *words, str(examples / "own_beam.toml")],
-            cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True,
-            text=True, timeout=280,
-        )  # fmt: skip
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=280,
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     assert "Control reduces plate energy" in command("run", "--json", "run.json", "--out", "a.mcap")
-    ran = json.loads((tmp_path / "run.json").read_text())
+    ran = json_in(tmp_path / "run.json")
     assert ran["struck"]["name"] == "a simply supported beam"
     assert ran["theory"] is None
     assert abs(ran["residuals"]["energy"]) < 1e-12

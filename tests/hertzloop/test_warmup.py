@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop import warmup
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
+from tests.hertzloop.scenes import aluminium_3mm
 
 COARSE = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 # Kernels are compiled for each of these kinds of plant.
@@ -38,14 +39,14 @@ def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
     told: list[float] = []
     assert not warmup.anything_compiled()
     for settings in KINDS.values():
-        scene = load("aluminium-3mm", [*COARSE, *settings])
+        scene = aluminium_3mm(*COARSE, *settings)
         assert not warmup.all_compiled(scene)
         warmup.ensure_compiled(scene, on_progress=lambda share, what: told.append(share))
         assert warmup.all_compiled(scene)
     assert told == [0.5] * len(KINDS)
     assert warmup.anything_compiled()
     for more in (["sensors.bits=10"], ["controller.law=off"], ["plate.thickness_m=0.004"]):
-        assert warmup.all_compiled(load("aluminium-3mm", [*COARSE, *more]))
+        assert warmup.all_compiled(aluminium_3mm(*COARSE, *more))
     assert [one.law_reference for one in ran] == ["off"] * len(KINDS) * len(warmup.RUN)
     assert all(one.duration_s < 0.0025 for one in ran)
 

@@ -82,9 +82,12 @@ def mutation_of(row: Row) -> Mutation:
 
 
 def run(
-    copy: Copy, chosen: list[Mutation], rows: list[Row], results: Path | None = None,
+    copy: Copy,
+    chosen: list[Mutation],
+    rows: list[Row],
+    results: Path | None = None,
     given: list[str] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Try mutants in turn, and add a row each to `rows` and to the file of results."""
     for number, mutation in enumerate(chosen, 1):
         row = try_one(copy, mutation, given or [])

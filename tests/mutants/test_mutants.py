@@ -93,8 +93,10 @@ def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
     assert [row["outcome"] for row in rows] == ["killed", "survived"]
     assert [mutation_of(row) for row in rows] == [noticed, missed]
     assert rows[1]["tests"] == [
-        "tests/toy/test_sums.py", "tests/above/test_far.py", "tests/toy/test_other.py",
-    ]  # fmt: skip
+        "tests/toy/test_sums.py",
+        "tests/above/test_far.py",
+        "tests/toy/test_other.py",
+    ]
     assert len(results.read_text().splitlines()) == 2
     assert (toy / "toy/sums.py").read_text() == CODE
     said = capsys.readouterr().out

@@ -8,9 +8,9 @@ import pytest
 from hertzloop.controller.law import LawError
 from hertzloop.scene.controller import check_buildable
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
 from tests.commands import succeed
 from tests.hertzloop.own_laws import ROOT
+from tests.hertzloop.scenes import aluminium_3mm
 
 PAGE = (ROOT / "docs" / "reference" / "combinations.md").read_text()
 
@@ -22,8 +22,11 @@ def cells(row: str) -> list[str]:
 
 def table(heading: str) -> list[list[str]]:
     """The rows of the first table under a heading, without its head's line."""
-    rows = [line for line in PAGE.partition(heading)[2].split("\n## ")[0].splitlines()
-            if line.startswith("|")]  # fmt: skip
+    rows = [
+        line
+        for line in PAGE.partition(heading)[2].split("\n## ")[0].splitlines()
+        if line.startswith("|")
+    ]
     return [cells(row) for row in [rows[0], *rows[2:]]]
 
 
@@ -63,14 +66,15 @@ def test_the_page_knows_every_feature() -> None:
 @pytest.mark.parametrize(("one", "other", "verdict"), PAIRS, ids=lambda x: re.sub(r"\W+", "-", x))
 def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path) -> None:
     settings = [
-        setting.replace("MODES", str(modes_file)) for name in (other, one)
+        setting.replace("MODES", str(modes_file))
+        for name in (other, one)
         for setting in FEATURES[name]
-    ]  # fmt: skip
+    ]
     if verdict == "works":
-        check_buildable(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
+        check_buildable(aluminium_3mm("run.duration_s=0.002", *settings))
         return
     with pytest.raises((SceneError, LawError)) as found:
-        check_buildable(load("aluminium-3mm", ["run.duration_s=0.002", *settings]))
+        check_buildable(aluminium_3mm("run.duration_s=0.002", *settings))
     sentence = str(found.value)
     print(sentence)
     # The sentence names a key of each, and begins its remedy with a verb.

@@ -2,7 +2,6 @@
 of them, the balance of energy, and texts that name the striker."""
 
 import csv
-import json
 import re
 from pathlib import Path
 
@@ -15,23 +14,29 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.plant.time_series import F_C
 from hertzloop.scene.build import build_plant
-from hertzloop.scene.setup import load
 from hertzloop.studies.budget.quantities import quantities_of
 from tests.commands import as_options, succeed
-from tests.hertzloop.own_laws import needs_cc, write_law
+from tests.hertzloop.own_laws import write_law
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 HAMMER = ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.5"]
-ELSEWHERE = ["sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p",
-             "controller.law=velocity_feedback"]  # fmt: skip
+ELSEWHERE = [
+    "sensors.point_m=[0.31,0.22]",
+    "sensors.quantity=v_p",
+    "controller.law=velocity_feedback",
+]
 FEATURES = {
     "metal tip": [*HAMMER, "hammer.tip_radius_m=0.006"],
     "soft tip": [*HAMMER, "hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.2"],
     "mass and speed": ["sphere.mass_kg=0.002", "sphere.speed_m_s=0.7"],
     "orthotropic": ["plate.material=spruce", "plate.size_m=[0.5,0.4]"],
     "sensor mass": [*ELSEWHERE, "sensors.mass_kg=0.002"],
-    "modes from a file": ["plate.modes=MODES", "sensors.quantity=v_p",
-                          "controller.law=velocity_feedback"],
-}  # fmt: skip
+    "modes from a file": [
+        "plate.modes=MODES",
+        "sensors.quantity=v_p",
+        "controller.law=velocity_feedback",
+    ],
+}
 # Of a short span a sweep takes the infinite plate, which is right within the accuracy only.
 SHORT = ("run.duration_s=0.003", "run.accuracy=0.01", "run.lead_in_s=0.001",
          "run.plate_model=modal")  # fmt: skip
@@ -41,7 +46,7 @@ LATENCIES = "0,4"
 @pytest.fixture(scope="module")
 def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file of modes of three points."""
-    table = build_plant(load("aluminium-3mm")).modes
+    table = build_plant(aluminium_3mm()).modes
     rng, count = np.random.default_rng(2), len(table.omega)
     path = tmp_path_factory.mktemp("modes") / "modes.csv"
     own = ModeTable(
@@ -78,12 +83,12 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
         )
     )
     text += next((tmp_path / "r").glob("*.html")).read_text().partition("The law ")[0]
-    loop = simulate(load("aluminium-3mm", settings))
+    loop = simulate(aluminium_3mm(*settings))
     assert abs(loop.balance.energy_residual) < 1e-10
     assert abs(loop.balance.momentum_residual) < 1e-10
     with sweep.open() as lines:
         first = next(csv.DictReader(lines))
-    peak_n = json.loads(metrics.read_text())["first_impact"]["peak_force_n"]
+    peak_n = json_in(metrics)["first_impact"]["peak_force_n"]
     assert float(first["peak_force_n"]) == pytest.approx(peak_n, rel=1e-9)
     assert peak_n == pytest.approx(np.max(loop.truth[F_C]), rel=5e-3)
     kept = np.load(tmp_path / "a.npz")
@@ -95,25 +100,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
 
 
 @pytest.mark.full
-@needs_cc
-def test_an_exported_plant_steps_as_the_loop(modes: Path) -> None:
-    pytest.importorskip("gymnasium")
-    from hertzloop.interop.environment import Impacts
-
-    setup = load("aluminium-3mm", [*settings_of("sensor mass", modes), "controller.law=off"])
-    loop, impacts = simulate(setup), Impacts(setup, 1, limit_n=64.0, scale=1.0)
-    impacts.reset(seed=setup.seed)
-    begin, seen, over = int(impacts.batch.values["step"][0]), [], False
-    while not over and len(seen) < 500:
-        seen.append(float(impacts.batch.values["sample"][0]))
-        over = bool(impacts.step(np.zeros((1, 1)))[2][0])
-    impacts.close()
-    assert len(seen) > 20
-    assert np.array(seen).tobytes() == loop.values[begin : begin + len(seen)].tobytes()
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("name", ["soft tip", "sensor mass"])
+@pytest.mark.parametrize("name", ["soft tip", "sensor mass", "modes from a file"])
 def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> None:
     settings = settings_of(name, modes)
     if name == "soft tip":  # a law of one's own senses the gap
@@ -127,7 +114,7 @@ def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> No
 
 @pytest.mark.full
 def test_texts_name_the_hammer() -> None:
-    setup = load("aluminium-3mm", [*FEATURES["metal tip"], *SHORT])
+    setup = aluminium_3mm(*FEATURES["metal tip"], *SHORT)
     exported = image(setup)
     texts = [one.end for one in quantities_of(setup)]
     texts += [one.meaning for one in variables(exported)]

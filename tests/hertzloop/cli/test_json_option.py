@@ -1,6 +1,5 @@
 """What --json may replace: nothing but what --json wrote."""
 
-import json
 from importlib.metadata import version
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import pytest
 
 from tests.commands import call, refused, said
 from tests.hertzloop.cli.test_cli import SHORT
+from tests.hertzloop.scenes import json_in
 
 RUN = ["run", "aluminium-3mm", *SHORT]
 SWEEP = ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv"]
@@ -49,5 +49,5 @@ def test_an_earlier_one_and_an_empty_one_are_replaced(here: Path) -> None:
     for steps in (1100, 1200):
         duration = ["--set", f"run.duration_s={steps}e-6"]
         call(*RUN, *duration, "--overwrite", "--json", "a.json")
-        data = json.loads((here / "a.json").read_text())
+        data = json_in(here / "a.json")
         assert (data["steps"], data["hertzloop"]) == (steps, version("hertzloop"))

@@ -1,6 +1,5 @@
 """The files that `node keys DIR --hosts` writes."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,6 +7,7 @@ import pytest
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS
 from hertzloop.bus.zenoh_config import access_control
 from tests.commands import refused, succeed
+from tests.hertzloop.scenes import json_in
 
 HOSTS = "plant=[fd00::1],controller=lab.example:7500,recorder=[fd00::3]:7600"
 
@@ -21,7 +21,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     assert {file: file.stat().st_mode & 0o777 for file in folder.iterdir()} == dict.fromkeys(
         [*configurations.values(), folder / "authority.pem", folder / "authority.key"], 0o600
     )
-    made = {role: json.loads(file.read_text()) for role, file in configurations.items()}
+    made = {role: json_in(file) for role, file in configurations.items()}
     at = ["tls/[fd00::1]:7450", "tls/lab.example:7500", "tls/[fd00::3]:7600"]
     for place, role in enumerate((PLANT, CONTROLLER, RECORDER)):
         assert made[role]["listen"]["endpoints"] == [at[place]]

@@ -12,10 +12,10 @@ import pytest
 from hertzloop.common.atomic_files import NotWritten, atomic_write, whole_file
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from hertzloop.scene.setup import load
 from tests.commands import call, refused, said
 from tests.hertzloop.cli.test_cli import SHORT
 from tests.hertzloop.commands import HERTZLOOP, hertzloop
+from tests.hertzloop.scenes import aluminium_3mm
 
 _FULL = "No space left on device"
 
@@ -86,14 +86,14 @@ def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("outputs") / "run.mcap"
-    record_in_process(load("aluminium-3mm", ["run.duration_s=0.003"]), path, compiled=True)
+    record_in_process(aluminium_3mm("run.duration_s=0.003"), path, compiled=True)
     return path
 
 
 # A command with the options that name its output {}, and the ending of that.
-_SAMPLED = [["export", "F.mcap", "-o", f"{{}}{end}"] for end in (
-    ".csv", ".npz", ".parquet", ".h5", ".mcap"
-)]  # fmt: skip
+_SAMPLED = [
+    ["export", "F.mcap", "-o", f"{{}}{end}"] for end in (".csv", ".npz", ".parquet", ".h5", ".mcap")
+]
 _FILES = [
     *_SAMPLED,
     ["scene", "modes", "-o", "{}.csv"],

@@ -8,7 +8,8 @@ import numpy as np
 from hertzloop.interop.fmu import VALUES, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.
@@ -21,7 +22,7 @@ NOISY = (
 
 def scene_of(settings: tuple[str, ...]) -> Setup:
     """The scene `aluminium-3mm` with settings."""
-    return load("aluminium-3mm", settings)
+    return aluminium_3mm(*settings)
 
 
 def exported(folder: Path, scene: Setup) -> Path:

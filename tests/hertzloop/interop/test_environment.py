@@ -28,8 +28,9 @@ def command(p, s, samples, i):
 @pytest.mark.parametrize("latency_us", [0, 3])
 def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> None:
     (tmp_path / "mine.py").write_text(LAW)
-    scene = scene_of((*SHORT, f"controller.law={tmp_path / 'mine.py'}",
-                      f"controller.latency_us={latency_us}"))  # fmt: skip
+    scene = scene_of(
+        (*SHORT, f"controller.law={tmp_path / 'mine.py'}", f"controller.latency_us={latency_us}")
+    )
     loop = simulate(scene)
     impacts = Impacts(scene, 3, limit_n=64.0, scale=2.0**-17)
     seen, _ = impacts.reset(seed=4)

@@ -22,7 +22,12 @@ from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, InC, exported, scen
 from tests.hertzloop.own_laws import needs_cc
 
 pytestmark = needs_cc
-PRELOADED = (*SHORT, "actuator.preload_n=5")
+KINDS = {
+    "short": SHORT,
+    "noisy": NOISY,
+    "preloaded": (*SHORT, "actuator.preload_n=5"),
+    "sensor mass": (*SHORT, "sensors.mass_kg=0.002", "sensors.point_m=[0.31,0.22]"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +48,12 @@ def plant(short: Path) -> Iterator[InC]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("settings", [SHORT, NOISY, PRELOADED], ids=["short", "noisy", "preloaded"])
-def test_a_program_in_c_gets_the_bytes_of_the_loop(
-    settings: tuple[str, ...], tmp_path: Path
-) -> None:
-    loop = simulate(scene_of(settings))
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_program_in_c_gets_the_bytes_of_the_loop(kind: str, tmp_path: Path) -> None:
+    scene = scene_of(KINDS[kind])
+    loop = simulate(scene)
     assert np.max(loop.forces) > 1.0  # the law acted
-    driven = drive(build(exported(tmp_path, scene_of(settings))), loop.forces)
+    driven = drive(build(exported(tmp_path, scene)), loop.forces)
     assert same_bytes(loop, driven)
     balance = loop.balance
     for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",

@@ -165,8 +165,10 @@ def test_it_starts_anew_with_other_parameters(master: Master) -> None:
     for name, value in (("drop_height", 0.0), ("noise_seed", -1)):
         with pytest.raises(Exception, match="error"):
             master.set(name, value)
-    assert master.log == ["drop_height is 0 m; 1e-7 to 100 is possible",
-                          "noise_seed is -1; it is 0 or more"]  # fmt: skip
+    assert master.log == [
+        "drop_height is 0 m; 1e-7 to 100 is possible",
+        "noise_seed is -1; it is 0 or more",
+    ]
     seed = simulate(scene_of((*NOISY, "run.seed=9")))
     assert master.start(noise_seed=9).get("gap", "sample") == [seed.truth[0, 0], seed.values[0]]
 
@@ -228,8 +230,10 @@ def test_another_master_gets_the_same(path: Path, master: Master) -> None:
     forces = [5.0 * (step % 3) for step in range(1300)]
     done = subprocess.run(
         [sys.executable, "-c", _ECOS, str(library.locate()), str(path), json.dumps(forces)],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     seen = np.array([eval(line) for line in done.stdout.splitlines() if line.startswith("(")])
     ours = master.start().run(np.array(forces), 0, "gap", "sample")

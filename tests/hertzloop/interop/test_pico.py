@@ -9,14 +9,13 @@ from hertzloop.bus.messages_pb2 import LaneOffer
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.announcement import hello
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.recordings.reader import read
 from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 ROOT = Path(__file__).parents[3]
 WIRE = (ROOT / "docs" / "reference" / "wire.md").read_text()
@@ -53,10 +52,10 @@ def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
     """A scene on a file of modes, and one with a file of latencies."""
     folder = tmp_path_factory.mktemp("files")
     modes, trace = folder / "modes.npz", folder / "trace.csv"
-    modes.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm"))))
+    modes.write_bytes(write_modes(".npz", modes_of_scene(aluminium_3mm())))
     trace.write_text("\n".join(str(i % 7) for i in range(2000)))
     settings = (f"plate.modes={modes}", f"controller.latency_trace={trace}")
-    return [load("aluminium-3mm", [setting]).with_steps(1500) for setting in settings]
+    return [aluminium_3mm(setting).with_steps(1500) for setting in settings]
 
 
 def test_the_hello_of_a_scene_with_files_is_small(with_files: list[Setup]) -> None:
@@ -69,8 +68,6 @@ def test_the_whole_scene_reaches_controller_and_recording(
     which: int, with_files: list[Setup], tmp_path: Path
 ) -> None:
     setup = with_files[which]
-    record_in_process(setup, tmp_path / "a.mcap", compiled=False)
-    recording = read(tmp_path / "a.mcap")
-    assert not recording.problems
+    recording = recorded(setup, tmp_path / "a.mcap", compiled=False)
     assert recording.scene_toml == to_toml(setup.scene)
     assert recording.ends[CONTROLLER].report.scene_toml == hello(setup, 1.0).scene_toml

@@ -14,6 +14,7 @@ from hertzloop.plant.contact.hertz import Limit
 from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import Setup, load
+from tests.hertzloop.scenes import aluminium_3mm
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -39,7 +40,7 @@ def test_its_forces_are_those_of_a_contact_that_yields() -> None:
 
 
 def scene(*settings: str) -> Setup:
-    return load("aluminium-3mm", ["run.duration_s=0.0016", *settings])
+    return aluminium_3mm("run.duration_s=0.0016", *settings)
 
 
 def test_on_an_elastic_plate_it_is_the_published_law() -> None:

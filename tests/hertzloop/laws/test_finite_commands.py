@@ -20,6 +20,7 @@ from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
 from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.setup import Setup, load
+from tests.hertzloop.scenes import aluminium_3mm
 
 LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
@@ -130,9 +131,6 @@ def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
 def test_no_law_reads_a_sample_that_it_is_not_given(law: str) -> None:
     own = {"constant": ["controller.duration_us=9"], "profile": ["controller.profile_n=[1.0]"],
            "linear": ["controller.sections=[[1.0, 0.5, 0.2, 1.0, -0.5, 0.1]]"]}  # fmt: skip
-    scene = load(
-        "aluminium-3mm",
-        [*own.get(law, []), f"controller.law={law}", "controller.latency_us=10"],
-    )
+    scene = aluminium_3mm(*own.get(law, []), f"controller.law={law}", "controller.latency_us=10")
     bound = loaded_law(scene).bind(scene.scene.controller.keys, known(scene)[1])
     assert bound.reads_unknown(samples_of(scene, 1.0, 0.0, 0)[:300]) == ""

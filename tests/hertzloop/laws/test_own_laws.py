@@ -1,6 +1,5 @@
 """Laws of one's own, from a folder that holds nothing else: Python files, packages, C libraries."""
 
-import json
 import os
 import re
 import shutil
@@ -24,6 +23,7 @@ from tests.commands import call, refused, said, succeed
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, needs_cc, write_law
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
 
@@ -41,7 +41,7 @@ def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport
     shutil.copy(EXAMPLES / "low_passed.py", here)
     build(here, EXAMPLES / "low_passed.c")
     laws = ("low_passed.py", "low_passed.so")
-    scenes = [load("aluminium-3mm", [*LIMIT, f"controller.law={law}"]) for law in laws]
+    scenes = [aluminium_3mm(*LIMIT, f"controller.law={law}") for law in laws]
     first = record(scenes[0], here / "a.mcap")
     assert first.force.arrays["force_n"].max() == 20.0  # at the limit, so anti-windup acts
     for scene in scenes:
@@ -54,8 +54,8 @@ def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport
 def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: str) -> None:
     shutil.copy(ROOT / "controller" / "laws" / f"{law}.py", here / "mine.py")
     settings = [SHORT, "controller.latency_us=3", "sensors.bits=12"]
-    same = record(load("aluminium-3mm", [*settings, f"controller.law={law}"]), here / "a.mcap")
-    scene = load("aluminium-3mm", [*settings, "controller.law=mine.py"])
+    same = record(aluminium_3mm(*settings, f"controller.law={law}"), here / "a.mcap")
+    scene = aluminium_3mm(*settings, "controller.law=mine.py")
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
@@ -103,7 +103,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
     fixed = ["aluminium-3mm", "--set", "controller.law=mine.py", "--set", SHORT]
     over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
     succeed("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2")
-    header = json.loads((here / "r.csv.json").read_text())
+    header = json_in(here / "r.csv.json")
     (about,) = header["laws"].values()
     assert about["source"] == (here / "mine.py").read_text()
     assert "2 of 2 cases: the same bytes over zenoh" in succeed(
@@ -112,7 +112,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
     tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT]
     small = ["--generations", "2", "--population", "4", "--json", "t.json"]
     succeed(*tuned, "--minimise", "plate_energy_db", *small)
-    (best,) = json.loads((here / "t.json").read_text())["front"]
+    (best,) = json_in(here / "t.json")["front"]
     assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
     # Another text is another law, for what was begun and for what is to be checked.
     with (here / "mine.py").open("a") as file:
@@ -138,18 +138,18 @@ def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None
         recordings.append(read(here / f"{law}.mcap"))
     assert recordings[0].force.arrays["force_n"].any()
     assert first_difference(*recordings) is None
-    slow = load("aluminium-3mm", [SHORT, "controller.law=slow.py"])
+    slow = aluminium_3mm(SHORT, "controller.law=slow.py")
     assert first_difference(record(slow, here / "z.mcap", "zenoh"), recordings[0]) is None
 
 
 def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     write_law(here)
     mine = ["controller.law=mine.py"]
-    scene = load("aluminium-3mm", [*mine, "controller.share=0.25"])
+    scene = aluminium_3mm(*mine, "controller.share=0.25")
     assert scene.scene.controller.keys.share == 0.25
     assert parse(to_toml(scene.scene)) == scene
-    assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
-    assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
+    assert aluminium_3mm(*mine) == aluminium_3mm().vary({"controller.law": "mine.py"})
+    assert scene.vary({"controller.law": "slope_threshold"}) == aluminium_3mm()
     for setting, words in {
         "controller.shar=1": "controller.shar: unknown scene key. Did you mean share?",
         "controller.share=2": "controller.share = 2: must be",
@@ -158,18 +158,16 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
         "sensors.quantity=xi": "needs 'contact_force'",
     }.items():
         with pytest.raises(SceneError, match=words.replace("?", r"\?")):
-            load("aluminium-3mm", [*mine, setting])
+            aluminium_3mm(*mine, setting)
     with pytest.raises(SceneError, match="share: unknown scene key"):
-        load("aluminium-3mm", ["controller.share=0.25"])
+        aluminium_3mm("controller.share=0.25")
 
 
 def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
-    text = to_toml(load("aluminium-3mm").scene).replace(
-        'law = "slope_threshold"', 'law = "mine.py"'
-    )
+    text = to_toml(aluminium_3mm().scene).replace('law = "slope_threshold"', 'law = "mine.py"')
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
     assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
@@ -185,7 +183,7 @@ def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
     there = write_law(folder)
 
     def run(timeout_s: float) -> Pair:
-        pair = Pair(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), timeout_s)
+        pair = Pair(aluminium_3mm(SHORT, "controller.law=mine.py"), timeout_s)
         pair.controller = ControllerNode(pair.ports[CONTROLLER], law=str(there))
         return pair.run()
 
@@ -214,10 +212,10 @@ def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
 
 def test_a_recording_outlives_its_law(here: Path) -> None:
     path = write_law(here)
-    record(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), here / "a.mcap")
+    record(aluminium_3mm(SHORT, "controller.law=mine.py"), here / "a.mcap")
     path.unlink()
     succeed("inspect", "a.mcap", "--json", "i.json")
-    data = json.loads((here / "i.json").read_text())
+    data = json_in(here / "i.json")
     assert data["complete"]
     assert len(data["impacts"]) == 1
     assert data["law"] == data["scene_law"] == "mine.py"

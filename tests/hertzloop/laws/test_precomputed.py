@@ -33,9 +33,11 @@ def test_thirteen_forces() -> None:
 @pytest.mark.parametrize("delay", [0, 5])
 def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int) -> None:
     settings = [
-        *PRECOMPUTED, "run.duration_s=0.0015", f"controller.delay_us={delay}",
+        *PRECOMPUTED,
+        "run.duration_s=0.0015",
+        f"controller.delay_us={delay}",
         "controller.lead_us=1",
-    ]  # fmt: skip
+    ]
     scene = load(source, settings)
     contact = uncontrolled_force_n(scene)
     rows = simulate(scene).truth

@@ -40,10 +40,12 @@ GIVES = "def k():\n    return K\n"
 # The files of a law whose gain is somewhere else each time.
 LAWS = {
     "text file": {
-        "mine.py": law(f"{READS}K = float((HERE / 'k.txt').read_text())"), "k.txt": "GAIN",
+        "mine.py": law(f"{READS}K = float((HERE / 'k.txt').read_text())"),
+        "k.txt": "GAIN",
     },
     "attributes of a module": {
-        "mine.py": law("import own_lib.gains", "own_lib.gains.K"), "own_lib/__init__.py": "",
+        "mine.py": law("import own_lib.gains", "own_lib.gains.K"),
+        "own_lib/__init__.py": "",
         "own_lib/gains.py": "K = GAIN\n",
     },
     "function that Numba keeps": {
@@ -57,7 +59,7 @@ LAWS = {
         "    return namedtuple('P', 'k')(float(open('k.txt').read()))\n" + COMMAND.format("p.k"),
         "k.txt": "GAIN",
     },
-}  # fmt: skip
+}
 
 
 def plain(gain: float) -> float:
@@ -161,15 +163,17 @@ UNREPEATABLE = {
     "counter": ("N = 0\n", "    global N\n    N += 1\n    return 1e-3 * N", "sample 0"),
     "numpy.random": ("import numpy as np\n", "    return np.random.random()", "sample 0"),
     "when loaded": (
-        "import numpy as np\nK = np.random.default_rng().random()\n", "    return K * samples[i]",
+        "import numpy as np\nK = np.random.default_rng().random()\n",
+        "    return K * samples[i]",
         "K has another value each time",
     ),
     "when prepared": (
         "import random\nfrom collections import namedtuple\n\ndef prepare(keys, about):\n"
-        "    return namedtuple('P', 'k')(random.random())\n", "    return p.k * samples[i]",
+        "    return namedtuple('P', 'k')(random.random())\n",
+        "    return p.k * samples[i]",
         "prepare returns other constants",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

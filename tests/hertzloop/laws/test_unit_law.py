@@ -17,8 +17,9 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.controller import bound_law, loaded_law
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from tests.commands import invoke
+from tests.hertzloop.scenes import aluminium_3mm
 
 pytest.importorskip("fmpy")
 pytest.importorskip("pythonfmu")
@@ -86,7 +87,7 @@ def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def scene_of(law: Path, *more: str) -> Setup:
-    return load("aluminium-3mm", [SHORT, f"controller.law={law}", *more])
+    return aluminium_3mm(SHORT, f"controller.law={law}", *more)
 
 
 @pytest.fixture(scope="module")

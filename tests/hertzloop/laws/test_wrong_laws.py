@@ -18,12 +18,13 @@ from hertzloop.processes.law_trial import try_law
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import reported_law
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load, parse
+from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
 from tests.commands import call, refused, said
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, SHORT, build, needs_cc, write_law
+from tests.hertzloop.scenes import aluminium_3mm
 from tests.tiers import default
 
 LONGER = ["--set", "run.duration_s=0.004"]  # than the trial of a law, in samples
@@ -112,7 +113,7 @@ def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) 
     path = write_law(here, line)
     text = "\nfrom hertzloop.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
     path.write_text(path.read_text() + text + "    return samples[i + 2]\n")
-    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    scene = aluminium_3mm(SHORT, "controller.law=mine.py")
     with pytest.raises(SceneError, match=words):
         try_law(scene)
 
@@ -123,7 +124,7 @@ def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str)
     assert "samples[i]" in text
     (here / "mine.c").write_text(text.replace("samples[i]", f"samples[{at}]"))
     library = build(here, here / "mine.c")
-    scene = load("aluminium-3mm", [SHORT, f"controller.law={library}"])
+    scene = aluminium_3mm(SHORT, f"controller.law={library}")
     with pytest.raises(SceneError, match=r"reads values before samples\[0\] .*samples\[i\] only"):
         try_law(scene)
 
@@ -151,19 +152,19 @@ def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
     (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
     with pytest.raises(SceneError, match=r"not loaded within 0.2 s. Check it for an endless loop"):
-        load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+        aluminium_3mm(SHORT, "controller.law=mine.py")
     (here / "mine.py").write_text(
         "def prepare(keys, about):\n    while True: pass\n"
         "def command(p, s, samples, i):\n    return 0.0\n"
     )
-    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    scene = aluminium_3mm(SHORT, "controller.law=mine.py")
     with pytest.raises(SceneError, match=r"mine.py: was not prepared within 0.2 s"):
         try_law(scene)
     monkeypatch.undo()
     monkeypatch.setattr("hertzloop.processes.law_trial._PATIENCE_S", 0.2)
     write_law(here, "while i == 30: s.largest_n += 0.0")
     with pytest.raises(SceneError, match=r"did not answer .* Check it for an endless loop\."):
-        try_law(load("aluminium-3mm", [SHORT, f"controller.law={here}/mine.py"]))
+        try_law(aluminium_3mm(SHORT, f"controller.law={here}/mine.py"))
 
 
 def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,7 +257,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
 
 
 def test_a_shipped_law_of_another_version_is_refused() -> None:
-    announced: Hello = hello(load("aluminium-3mm"), 1e10)
+    announced: Hello = hello(aluminium_3mm(), 1e10)
     announced.run_id, announced.law_digest = 1, "0" * 32
     port: Any = QueuePort(CONTROLLER, [])  # on which nobody listens
     node = ControllerNode(port)
@@ -266,7 +267,7 @@ def test_a_shipped_law_of_another_version_is_refused() -> None:
 
 def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
     path = write_law(here)
-    text = to_toml(load("aluminium-3mm", ["controller.law=mine.py"]).scene)
+    text = to_toml(aluminium_3mm("controller.law=mine.py").scene)
     with path.open("a") as file:
         file.write(f"\nopen('{here}/executed', 'w')\n")
     with pytest.raises(SceneError, match="Copy the same file to both sides"):

@@ -104,9 +104,12 @@ class Hesitant:
             self.seen += 1
         end = min(self.seen + self.late, self.scene.steps)
         header = ForceBlock(
-            first_step=self.said, step_ns=1000, samples_seen=self.seen,
-            promise_zero=True, promise_level=self.level,
-        )  # fmt: skip
+            first_step=self.said,
+            step_ns=1000,
+            samples_seen=self.seen,
+            promise_zero=True,
+            promise_level=self.level,
+        )
         self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
         self.said = end
         if self.seen == self.scene.steps:

@@ -13,10 +13,10 @@ from hertzloop.bus.codec import decoded
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import Envelope, StreamFault
-from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces
+from tests.hertzloop.scenes import aluminium_3mm
 from tests.hertzloop.short_runs import SHORT, scene
 
 pytestmark = pytest.mark.usefixtures("short_blocks")
@@ -121,7 +121,7 @@ def test_a_controller_that_breaks_its_word_ends_the_run(name: str) -> None:
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:
     header = decoded(envelope).header
-    header.scene_toml = to_toml(load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).scene)
+    header.scene_toml = to_toml(aluminium_3mm(*SHORT, "controller.kappa=-5").scene)
     return Envelope("hello", header.SerializeToString(), sequence)
 
 
@@ -152,8 +152,11 @@ def ends_early() -> Alter:
         if ended:
             return [envelope]
         ended.append(True)
-        counts = [StreamCount(stream="hello", messages=1, samples=1),
-                  StreamCount(stream="daq"), StreamCount(stream="scene")]  # fmt: skip
+        counts = [
+            StreamCount(stream="hello", messages=1, samples=1),
+            StreamCount(stream="daq"),
+            StreamCount(stream="scene"),
+        ]
         end = RunEnd(run_id=decoded(envelope).header.run_id, role="plant", count=counts)
         return [Envelope("end/plant", end.SerializeToString(), 0), envelope]
 

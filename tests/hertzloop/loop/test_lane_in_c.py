@@ -14,12 +14,11 @@ import pytest
 
 from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
-from hertzloop.scene.setup import load
 from tests.commands import as_options
 from tests.hertzloop.commands import Bus, finish, grown_to, killed_at_the_end, wait_for
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, needs_cc
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.tiers import default
 
 SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller.latency_us=2"]
@@ -46,9 +45,11 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
         bus.start(RECORDER, "--out", str(recording), *patience, wait_s=240.0),
         subprocess.Popen(
             [sys.executable, EXAMPLES / "lane_controller.py", *bus.words(CONTROLLER, 240.0)],
-            env=example, text=True, stderr=subprocess.PIPE,
+            env=example,
+            text=True,
+            stderr=subprocess.PIPE,
         ),
-    ]  # fmt: skip
+    ]
     with killed_at_the_end(started):
         yield started
 
@@ -61,9 +62,8 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
         for process in processes:
             code, err, _ = finish(process)
             assert code == 0, err
-    ours = load("aluminium-3mm", [*SETTINGS, *more])
-    record_in_process(ours, tmp_path / "ours.mcap", compiled=True)
-    found, expected = read(tmp_path / "c.mcap"), read(tmp_path / "ours.mcap")
+    ours = aluminium_3mm(*SETTINGS, *more)
+    found, expected = read(tmp_path / "c.mcap"), recorded(ours, tmp_path / "ours.mcap")
     assert not found.problems
     for stream in ("daq", "force", "truth"):  # it publishes no events
         theirs, arrays = (getattr(one, stream).arrays for one in (found, expected))

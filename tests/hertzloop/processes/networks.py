@@ -103,8 +103,11 @@ class Network:
         """Start a program of Python's on a host."""
         process = subprocess.Popen(
             ["ip", "netns", "exec", self._names[host], sys.executable, *words],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more,
-        )  # fmt: skip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            **more,
+        )
         self._started.append(process)
         return process
 

@@ -15,12 +15,12 @@ from hertzloop.plant import time_series as ts
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse
 from tests.hertzloop.commands import hertzloop
-from tests.hertzloop.own_laws import EXAMPLES, ROOT
+from tests.hertzloop.own_laws import EXAMPLES
 from tests.ports import free_ports
 
 PLACES = "--name {name} --listen {listen} --connect {connect}"
 EXAMPLE = f"{sys.executable} {EXAMPLES / 'own_controller.py'} {PLACES}"
-BROKEN = f"{sys.executable} {ROOT / 'tests' / 'hertzloop' / 'broken_controller.py'}"
+BROKEN = f"{sys.executable} {Path(__file__).with_name('broken_controller.py')}"
 
 
 @pytest.fixture(scope="module", autouse=True)

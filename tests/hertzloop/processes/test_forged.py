@@ -21,9 +21,9 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
-from hertzloop.scene.setup import load
 from tests.commands import as_options
 from tests.hertzloop.commands import EVENTUALLY_S, Bus, finish, wait_for
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = as_options(["run.duration_s=0.0025", "run.accuracy=0.1"])
 
@@ -126,7 +126,7 @@ def test_a_run_in_one_process_is_reconciled(
             honest(self, envelope)
 
     monkeypatch.setattr(Recorder, "handle", deaf)
-    scene = load("aluminium-3mm", ["run.duration_s=0.0015", "run.accuracy=0.1"])
+    scene = aluminium_3mm("run.duration_s=0.0015", "run.accuracy=0.1")
     for compiled in (False, True):
         path = tmp_path / f"{compiled}.mcap"
         with pytest.raises(Exception, match="stream 'balance' is incomplete"):

@@ -11,8 +11,8 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.reader import read
-from hertzloop.scene.setup import load
 from tests.hertzloop.commands import Bus, finish
+from tests.hertzloop.scenes import aluminium_3mm
 
 TIMEOUT_S = 2.0
 
@@ -38,7 +38,7 @@ def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     time.sleep(3 * TIMEOUT_S)  # the recorder sees both, the plant could still miss one
     thread = threading.Thread(target=_serve, args=(controller,))
     thread.start()
-    PlantNode(load("aluminium-3mm", ["run.duration_s=0.002"]), ports[PLANT], timeout_s=60.0).run()
+    PlantNode(aluminium_3mm("run.duration_s=0.002"), ports[PLANT], timeout_s=60.0).run()
     thread.join(60)
     code, err, _ = finish(recorder)
     for port in ports.values():

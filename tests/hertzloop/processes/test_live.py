@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import viewer
-from hertzloop.scene.setup import load
 from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
     LONG,
@@ -21,6 +19,7 @@ from tests.hertzloop.commands import (
     next_line,
     start,
 )
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.ports import free_ports
 
 RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
@@ -44,8 +43,8 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         assert done.returncode == 0, done.stderr
     finally:
         watcher.send_signal(signal.SIGCONT)
-    record_in_process(load("aluminium-3mm", keys), tmp_path / "b.mcap", compiled=True)
-    assert first_difference(read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")) is None
+    alone = recorded(aluminium_3mm(*keys), tmp_path / "b.mcap")
+    assert first_difference(read(tmp_path / "a.mcap"), alone) is None
     code, error, _ = finish(watcher)
     assert code == 0, error
     if not hangs:
@@ -96,8 +95,10 @@ def shown_in(rrd: Path) -> str:
     """What a file for the viewer has, as that says it."""
     return subprocess.run(
         [str(viewer.executable()), "rrd", "stats", str(rrd)],
-        capture_output=True, text=True, timeout=120,
-    ).stdout  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=120,
+    ).stdout
 
 
 @pytest.mark.full

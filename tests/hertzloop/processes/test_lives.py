@@ -18,11 +18,9 @@ import pytest
 
 from hertzloop.bus.streams import PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import _ids
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.scene.setup import load
 from tests.commands import as_options
 from tests.hertzloop.commands import (
     EVENTUALLY_S,
@@ -39,6 +37,7 @@ from tests.hertzloop.commands import (
     start,
     wait_for,
 )
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.ports import free_ports
 
 
@@ -85,9 +84,12 @@ MISSED = "recorder (left the run|accepted no message for 20 s)"
     ],
 )  # fmt: skip
 def test_all_are_told(
-    recording: Path, victim: str, sent: signal.Signals, timeout_s: float,
+    recording: Path,
+    victim: str,
+    sent: signal.Signals,
+    timeout_s: float,
     said: dict[str, tuple[int, str]],
-) -> None:  # fmt: skip
+) -> None:
     with terminals(recording, *LONG, timeout_s=timeout_s) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
         roles[victim].send_signal(sent)
@@ -188,9 +190,7 @@ SECOND = ["run.duration_s=1"]
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A second that nobody disturbs."""
-    path = tmp_path_factory.mktemp("alone") / "alone.mcap"
-    record_in_process(load("aluminium-3mm", SECOND), path, compiled=True)
-    return read(path)
+    return recorded(aluminium_3mm(*SECOND), tmp_path_factory.mktemp("alone") / "alone.mcap")
 
 
 @pytest.mark.full

@@ -8,8 +8,8 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
-from hertzloop.scene.setup import load
 from tests.hertzloop.commands import LONG, finish, grown_to, hertzloop, start, wait_for
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 
@@ -36,7 +36,7 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> Non
 
 def test_a_run_that_never_began_leaves_the_file_as_it_was(tmp_path: Path) -> None:
     old, new = tmp_path / "old.mcap", tmp_path / "new.mcap"
-    record_in_process(load("aluminium-3mm", SHORT), old, compiled=True)
+    record_in_process(aluminium_3mm(*SHORT), old, compiled=True)
     content = old.read_bytes()
     since_s = old.stat().st_mtime + 1.0
     RecordingWriter(old, overwrite=True).finish({"fault": "nobody came"})

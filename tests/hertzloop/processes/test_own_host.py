@@ -51,8 +51,10 @@ def as_user(user: int, endpoints: list[str], name: str) -> tuple[list[str], bool
     """Errors of another user's connections, and whether he took part in the run at last."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.hertzloop.processes.other_user", str(user), name, *endpoints],
-        capture_output=True, text=True, timeout=EVENTUALLY_S,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=EVENTUALLY_S,
+    )
     assert done.returncode == 0, done.stderr
     refused, took_part = json.loads(done.stdout)
     return refused, took_part

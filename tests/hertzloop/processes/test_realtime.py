@@ -10,9 +10,9 @@ import pytest
 
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.scene.setup import load
 from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.scenes import aluminium_3mm
 
 ROOT = Path(__file__).parents[3]
 
@@ -89,9 +89,7 @@ with p.loop(lambda: 0):
     print(gc.isenabled()){SHOW.replace(chr(10), chr(10) + "    ")}
 print(gc.isenabled()){SHOW}
 """
-    assert child(text).split("\n") == [
-        "FIFO 51", "False", "FIFO 50", "True", "OTHER 0"
-    ]  # fmt: skip
+    assert child(text).split("\n") == ["FIFO 51", "False", "FIFO 50", "True", "OTHER 0"]
 
 
 @pytest.mark.usefixtures("permitted")
@@ -110,7 +108,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
 
 
 def test_a_run_says_what_was_granted(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0015"])
+    scene = aluminium_3mm("run.duration_s=0.0015")
     report = run_as_json(run_and_assess(scene, tmp_path / "a.mcap", RunOptions(realtime="off")))
     assert report["realtime"] == "off"
     assert "auto" in hertzloop("run", "--help").stdout

@@ -1,6 +1,5 @@
 """Metrics of a case: over the length of time that they are said to be over."""
 
-import json
 import math
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from hertzloop.results.statistics import ForceTimingAccumulator
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from tests.commands import as_options, succeed
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 
@@ -24,7 +24,7 @@ SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
     [(90, []), (300, []), (120, ["controller.slew_n_s=2e6"]), (300, ["sensors.every_steps=5"])],
 )
 def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: list[str]) -> None:
-    scene = load("aluminium-3mm", [*SHORT, *line, f"controller.latency_us={latency_us}"])
+    scene = aluminium_3mm(*SHORT, *line, f"controller.latency_us={latency_us}")
     impact, run = metrics_of_case(scene, "impact"), metrics_of_case(scene, "run")
     assert impact.injected_j > 1e-5
     assert impact.plate_energy_db == pytest.approx(run.plate_energy_db, abs=1e-9)
@@ -32,7 +32,7 @@ def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: li
 
 
 def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
-    scene = load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback"])
+    scene = aluminium_3mm(*SHORT, "controller.law=velocity_feedback")
     rows, found = simulate(scene).truth, set()
     for size in (1800, 1000, 512, 333, 100, 7):
         accumulator = ForceTimingAccumulator(scene)
@@ -54,7 +54,7 @@ def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> N
 def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
     keys: list[str], percent: float
 ) -> None:
-    scene = load("aluminium-3mm", [*keys, "run.duration_s=0.002"])
+    scene = aluminium_3mm(*keys, "run.duration_s=0.002")
     found = metrics_of_case(scene).rebound_percent
     assert found == pytest.approx(percent, abs=0.5)
     speeds = [
@@ -72,17 +72,17 @@ def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
 
 def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path) -> None:
     settings = ["plate.thickness_m=0.0011", "run.accuracy=0.05", "run.duration_s=0.004"]
-    assert math.isnan(metrics_of_case(load("aluminium-3mm", settings)).rebound_percent)
+    assert math.isnan(metrics_of_case(aluminium_3mm(*settings)).rebound_percent)
     out = ["--transport", "compiled", "--out", tmp_path / "a.mcap", "--json", tmp_path / "a.json"]
     told = succeed("run", "aluminium-3mm", *as_options(settings), *out)
-    report = json.loads((tmp_path / "a.json").read_text())
+    report = json_in(tmp_path / "a.json")
     noise = [some["noise"][0] for some in (report, report["uncontrolled"])]
     assert noise[0]["rebound_height_m"] > 1e3 * noise[1]["rebound_height_m"] > 0.0
     assert "rebound height, from nearly zero" in told
 
 
 def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = load("aluminium-3mm", SHORT)
+    scene = aluminium_3mm(*SHORT)
 
     def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> SimulatedRun:
         found = simulate(scene, impact_only, steps=steps)
@@ -97,9 +97,9 @@ def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyP
 def test_a_delay_of_zero_is_a_delay() -> None:
     """A threshold below the impact speed is crossed by the first sample in contact."""
     keys = ["run.accuracy=0.1", "run.duration_s=0.0013"]
-    at_once = metrics_of_case(load("aluminium-3mm", [*keys, "controller.v_thr_m_s=-2"]))
+    at_once = metrics_of_case(aluminium_3mm(*keys, "controller.v_thr_m_s=-2"))
     assert at_once.delay_us == 0.0
-    off = metrics_of_case(load("aluminium-3mm", [*keys, "controller.law=off"]))
+    off = metrics_of_case(aluminium_3mm(*keys, "controller.law=off"))
     assert off.delay_us != off.delay_us  # nan
 
 

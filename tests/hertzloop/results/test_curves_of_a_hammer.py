@@ -18,8 +18,10 @@ def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:
     rows = np.concatenate([block for _, block in free_series(setup)], axis=1)
     blocks = [(i, rows[:, i : i + 100]) for i in range(0, rows.shape[1], 100)]
     parts = [energies for _, _, energies in energy_histories(setup, blocks)]
-    sphere, plate, contact = (np.concatenate([getattr(one, name) for one in parts])
-                              for name in ("sphere", "plate", "contact"))  # fmt: skip
+    sphere, plate, contact = (
+        np.concatenate([getattr(one, name) for one in parts])
+        for name in ("sphere", "plate", "contact")
+    )
     touching = np.flatnonzero(rows[XI] < 0.0)
     after = slice(touching[-1] + 2, None)
     assert np.ptp(sphere[after]) == 0.0

@@ -1,6 +1,5 @@
 """The first impact is the same span, with the same metrics, wherever a metric of it is shown."""
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
@@ -27,6 +26,7 @@ from hertzloop.studies.report.page import page_of
 from hertzloop.views.noise_table import noise_rows
 from tests.commands import succeed
 from tests.hertzloop.own_laws import ECHO
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 from tests.tiers import default
 
 # Three contacts, 1.3 ms apart at first: a law that sees one coming pushes before it.
@@ -109,7 +109,7 @@ def reports(folder: Path, scene: Setup) -> Reports:
     succeed("run", toml, "--transport", "compiled", "--out", recording, "--json", folder / "r.json",
             "--overwrite")  # fmt: skip
     succeed("inspect", recording, "--json", folder / "i.json")
-    run, inspect = (json.loads((folder / name).read_text()) for name in ("r.json", "i.json"))
+    run, inspect = (json_in(folder / name) for name in ("r.json", "i.json"))
     python = [hertzloop.simulate(scene.scene), hertzloop.read(recording)]
     return Reports(scene, run, inspect, metrics_of_case(scene), python)
 
@@ -144,16 +144,21 @@ def check(it: Reports, span: str = "first_impact") -> None:
     assert numbers(it.inspect[span]) == near(given)
     case = asdict(metrics_of_case(it.scene, "run") if span == "whole_run" else it.case)
     expected = {
-        "contacts": given["contacts"], "plate_energy_j": given["plate_energy_j"],
-        "rebound_m_s": given["rebound_speed_m_s"], "peak_force_n": given["peak_force_n"],
+        "contacts": given["contacts"],
+        "plate_energy_j": given["plate_energy_j"],
+        "rebound_m_s": given["rebound_speed_m_s"],
+        "peak_force_n": given["peak_force_n"],
         "contact_us": 1e6 * given["contact_time_s"],
-    }  # fmt: skip
+    }
     change = changes_db(SpanMetrics(**given), SpanMetrics(**free))
     expected |= {
-        "plate_energy_db": change["plate_energy_j"], "radiated_db": change["radiated_j"],
-        "plate_speed_db": change["plate_speed_max_m_s"], "longhorn_db": change["longhorn_j"],
-        "pressure_db": change["peak_pressure_pa"], "holmes_db": change["holmes_j"],
-    }  # fmt: skip
+        "plate_energy_db": change["plate_energy_j"],
+        "radiated_db": change["radiated_j"],
+        "plate_speed_db": change["plate_speed_max_m_s"],
+        "longhorn_db": change["longhorn_j"],
+        "pressure_db": change["peak_pressure_pa"],
+        "holmes_db": change["holmes_j"],
+    }
     if not math.isnan(case["rebound_percent"]):
         heights = given["rebound_height_m"], free["rebound_height_m"]
         expected["rebound_percent"] = 100.0 * heights[0] / heights[1]
@@ -204,9 +209,7 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> No
     short = ["run.accuracy=0.05", "run.duration_s=0.06", "run.plate_model=modal",
              "sphere.drop_height_m=0.005"]  # fmt: skip
     for law in (["force_feedback", "controller.kappa=0.4"], [ahead]):
-        it = reports(
-            tmp_path, load("aluminium-3mm", [*short, f"controller.law={law[0]}", *law[1:]])
-        )
+        it = reports(tmp_path, aluminium_3mm(*short, f"controller.law={law[0]}", *law[1:]))
         assert it.run["whole_run"]["contacts"] > 1
         check(it)
         assert it.case.contacts == 1

@@ -16,6 +16,7 @@ from hertzloop.results.impacts import (
     impacts_of_truth,
 )
 from hertzloop.scene.setup import load
+from tests.hertzloop.scenes import aluminium_3mm
 
 SCENES = {
     "bouncing": ("aluminium-3mm", ["run.duration_s=0.12", "controller.law='off'"]),
@@ -62,16 +63,18 @@ def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) ->
     scene = load(name, ["run.duration_s=0.015", *more])
     rows = simulate(scene).truth
     alone, among = first_impact(scene, rows), impacts_of_truth(scene, rows)[0]
-    assert alone is not None
     assert metrics([alone]) == metrics([among])
     assert alone.contact_n.tobytes() == among.contact_n.tobytes()
     assert (alone.start, alone.end, alone.over, alone.ended) == (
-        among.start, among.end, among.over, among.ended,
-    )  # fmt: skip
+        among.start,
+        among.end,
+        among.over,
+        among.ended,
+    )
 
 
 def test_rows_without_a_contact_have_no_first_impact() -> None:
-    scene = load("aluminium-3mm")
+    scene = aluminium_3mm()
     rows = simulate(scene, steps=100).truth
     assert first_impact(scene, rows) is None
 

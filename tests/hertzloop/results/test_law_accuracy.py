@@ -1,6 +1,5 @@
 """A run says where twice the modes change what its law does by more than was asked."""
 
-import json
 from math import nan
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from hertzloop.results.verification import Verification, against, finer_spec
 from hertzloop.scene.setup import load
 from hertzloop.views.verdict import law_accuracy_sentences
 from tests.commands import as_options, succeed
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
 NEAR = [
@@ -24,9 +24,8 @@ NEAR = [
 
 @pytest.mark.full
 def test_a_threshold_within_the_error_is_said() -> None:
-    scene = load("aluminium-3mm", [*NEAR, "controller.v_thr_m_s=-0.442"])
+    scene = aluminium_3mm(*NEAR, "controller.v_thr_m_s=-0.442")
     found = simulated_law_accuracy(scene, 5e-4)
-    assert found is not None
     assert (found.delay_us, found.finer_delay_us) == (6.0, 7.0)
     assert found.by_modes.largest > 10.0 * found.asked
     assert not found.kept
@@ -39,12 +38,10 @@ def test_what_moves_without_another_decision_is_said_too() -> None:
     """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
     scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
     found = simulated_law_accuracy(scene, 3e-3)
-    assert found is not None
     assert found.delay_us == found.finer_delay_us
     assert not found.kept
     assert not any("latches" in sentence for sentence in law_accuracy_sentences(found))
     true = against(scene, simulate(scene).truth, finer_spec(scene))
-    assert true is not None
     assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
 
 
@@ -64,7 +61,6 @@ def test_a_run_states_the_larger_error() -> None:
 @pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])
 def test_shipped_scenes_keep_it(name: str) -> None:
     found = simulated_law_accuracy(load(name, ["controller.law=slope_threshold"]), 5e-3)
-    assert found is not None
     assert found.kept
 
 
@@ -81,7 +77,7 @@ def test_shipped_scenes_keep_it(name: str) -> None:
     ],
 )
 def test_where_nothing_can_be_said(settings: list[str]) -> None:
-    assert simulated_law_accuracy(load("aluminium-3mm", settings), 2e-3) is None
+    assert simulated_law_accuracy(aluminium_3mm(*settings), 2e-3) is None
 
 
 @pytest.mark.full
@@ -90,7 +86,7 @@ def test_a_run_says_so(tmp_path: Path, v_thr_m_s: float, kept: bool) -> None:
     settings = as_options([*NEAR, f"controller.v_thr_m_s={v_thr_m_s}"])
     out = ["--transport", "compiled", "--out", tmp_path / "a.mcap", "--json", tmp_path / "a.json"]
     told = succeed("run", "aluminium-3mm", *settings, *out)
-    report = json.loads((tmp_path / "a.json").read_text())
+    report = json_in(tmp_path / "a.json")
     assert report["law_accuracy"]["kept"] is kept
     assert ("Accuracy missed: twice the modes" in told) is not kept
     assert any("Accuracy missed" in sentence for sentence in report["verdict"]) is not kept

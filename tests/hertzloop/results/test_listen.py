@@ -1,6 +1,5 @@
 """What is heard of a run: files on one scale, silence, rate, and what control does to the sound."""
 
-import json
 import math
 import wave
 from pathlib import Path
@@ -12,6 +11,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.results import listening
 from hertzloop.scene.setup import load
 from tests.commands import refused, succeed
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
          "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
@@ -30,7 +30,7 @@ def heard(tmp_path_factory: pytest.TempPathFactory) -> dict:
     record_in_process(load("aluminium-20mm", SHORT), folder / "a.mcap", compiled=True)
     out = ["-o", folder / "x", "--tail", 0.1, "--energy", "--json", folder / "x.json"]
     told = succeed("listen", folder / "a.mcap", *out)
-    data = json.loads((folder / "x.json").read_text())
+    data = json_in(folder / "x.json")
     assert data["runs"]["with-control"]["file"] in told
     assert "dB against the modes' own efficiencies" in told
     return data
@@ -84,7 +84,7 @@ def test_slower_is_the_same_sound_at_a_lower_pitch(tmp_path: Path) -> None:
 
 def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is() -> None:
     thin, solid = (
-        listening.radiator_of(load("aluminium-3mm", [*SHORT, f"plate.theory={theory}"]))
+        listening.radiator_of(aluminium_3mm(*SHORT, f"plate.theory={theory}"))
         for theory in ("kirchhoff", "3d")
     )
     assert solid.omega[:8] == pytest.approx(thin.omega[:8], rel=1e-2)

@@ -1,6 +1,5 @@
 """What is said of runs with nothing to compare, and of balance that no energy follows from."""
 
-import json
 import math
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
 from tests.commands import call, succeed
+from tests.hertzloop.scenes import json_in
 from tests.recordings.rewriting import Sent, record, rewrite
 
 COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
@@ -29,7 +29,7 @@ def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
         assert title not in alone.stdout
         assert title in both.stdout
     assert alone.stdout.count("Impacts, no control") == 1
-    data = json.loads(report.read_text())
+    data = json_in(report)
     assert data["law"] == "off"
     for kind in ("impacts", "noise", "stability"):
         assert data["uncontrolled"][kind] == data[kind]
@@ -51,7 +51,7 @@ def test_a_balance_that_is_not_finite_is_told_of(whole: Path, tmp_path: Path) ->
     assert done.exit_code == 1
     said = "the energy balance holds injected_j = nan"
     assert said in " ".join(done.stdout.split())
-    found = json.loads((tmp_path / "b.json").read_text())
+    found = json_in(tmp_path / "b.json")
     assert not found["complete"]
     assert any(said in problem for problem in found["problems"])
     assert found["impacts"]

@@ -1,29 +1,25 @@
 """Later impacts: how far what was before is magnified, and how far runs can be compared."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import read
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.predictability import horizon_step, known_impacts
-from hertzloop.scene.setup import load
 from hertzloop.views.digits import known_digits
 from tests.commands import invoke, succeed
+from tests.hertzloop.scenes import aluminium_3mm, json_in, recorded
 
-FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
+FOUR = aluminium_3mm("run.duration_s=0.35")
 
 
 def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
     impacts = metrics_of(FOUR, simulate(FOUR).truth).impacts
     known = known_impacts(FOUR, impacts, 1e-3)
-    assert known is not None
     grown = [each.amplification for each in known]
     assert grown[0] == pytest.approx(2.0, abs=0.3)  # what its energy does to that of the plate
     assert grown[1] > 50.0 * grown[0]
@@ -35,7 +31,7 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
 
 def test_late_forces_are_no_chaos() -> None:
     """A paced run differs from its lock-step by far more than by what its bounces magnify."""
-    scene = load("aluminium-3mm", ["run.duration_s=0.15"])
+    scene = aluminium_3mm("run.duration_s=0.15")
     metrics = metrics_of(scene, simulate(scene).truth)
     impacts, noise = metrics.impacts, metrics.noise
     paced = [Impact(*(1.01 * value for value in vars(impact).values())) for impact in impacts]
@@ -43,7 +39,6 @@ def test_late_forces_are_no_chaos() -> None:
         scene, impacts, 1e-3, noise=noise
     )
     more = known_impacts(scene, [*paced, paced[-1]], 1e-3, in_lock_step=False)
-    assert more is not None
     assert more[-1].amplification == np.inf
 
 
@@ -55,18 +50,17 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
              "--transport", "compiled", "--out", str(tmp_path / "a.mcap")]  # fmt: skip
     words += ["--json", str(tmp_path / "a.json")]
     succeed(*words)
-    told = json.loads((tmp_path / "a.json").read_text())
+    told = json_in(tmp_path / "a.json")
     assert told["stability"]["unstable"]
     assert told["predictability"]["controlled"] is None
     assert told["predictability"]["uncontrolled"][1]["amplification"] > 50.0
 
 
 def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.15"])
-    finer = load("aluminium-3mm", ["run.duration_s=0.15", "run.accuracy=1e-4"])
+    scene = aluminium_3mm("run.duration_s=0.15")
+    finer = aluminium_3mm("run.duration_s=0.15", "run.accuracy=1e-4")
     one, other = (metrics_of(s, simulate(s).truth).impacts for s in (scene, finer))
     known = known_impacts(scene, one, 1e-3)
-    assert known is not None
     for key, error in known[1].errors.items():
         assert abs(vars(one[1])[key] - vars(other[1])[key]) < 2.0 * error, key
 
@@ -88,16 +82,13 @@ def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
     """A run that differs by the rounding of another processor, magnified 1e5 times."""
     keys = ["run.duration_s=0.1", "run.accuracy=0.02", "controller.law=off"]
     heights = ("0.005", "0.005000000000000005")
-    scene, nudged = (load("aluminium-3mm", [*keys, f"sphere.drop_height_m={h}"]) for h in heights)
+    scene, nudged = (aluminium_3mm(*keys, f"sphere.drop_height_m={h}") for h in heights)
     a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    record_in_process(scene, a, compiled=True)
-    record_in_process(nudged, b, compiled=True)
+    one, other = recorded(scene, a), recorded(nudged, b)
     horizon = horizon_step(scene, 1e-9)
-    assert horizon is not None
     assert 0.03 < horizon * 1e-6 < 0.1
-    whole = first_difference(read(a), read(b), 1e-9)
-    assert whole is not None
-    assert first_difference(read(a), read(b), 1e-9, horizon) is None
+    assert first_difference(one, other, 1e-9)
+    assert first_difference(one, other, 1e-9, horizon) is None
     assert "Compared up to" in succeed("compare", "--tolerance", "1e-9", str(a), str(b))
     exact = invoke(["compare", str(a), str(b)])
     assert exact.exit_code == 1

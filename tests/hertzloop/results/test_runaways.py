@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from hertzloop.loop import events as loop_events
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
-from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
 from hertzloop.studies.cases.evaluate import not_run, run_case
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
 AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
@@ -24,7 +22,7 @@ AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
 
 @pytest.mark.parametrize(("law", "kappa"), AWAY)
 def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
-    scene = load("aluminium-3mm", [*RUN, f"controller.law={law}", f"controller.kappa={kappa}"])
+    scene = aluminium_3mm(*RUN, f"controller.law={law}", f"controller.kappa={kappa}")
     with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
         metrics_of_case(scene, "run")
     row = run_case(scene, "run", 0, {})
@@ -42,12 +40,12 @@ def test_events_that_are_too_many_are_counted(
 ) -> None:
     """However the samples come in blocks."""
     monkeypatch.setattr(loop_events, "MOST", 1)
-    scene = load("aluminium-3mm", RUN)
+    scene = aluminium_3mm(*RUN)
     told = []
     for compiled in (True, False):
         file = tmp_path / f"{compiled}.mcap"
-        record_in_process(scene, file, compiled=compiled)
-        told.append([(event.name, event.time_ns, event.message) for event in read(file).events])
+        events = recorded(scene, file, compiled).events
+        told.append([(event.name, event.time_ns, event.message) for event in events])
     assert sorted(told[0]) == sorted(told[1])
     for name in ("plant", "controller"):
         *listed, last = [event for event in told[0] if event[0] == name]
@@ -61,8 +59,8 @@ def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n: float) ->
     """Its metrics stand however much energy it puts in; it has no kappa to change."""
     keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
             "controller.duration_us=2500"]  # fmt: skip
-    found = metrics_of_case(load("aluminium-3mm", keys), "run")
+    found = metrics_of_case(aluminium_3mm(*keys), "run")
     assert found.plate_energy_db > 10.0
     assert not found.pumps
     with pytest.raises(SceneError, match="law = 'constant', whose keys are: delay_us, lead_us"):
-        load("aluminium-3mm", [*keys, "controller.kappa=-2.0"])
+        aluminium_3mm(*keys, "controller.kappa=-2.0")

@@ -1,6 +1,5 @@
 """An unstable loop is called so, from when on, and no other one is."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.results.test_impact_windows import in_blocks
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = "run.duration_s=0.0015"
 EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
@@ -35,7 +35,7 @@ def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
     words = ["--transport", "compiled", "--out", file, "--json", str(ran)]
     run = hertzloop("run", *EXPLODES, *words)
     inspect = hertzloop("inspect", file, "--json", str(inspected))
-    found = [json.loads(path.read_text())["stability"] for path in (ran, inspected)]
+    found = [json_in(path)["stability"] for path in (ran, inspected)]
     assert found[0] == found[1]
     assert found[0]["unstable"]
     assert found[0]["most_injected"] > 1e6
@@ -52,9 +52,11 @@ def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["aluminium-20mm", "sylomer-20mm", "offcentre-6mm"])
 def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
     for law in shipped_laws():
-        own = {"constant": ["controller.duration_us=20", "controller.force_n=1e4"],
-               "profile": ["controller.profile_n=[1e4, -1e4]"],
-               "linear": ["controller.numerator=[-1.0]"]}  # fmt: skip
+        own = {
+            "constant": ["controller.duration_us=20", "controller.force_n=1e4"],
+            "profile": ["controller.profile_n=[1e4, -1e4]"],
+            "linear": ["controller.numerator=[-1.0]"],
+        }
         keys = [f"controller.law={law}", "sensors.quantity=auto", *own.get(law, [])]
         if law in ("velocity_feedback", "acceleration_feedback"):
             keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
@@ -84,7 +86,7 @@ def test_its_metrics_are_those_of_the_work_done(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_since_when() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    scene = aluminium_3mm("run.duration_s=0.002")
     accumulator = StabilityAccumulator(scene)
     e, rows = accumulator.impact_j, np.zeros((10, 9))
     rows[F_A] = 1.0
@@ -98,7 +100,7 @@ def test_since_when() -> None:
 
 
 def test_no_work_is_done_over_missing_steps() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    scene = aluminium_3mm("run.duration_s=0.002")
     accumulator = StabilityAccumulator(scene)
     e, rows = accumulator.impact_j, np.zeros((10, 9))
     rows[F_A] = 1.0
@@ -112,7 +114,7 @@ def test_no_work_is_done_over_missing_steps() -> None:
 
 def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
     """More than the sphere brought, in sum, and not by decibels against a run without control."""
-    scene = load("aluminium-3mm", ["controller.kappa=2", "controller.latency_us=2", SHORT])
+    scene = aluminium_3mm("controller.kappa=2", "controller.latency_us=2", SHORT)
     found = stability_of(scene, simulate(scene).truth)
     metrics = metrics_of_case(scene)
     assert found.pumps
@@ -121,13 +123,13 @@ def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
     assert found.since_s is not None
     assert metrics.pumps
     assert metrics.injected_j > metrics.impact_energy_j
-    gentle = load("aluminium-3mm", ["controller.latency_us=2", SHORT])
+    gentle = aluminium_3mm("controller.latency_us=2", SHORT)
     assert not metrics_of_case(gentle).pumps
 
 
 def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
     """A rigid, lossless Hertz contact of this sphere has a peak of about 85 N at 1 m/s."""
-    setup = load("aluminium-3mm", ["run.duration_s=0.001"])
+    setup = aluminium_3mm("run.duration_s=0.001")
     rows = np.zeros((10, 100))
     rows[F_A, 40] = 50.0
     found = stability_of(setup, rows)
@@ -145,7 +147,7 @@ def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) 
     for declared in ("", "open_loop = True"):
         path = tmp_path / f"pump{len(found)}.py"
         path.write_text(f"{declared}\n\ndef command(p, s, samples, i):\n    return 3000.0\n")
-        scene = load("aluminium-3mm", [SHORT, "run.accuracy=0.1", f"controller.law={path}"])
+        scene = aluminium_3mm(SHORT, "run.accuracy=0.1", f"controller.law={path}")
         found.append(stability_of(scene, simulate(scene).truth).unstable)
         assert bool(loaded_law(scene).not_linear) is bool(declared)
     assert found == [True, False]

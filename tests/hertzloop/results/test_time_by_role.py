@@ -1,12 +1,12 @@
 """How the wall time of a run was spent: what `--details` and `--json` state."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from tests.commands import call
 from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.scenes import json_in
 from tests.tiers import default
 
 SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.002", "--set", "controller.law=force_feedback"]
@@ -22,7 +22,7 @@ def test_the_parts_lie_within_the_wall_time(way: list[str], tmp_path: Path) -> N
     more = ["--details", "--json", "a.json", "-o", "a.mcap"]
     done = hertzloop("run", *SHORT, *way, *more, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    data = json.loads((tmp_path / "a.json").read_text())
+    data = json_in(tmp_path / "a.json")
     busy, waited_s = data["busy_s"], data["waited_s"]
     assert list(busy) == ["plant", "controller", "recorder"]
     assert 0.0 < waited_s <= data["wall_s"]
@@ -38,5 +38,5 @@ def test_one_process_has_no_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     done = call("run", *SHORT, "--transport", "compiled", "--details", "--json", "a.json")
     assert row_of(done.output).startswith("not known: all roles share one process, and none waits")
-    data = json.loads(Path("a.json").read_text())
+    data = json_in("a.json")
     assert (data["busy_s"], data["waited_s"]) == ({}, 0.0)

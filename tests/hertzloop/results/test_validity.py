@@ -1,6 +1,5 @@
 """What a run leaves out: indicators of whole runs, where they are told, and what changes them."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from hertzloop.results.effects import neglected_of_scene
 from hertzloop.scene.setup import load
 from hertzloop.views.run_json import effects_as_json
 from tests.commands import invoke, succeed
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
 LAW = "controller.law=slope_threshold"
@@ -101,7 +101,7 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
         assert done.exit_code == 0, done.output
         assert "OUT OF RANGE: " in done.output
         assert "Neglected: " in done.output
-        told[command[0]] = json.loads((tmp_path / "a.json").read_text())
+        told[command[0]] = json_in(tmp_path / "a.json")
     said = [[f["sentence"] for f in data["validity"]] for data in told.values()]
     assert said[0] == said[1] == said[2]
     assert told["run"]["warnings"] == told["scene"]["warnings"]
@@ -110,7 +110,7 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     assert "OUT OF RANGE: yield in 2 of 2 cases, plate theory (energy) in 1 of 2" in succeed(
         "sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"
     )
-    beyond = json.loads((tmp_path / "s.json").read_text())["out_of_range"]
+    beyond = json_in(tmp_path / "s.json")["out_of_range"]
     assert beyond == {"yield": 2, "plate theory (energy)": 1}
 
 
@@ -141,6 +141,6 @@ def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
     )
     assert not unstable.stable
     assert not unstable.checks
-    early = neglected_of_scene(load("aluminium-3mm", ["run.duration_s=0.0005"]))
+    early = neglected_of_scene(aluminium_3mm("run.duration_s=0.0005"))
     assert early.stable
     assert effects_as_json(early) == {"validity": [], "warnings": []}

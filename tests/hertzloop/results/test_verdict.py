@@ -1,6 +1,5 @@
 """A run ends in words: whether control helped, in what, why not, and what spoils the metrics."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -21,6 +20,7 @@ from hertzloop.results.statistics import ForceTiming
 from hertzloop.results.verdict import verdict
 from hertzloop.views.verdict import verdict_sentences
 from tests.commands import as_options, invoke
+from tests.hertzloop.scenes import json_in
 
 
 def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:
@@ -30,7 +30,7 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
          "--json", str(folder / "a.json"), *words],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    said = json.loads((folder / "a.json").read_text())["verdict"]
+    said = json_in(folder / "a.json")["verdict"]
     output = " ".join(done.output.split())
     assert all(sentence in output for sentence in said)
     return said, output
@@ -82,7 +82,7 @@ def test_a_verdict(tmp_path: Path, settings: list[str], sentences: list[str]) ->
 
 def test_a_contact_that_is_cut_off_is_not_called_a_short_one(tmp_path: Path) -> None:
     run(tmp_path, "run.duration_s=0.00101", "controller.law=off")
-    data = json.loads((tmp_path / "a.json").read_text())
+    data = json_in(tmp_path / "a.json")
     assert data["impacts"][0]["duration_s"] < 11e-6
     (energy,) = (f for f in data["validity"] if f["name"] == "plate theory (energy)")
     assert energy["state"] == "left out"  # of 9 us it would be out of range
@@ -108,9 +108,12 @@ def metrics(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: Forc
 
 
 def said_of(
-    impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Metrics,
-    known: Predictability = NOTHING_KNOWN, saturation: Saturation | None = None,
-) -> list[str]:  # fmt: skip
+    impacts: Sequence[Impact],
+    sounds: Sequence[ImpactNoise],
+    free: Metrics,
+    known: Predictability = NOTHING_KNOWN,
+    saturation: Saturation | None = None,
+) -> list[str]:
     push = ForceTiming(1e-6, 0.0)
     result = RunResult(metrics(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
     return verdict_sentences(verdict(result, free, known))

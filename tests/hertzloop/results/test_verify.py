@@ -20,6 +20,7 @@ from hertzloop.results.verification import (
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
@@ -30,10 +31,8 @@ def check(scene: Setup) -> Verification | None:
 
 
 def checked(*settings: str) -> Verification:
-    scene = load("aluminium-3mm", [*SHORT, *settings])
-    found = check(scene)
-    assert found is not None
-    return found
+    scene = aluminium_3mm(*SHORT, *settings)
+    return check(scene)
 
 
 def test_a_run_that_meets_its_accuracy() -> None:
@@ -47,17 +46,20 @@ LINES = {
     "threshold": [],
     "late, coarse samples": ["controller.latency_us=3", "sensors.every_steps=3"],
     "by chance": [
-        "sensors.bits=12", "sensors.noise_rms=2e-8", "controller.jitter_us=3",
-        "controller.drop_out_probability=0.2", "run.touch_phase=random",
+        "sensors.bits=12",
+        "sensors.noise_rms=2e-8",
+        "controller.jitter_us=3",
+        "controller.drop_out_probability=0.2",
+        "run.touch_phase=random",
     ],
     "force": ["controller.law=force_feedback"],
     "acceleration": ["controller.law=acceleration_feedback", "sensors.low_pass_hz=1e5"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", LINES)
 def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
+    scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     plant = build_plant(scene)
     assert isinstance(plant, Plant)
     rows = finer_loop(scene, plant, scene.steps, 1)
@@ -68,7 +70,7 @@ def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
 @pytest.mark.parametrize("name", LINES)
 def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
     """Samples, latency and chance keep the scene's step; the plant, of order 4, alone is finer."""
-    scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
+    scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     spec = scene.plant
     plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
     plant.state.body[_START] = build_plant(scene, spec).state.body[_START]
@@ -80,10 +82,9 @@ def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
 
 def test_the_law_answers_the_finer_plant() -> None:
     """With the forces of the run itself the check would miss what the law makes of an error."""
-    scene = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
+    scene = aluminium_3mm("run.duration_s=0.0012", "run.accuracy=0.1")
     run, fine = simulate(scene), finer_spec(scene)
     closed = verify(scene, run.truth)
-    assert closed is not None
     plant = built(fine, "modal").at_start()
     plant.state.body[_START] = build_plant(scene).state.body[_START]
     forces = np.repeat(run.forces, 2)
@@ -95,7 +96,7 @@ def test_the_law_answers_the_finer_plant() -> None:
 
 
 def test_nothing_to_verify() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0005"])
+    scene = aluminium_3mm("run.duration_s=0.0005")
     assert check(scene) is None
     published = load("thesis-aluminium")
     with pytest.raises(SceneError, match="does not converge"):
@@ -104,14 +105,12 @@ def test_nothing_to_verify() -> None:
 
 def test_energy_is_compared_once_the_push_is_over() -> None:
     """What the spring of a solid plate's modes left out stores under a force comes back."""
-    scene = load("aluminium-3mm", ["plate.theory=3d", "run.duration_s=0.0015"])
+    scene = aluminium_3mm("plate.theory=3d", "run.duration_s=0.0015")
     rows = simulate(scene).truth
     contact = np.flatnonzero(rows[F_C])
     until = past_first_impact(scene, rows)
-    assert until is not None
     assert until > contact[-1] + 2
     assert np.abs(rows[F_A, contact]).max() > 0.0
     assert np.abs(rows[F_A, until]) <= 0.01 * np.abs(rows[F_A, contact]).max()
     found = verify(scene, rows)
-    assert found is not None
     assert found.plate_energy < scene.accuracy

@@ -6,23 +6,20 @@ import numpy as np
 import pytest
 
 from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
-from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.recorded import truth_of
 from hertzloop.results.statistics import ExtremesAccumulator
-from hertzloop.results.verification import verify
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
-from tests.commands import run_and_inspected
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -32,7 +29,7 @@ EARLY = ["run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"]
 
 def plate_energy_db(latency_us: int, *settings: str) -> float:
     latency = f"controller.latency_us={latency_us}"
-    return metrics_of_case(load("aluminium-3mm", [*EARLY, latency, *settings])).plate_energy_db
+    return metrics_of_case(aluminium_3mm(*EARLY, latency, *settings)).plate_energy_db
 
 
 def critical_us(*settings: str) -> float:
@@ -69,7 +66,7 @@ def test_bandwidth_and_mass_cost_the_law_its_latency(
 )
 def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
     settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
-    scene = load("aluminium-3mm", settings)
+    scene = aluminium_3mm(*settings)
     (impact,) = impacts_in(scene.plant, simulate(scene).truth)
     assert impact.rebound_speed_m_s == pytest.approx(rebound_m_s, rel=1e-3)
     assert 1e6 * impact.plate_energy_j == pytest.approx(work_uj, rel=2e-3)
@@ -89,86 +86,45 @@ def test_work_on_the_plate_is_that_of_the_balance(name: str, mass: list[str]) ->
 
 
 def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.force_limit_n=12"])
-    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
-    recording = read(tmp_path / "a.mcap")
+    scene = aluminium_3mm("run.duration_s=0.0013", "actuator.force_limit_n=12")
+    recording = recorded(scene, tmp_path / "a.mcap")
     assert recording.force.arrays["force_n"].max() > 40.0
     assert recording.truth.arrays["f_a_n"].max() == 12.0
     assert "f_a1_n" not in recording.truth.arrays
-    scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5"])
-    record_in_process(scene, tmp_path / "b.mcap", compiled=True)
-    recording = read(tmp_path / "b.mcap")
-    assert np.array_equal(truth_of(recording)[F_A1], simulate(scene).truth[F_A1])
 
 
 def test_demand_of_the_ideal_law() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
+    scene = aluminium_3mm("run.duration_s=0.0013")
     asked = metrics_of(scene, simulate(scene).truth).demand
-    assert asked is not None
     assert 65.0 < asked.force_n < 75.0
     assert 5.0 < asked.power_w < 15.0
     assert asked.slew_n_s == pytest.approx(8.4e6, rel=0.05)
     assert asked.delay_s == 0.0
-    off = load("aluminium-3mm", ["run.duration_s=0.0013", "controller.law=off"])
+    off = aluminium_3mm("run.duration_s=0.0013", "controller.law=off")
     assert metrics_of(off, simulate(off).truth).demand is None
 
 
-def test_run_and_inspect_print_the_demand(tmp_path: Path) -> None:
-    settings = ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"]
-    (ran, written), (inspected, again) = run_and_inspected(tmp_path, *settings)
-    assert "its bandwidth adds 2.23" in ran
-    assert "Actuator demand" in inspected
-    assert written["demand"] == again["demand"]
-    assert written["demand"]["force_n"] > 10.0
-
-
-def test_verify_gives_the_actuator_the_same_commands() -> None:
-    scene = load("aluminium-3mm", [*EARLY, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"])
-    run = simulate(scene)
-    found = verify(scene, run.truth)
-    assert found is not None
-    assert found.largest < 1e-3
-
-
 def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0016", "actuator.mass_kg=3e-3"])
-    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
-    recording = read(tmp_path / "a.mcap")
-    bare = load("aluminium-3mm", ["run.duration_s=0.0016"])
+    scene = aluminium_3mm("run.duration_s=0.0016", "actuator.mass_kg=3e-3")
+    recording = recorded(scene, tmp_path / "a.mcap")
+    bare = aluminium_3mm("run.duration_s=0.0016")
     plate, light = (deflection(what, recording) for what in (scene, bare))
     i, j = plate.contact_node
-    recorded = truth_of(recording)[XI_P, plate.times_ns // 1000]
+    moved = truth_of(recording)[XI_P, plate.times_ns // 1000]
     # The modes left out are a spring between plate and mass, of which the replay knows nothing.
-    wrong, forgotten = (abs(p.w_m[:, i, j] - recorded).max() for p in (plate, light))
-    assert wrong < 4e-2 * abs(recorded).max()
-    assert forgotten > 0.3 * abs(recorded).max()
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["run.scheme=thesis2008", "actuator.mass_kg=0.001"], "use the scheme 'modal'"),
-        (["run.scheme=thesis2008", "actuator.preload_n=5"], r"preload_n = 5.* the scheme 'modal'"),
-        (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model = 'auto'"),
-        (["run.plate_model=infinite", "actuator.preload_n=5"], r"preload_n = 5.*'auto'"),
-        (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0: must be"),
-        (["actuator.mass_kg=-1"], "actuator.mass_kg = -1: must be"),
-        (["actuator.stroke_m=1"], "actuator.stroke_m: unknown scene key"),
-    ],
-)
-def test_what_is_refused(settings: list[str], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        load("aluminium-3mm", settings)
+    wrong, forgotten = (abs(p.w_m[:, i, j] - moved).max() for p in (plate, light))
+    assert wrong < 4e-2 * abs(moved).max()
+    assert forgotten > 0.3 * abs(moved).max()
 
 
 def test_an_actuator_keeps_the_modes() -> None:
     short = ["run.duration_s=0.0011"]
-    assert load("aluminium-3mm", short).plate_model == "infinite"
-    real = load("aluminium-3mm", [*short, "actuator.bandwidth_hz=1e5"])
+    assert aluminium_3mm(*short).plate_model == "infinite"
+    real = aluminium_3mm(*short, "actuator.bandwidth_hz=1e5")
     assert real.plate_model == "modal"
     assert np.any(simulate(real).truth[F_A] != 0.0)
     for nothing in ("actuator.mass_kg=0", "actuator.preload_n=0"):
-        assert load("aluminium-3mm", [nothing]) == load("aluminium-3mm")
+        assert aluminium_3mm(nothing) == aluminium_3mm()
 
 
 def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> None:
@@ -176,19 +132,15 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
     flexible = "# residual_flexibility_m_n = 1e-9"
     header = "frequency_hz,loss_factor,modal_mass_kg,shape_contact"
     (tmp_path / "m.csv").write_text("\n".join([flexible, flexible, header, *rows]))
-    for support, words in (
-        (f"plate.modes={tmp_path / 'm.csv'}", r"actuator\.mass_kg = 0\.001 needs one loss factor"),
-        ("plate.edges=ffff", r"is not supported for a free plate"),
-    ):
-        with pytest.raises(SceneError, match=words):
-            build_plant(load("aluminium-3mm", [support, "actuator.mass_kg=0.001"]))
+    with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
+        build_plant(aluminium_3mm(f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"))
 
 
 def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
     """Its metrics, margin and limits are those of the commanded force, and no case runs on."""
     short = ["run.duration_s=0.0016", "actuator.force_limit_n=60"]
-    plain, preloaded = (load("aluminium-3mm", [*short, f"actuator.preload_n={n}"]) for n in (0, 3))
-    off = load("aluminium-3mm", [*short, "actuator.preload_n=3", "controller.law=off"])
+    plain, preloaded = (aluminium_3mm(*short, f"actuator.preload_n={n}") for n in (0, 3))
+    off = aluminium_3mm(*short, "actuator.preload_n=3", "controller.law=off")
     setups = plain, preloaded, off
     runs = [simulate(setup) for setup in setups]
     assert runs[0].truth[F_A].min() >= 0.0
@@ -207,9 +159,7 @@ def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
     assert found[2].push is None
     assert metrics_of_case(preloaded).steps < preloaded.steps
     feedback = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
-    margins = [
-        margin_of(load("aluminium-3mm", [*feedback, f"actuator.preload_n={n}"])) for n in (0, 3)
-    ]
+    margins = [margin_of(aluminium_3mm(*feedback, f"actuator.preload_n={n}")) for n in (0, 3)]
     assert margins[0].stable is not None
     assert margins[0] == margins[1]
 
@@ -217,16 +167,16 @@ def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
 def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on() -> None:
     off = ["controller.law=off", "run.plate_model=modal"]
     errors = [
-        expected_error(load("aluminium-3mm", [*off, f"actuator.preload_n={n}"]))
+        expected_error(aluminium_3mm(*off, f"actuator.preload_n={n}"))
         for n in (0.0, 1e-6, -20.0, 20.0)
     ]
     assert errors[0] == errors[1] < errors[2] == errors[3]
     constant = ["controller.law=constant", "controller.force_n=20", "controller.duration_us=5"]
-    switched = expected_error(load("aluminium-3mm", [*off[1:], *constant]))
+    switched = expected_error(aluminium_3mm(*off[1:], *constant))
     assert errors[2] == switched
 
 
 def test_a_fit_refuses_a_preload() -> None:
-    model = ImpactSimulator(load("aluminium-3mm", ["actuator.preload_n=5"]), 1e-4, 1e-3)
+    model = ImpactSimulator(aluminium_3mm("actuator.preload_n=5"), 1e-4, 1e-3)
     with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
         model.run({}, 1e-4)

@@ -1,31 +1,25 @@
 """Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
-from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.results.deflection import deflection
-from hertzloop.results.recorded import truth_of
 from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.results.verification import verify
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import what_limits
-from tests.commands import invoke
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
@@ -50,24 +44,22 @@ def test_the_residual_mode_is_taken_where_it_is_known() -> None:
 
 
 def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", SHORT)
+    scene = aluminium_3mm(*SHORT)
     table = modes_of_scene(scene)
     left_out = table.residual_flexibility_m_n
-    assert left_out is not None
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
     for share, damped in ((1.0, True), (0.0, True), (3.0, False), (-1.0, False)):
         (tmp_path / "m.npz").write_bytes(
             write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
         )
-        assert load("aluminium-3mm", by_file).plant.damped_residual is damped, share
+        assert aluminium_3mm(*by_file).plant.damped_residual is damped, share
     with pytest.raises(SceneError, match=r"below zero, as for a solid\. Use 'spring'"):
-        build_plant(load("aluminium-3mm", [*by_file, DAMPED]))
+        build_plant(aluminium_3mm(*by_file, DAMPED))
 
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
     spring, damped = (
-        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.tail={tail}"])
-        for tail in ("spring", "damped")
+        aluminium_3mm(*SHORT, *DAMPER, f"plate.tail={tail}") for tail in ("spring", "damped")
     )
     limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
     assert limits[0] > 1.5 * limits[1]
@@ -100,7 +92,7 @@ def test_errors_of_both_models_of_the_truncated_modes(
     settings: list[str], limit_hz: float, spring: float | None, damped: float, digits: float
 ) -> None:
     start = ["run.lead_in_s=2.5e-6", "run.plate_model=modal", "run.duration_s=60e-6"]
-    setup = load("aluminium-3mm", [*start, *settings, *FINE])
+    setup = aluminium_3mm(*start, *settings, *FINE)
     best, _ = impact_of(setup, 4e6, damped=True)
     by_mode, balance = impact_of(setup, limit_hz, damped=True)
     assert by_mode.plate_energy_j / best.plate_energy_j - 1.0 == pytest.approx(damped, abs=digits)
@@ -116,97 +108,42 @@ def test_errors_of_both_models_of_the_truncated_modes(
 
 def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
     for accuracy, chosen in ((1e-3, "3d"), (0.1, "kirchhoff")):
-        scene = load("aluminium-3mm", [*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}"])
+        scene = aluminium_3mm(*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}")
         assert scene.theory == chosen
         assert isinstance(scene.plant.plate, SolidPlate) is (chosen == "3d")
     # Where three dimensions are not known.
     for settings in (DAMPER, ["plate.edges=cccc"], ["actuator.mass_kg=1e-3"]):
-        assert load("aluminium-3mm", [*SHORT, "plate.theory=auto", *settings]).theory == "kirchhoff"
+        assert aluminium_3mm(*SHORT, "plate.theory=auto", *settings).theory == "kirchhoff"
 
 
 @pytest.mark.full
 def test_the_law_in_three_dimensions() -> None:
     for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
-        scene = load("aluminium-3mm", [*settings, "controller.v_thr_m_s=-0.6"])
+        scene = aluminium_3mm(*settings, "controller.v_thr_m_s=-0.6")
         assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
 
 
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        ([*SOLID, *DAMPER], "contact.damping = 'hunt_crossley': not supported by plate.theory"),
-        ([*SOLID, "plate.edges=cccc"], "plate.edges = 'cccc': plate.theory"),
-        ([*SOLID, "run.scheme=thesis2008"], "plate.theory = '3d': not supported by run.scheme"),
-        (
-            [*SHORT, "plate.tail=damped", "actuator.mass_kg=1e-3"],
-            "plate.tail = 'damped': not supported with",
-        ),
-        (
-            [*SHORT, "plate.tail=damped", "run.scheme=thesis2008"],
-            "plate.tail = 'damped': not supported by",
-        ),
-    ],
-)
-def test_what_does_not_go_together(settings: list[str], sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        load("aluminium-3mm", settings)
-
-
-@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
-def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", settings)
-    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
-    recording = read(tmp_path / "a.mcap")
-    done = simulate(scene)
-    assert np.array_equal(truth_of(recording), done.truth)
-    assert recording.balance is not None
-    assert recording.balance.truncated_dissipated_j == done.balance.truncated_dissipated_j
-    assert settings[-1].split("=")[1] in recording.scene_toml
-    moved = deflection(scene, recording, np.array([1040]))
-    at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
-    assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05
-    found = verify(scene, done.truth)
-    assert found is not None
-    assert found.rebound_speed < 1e-3
-
-
-@pytest.mark.full
-def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for settings, words, key in (
-        (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
-        (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
-    ):
-        words_set = [x for s in [*SHORT, *settings] for x in ("--set", s)]
-        more = ["--transport", "compiled", "--json", "a.json", "--details", "--overwrite"]
-        done = invoke(["run", "aluminium-3mm", *words_set, *more])
-        assert done.exit_code == 0, done.output
-        assert words in " ".join(done.output.replace("│", " ").split())
-        assert json.loads(Path("a.json").read_text())[key]
-
-
 def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
-    scene = load("aluminium-3mm", SOLID)
+    scene = aluminium_3mm(*SOLID)
     table = modes_of_scene(scene)
-    assert table.residual_flexibility_m_n is not None
     assert table.residual_flexibility_m_n < 0.0
     (tmp_path / "m.npz").write_bytes(write_modes(".npz", table))
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
-    assert np.array_equal(simulate(load("aluminium-3mm", by_file)).truth, simulate(scene).truth)
+    assert np.array_equal(simulate(aluminium_3mm(*by_file)).truth, simulate(scene).truth)
     with pytest.raises(SceneError, match="do not fit contact"):
-        build_plant(load("aluminium-3mm", [*by_file, *DAMPER]))
+        build_plant(aluminium_3mm(*by_file, *DAMPER))
 
 
 def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     """It knows no smaller error than 0.4 kappa (hold/T)^2, however many modes."""
     tight = [*SHORT, "run.accuracy=3e-4"]
-    free = load("aluminium-3mm", [*tight, "controller.law=off"])
+    free = aluminium_3mm(*tight, "controller.law=off")
     assert model_error.expected_error(free) == pytest.approx(3e-4)
-    held = model_error.expected_error(load("aluminium-3mm", tight))
+    held = model_error.expected_error(aluminium_3mm(*tight))
     assert held == pytest.approx(0.4 * 0.8 / 26.85**2, rel=0.01)
-    coarse = load("aluminium-3mm", [*tight, "sensors.every_steps=2"])
+    coarse = aluminium_3mm(*tight, "sensors.every_steps=2")
     assert model_error.expected_error(coarse) == pytest.approx(4.0 * held)
-    smooth = load("aluminium-3mm", [*tight, "actuator.bandwidth_hz=1e5"])
+    smooth = aluminium_3mm(*tight, "actuator.bandwidth_hz=1e5")
     assert model_error.expected_error(smooth) == pytest.approx(3e-4)
     assert "held from sample to sample" in what_limits(False, True, False, 4e5, 5e5)
     assert "the limit of this time step" in what_limits(False, True, False, 5e5, 5e5)
@@ -214,18 +151,15 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
 
 def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
     """Samples further apart than the modes of a solid reach make waves that no mode carries."""
-    scene = load("aluminium-3mm", SOLID)
+    scene = aluminium_3mm(*SOLID)
     assert model_error.expected_error(scene.vary({"controller.law": "off"})) == pytest.approx(
         1e-3, rel=0.01
     )
     expected = model_error.expected_error(scene)
     assert expected > 5e-3
     assert model_error.expected_error(scene, 2.0 * scene.plant.frequency_limit_hz) < 0.2 * expected
-    assert (
-        model_error.expected_error(load("aluminium-3mm", [*SOLID, "run.step_ns=250"]))
-        < 0.5 * expected
-    )
-    smooth = load("aluminium-3mm", [*SOLID, "actuator.bandwidth_hz=1e5"])
+    assert model_error.expected_error(aluminium_3mm(*SOLID, "run.step_ns=250")) < 0.5 * expected
+    smooth = aluminium_3mm(*SOLID, "actuator.bandwidth_hz=1e5")
     assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
 
 
@@ -234,9 +168,9 @@ def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law: str) -> Non
     """Its faces move the more the higher the frequency, so the loop may be unstable beyond the
     modes; an actuator with a low bandwidth keeps it stable."""
     keys = [*SOLID, f"controller.law={law}", "controller.kappa=0.3"]
-    scene = load("aluminium-3mm", keys)
+    scene = aluminium_3mm(*keys)
     assert model_error.expected_error(scene) == 1.0
-    smooth = load("aluminium-3mm", [*keys, "actuator.bandwidth_hz=2e4"])
+    smooth = aluminium_3mm(*keys, "actuator.bandwidth_hz=2e4")
     assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
-    thin = load("aluminium-3mm", [*keys, "plate.theory=kirchhoff"])
+    thin = aluminium_3mm(*keys, "plate.theory=kirchhoff")
     assert model_error.expected_error(thin) < 2e-3

@@ -8,13 +8,13 @@ from hertzloop.plant.contact.hertz import Contact, Limit
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.controller import law_flight_m
-from hertzloop.scene.setup import load
+from tests.hertzloop.scenes import aluminium_3mm
 
 PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 
 
 def energy(*settings: str) -> float:
-    return metrics_of_case(load("aluminium-3mm", [*PREDICTED, *settings])).plate_energy_db
+    return metrics_of_case(aluminium_3mm(*PREDICTED, *settings)).plate_energy_db
 
 
 # Ideal converter: an independent solver's -0.45, -0.50, -0.83 dB.
@@ -30,17 +30,16 @@ def test_sixteen_bits_over_the_automatic_range_are_ideal(latency_us: int, db: fl
 def test_the_range_of_the_contact_alone_is_blind_to_the_flight() -> None:
     late = ("controller.latency_us=40", "sensors.bits=16", "sensors.full_scale=contact")
     assert energy(*late) == pytest.approx(0.0, abs=0.01)  # it never acts
-    assert load(
-        "aluminium-3mm", ["sensors.bits=16", "sensors.full_scale=contact"]
-    ).sensor.full_scale == (pytest.approx((-11.3e-6, 2.26e-6), rel=0.01))
+    assert aluminium_3mm("sensors.bits=16", "sensors.full_scale=contact").sensor.full_scale == (
+        pytest.approx((-11.3e-6, 2.26e-6), rel=0.01)
+    )
 
 
 @pytest.mark.parametrize("latency_us", [0, 5, 40, 300])
 def test_the_flight_fits_into_the_range(latency_us: int) -> None:
     settings = (*PREDICTED, "sensors.bits=12", f"controller.latency_us={latency_us}")
-    scene = load("aluminium-3mm", settings)
+    scene = aluminium_3mm(*settings)
     found = scene.sensor.full_scale
-    assert found is not None
     assert 0.0 < law_flight_m(scene) < found[1]
     # And the law is quiet before, so that it costs no exchange a sample.
     run = simulate(scene)
@@ -58,12 +57,13 @@ def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
         taken = 0.4 * contact.stiffness * min(deepest, law.delta_m) ** 2.5
         taken += law.force_n * beyond + 0.5 * law.rise_n_m * beyond**2
         assert taken == pytest.approx(energy_j)
-    soft = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=0.44e9",
-            "actuator.bandwidth_hz=300000"]  # a kind of plant that is compiled already  # fmt: skip
-    scene = load("aluminium-3mm", [*soft, "sensors.bits=12", "run.duration_s=0.0013"])
+    soft = [
+        "contact.plasticity=thornton",
+        "contact.limiting_pressure_pa=0.44e9",
+        "actuator.bandwidth_hz=300000",
+    ]  # a kind of plant that is compiled already
+    scene = aluminium_3mm(*soft, "sensors.bits=12", "run.duration_s=0.0013")
     limits = scene.sensor.full_scale
-    assert limits is not None
     assert simulate(scene).truth[0].min() > limits[0]
-    elastic = load("aluminium-3mm", ["sensors.bits=12"]).sensor.full_scale
-    assert elastic is not None
+    elastic = aluminium_3mm("sensors.bits=12").sensor.full_scale
     assert simulate(scene).truth[0].min() < elastic[0]  # it would not have done

@@ -13,6 +13,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import toml_text
+from tests.hertzloop.scenes import aluminium_3mm
 from tests.tiers import default
 
 SCENES = ["aluminium-20mm", "thesis-aluminium", "offcentre-6mm", "oak-20mm"]
@@ -179,7 +180,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
 
 
 def test_a_law_works_with_the_stiffness_that_the_plant_announced() -> None:
-    setup = load("aluminium-3mm")
+    setup = aluminium_3mm()
     told = setup.with_stiffness(2.0 * setup.stiffness)
     assert law_context(told).stiffness == 2.0 * law_context(setup).stiffness
     assert law_context(told).rigid_peak_n != law_context(setup).rigid_peak_n

@@ -81,7 +81,7 @@ def test_files_that_are_read(encoded, tmp_path: Path) -> None:
         (SCENE.encode("utf-16-le"), "null bytes, as UTF-32 has, and UTF-16 without a mark"),
         (SCENE.encode("utf-16")[:-1], "is not in UTF-16"),
     ],
-)  # fmt: skip
+)
 def test_scenes_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     path.write_bytes(content)
@@ -115,7 +115,7 @@ def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
         (UMLAUT.encode("utf-16"), "its text is in UTF-16, which Python does not read"),
         (UMLAUT.encode("latin-1"), "is not in UTF-8: byte 0xe4 in line 1"),
     ],
-)  # fmt: skip
+)
 def test_laws_that_are_refused(content: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     path.write_bytes(content)

@@ -15,7 +15,6 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.run_report import RunReport
-from hertzloop.scene.setup import load
 from hertzloop.views.details import run_table
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
@@ -23,6 +22,7 @@ from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.noise_table import noise_rows, noise_table
 from hertzloop.views.run_json import run_as_json
 from tests.commands import invoke
+from tests.hertzloop.scenes import aluminium_3mm
 
 UNITS = {
     "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "mJ": 1e-3, "m/s": 1.0,
@@ -53,11 +53,13 @@ IMPACT = {
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
     settings = [
-        "run.duration_s=0.003", "contact.plasticity=thornton", "plate.radiation=one_face",
+        "run.duration_s=0.003",
+        "contact.plasticity=thornton",
+        "plate.radiation=one_face",
         "actuator.bandwidth_hz=50e3",
-    ]  # fmt: skip
+    ]
     path = tmp_path_factory.mktemp("printed") / "a.mcap"
-    return run_and_assess(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
+    return run_and_assess(aluminium_3mm(*settings), path, RunOptions(Transport.COMPILED))
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +71,11 @@ def lines(table: Table) -> list[list[str]]:
     """Cells of a table as they are printed, row by row."""
     out = io.StringIO()
     Console(file=out, width=400).print(table)
-    return [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]]
-            for line in out.getvalue().splitlines() if line[:1] in "│┃"]  # fmt: skip
+    return [
+        [cell.strip() for cell in re.split("[│┃]", line)[1:-1]]
+        for line in out.getvalue().splitlines()
+        if line[:1] in "│┃"
+    ]
 
 
 def quantities(words: str) -> list[float]:
@@ -101,7 +106,6 @@ def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None
 @pytest.mark.full
 def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
-    assert ran.assessed.free is not None
     cases = [
         ("with", ran.assessed.result.metrics.noise[0]),
         ("without", ran.assessed.free.noise[0]),
@@ -165,7 +169,7 @@ def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
     assert printed["plate model"][0] == pytest.approx(report["frequency_limit_hz"], rel=6e-4)
     assert rows["steps"] == f"{report['steps']:,}"
     assert "one face" in rows["radiation"]
-    of_study = replace(ran, setup=load("aluminium-3mm", ["run.scheme=thesis2008"]))
+    of_study = replace(ran, setup=aluminium_3mm("run.scheme=thesis2008"))
     assert "flaws included" in dict(lines(run_table(of_study)))["scheme"]
 
 
@@ -175,10 +179,12 @@ def test_no_cell_of_a_table_is_cut(ran: RunReport) -> None:
     recording = str(ran.recording.path)
     cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
     commands = [
-        ["inspect", recording], ["inspect", recording, "--details"],
-        ["scene", "keys"], ["scene", "keys", "--law", "predicted"],
+        ["inspect", recording],
+        ["inspect", recording, "--details"],
+        ["scene", "keys"],
+        ["scene", "keys", "--law", "predicted"],
         ["scene", "check", "aluminium-3mm", *cheap],
-    ]  # fmt: skip
+    ]
     for words in commands:
         done = invoke(words, env={"COLUMNS": "80"})
         assert done.exit_code == 0, done.output

@@ -1,0 +1,28 @@
+"""The scene of most tests, with settings, and what recording a scene gives."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.scene.setup import Setup, load
+
+
+def aluminium_3mm(*settings: str) -> Setup:
+    """The scene `aluminium-3mm` with settings, each as `KEY=VALUE`."""
+    return load("aluminium-3mm", settings)
+
+
+def recorded(scene: Setup, file: Path, compiled: bool = True) -> Recording:
+    """The whole recording of a run of a scene in this process."""
+    record_in_process(scene, file, compiled=compiled)
+    found = read(file)
+    assert not found.problems
+    return found
+
+
+def json_in(file: Path | str) -> Any:
+    """What a file holds as JSON."""
+    return json.loads(Path(file).read_text())
