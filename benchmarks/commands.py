@@ -30,12 +30,10 @@ BeforeOption = Annotated[
 
 @dataclass(frozen=True)
 class Taken:
-    """What one command took: time (s), processor time of all of its processes (s), and memory of
-    the largest one (MB)."""
+    """What one command took: time (s), and processor time of all of its processes (s)."""
 
     wall_s: float
     cpu_s: float
-    memory_mb: float
 
 
 def checkouts(before: Path | None) -> dict[str, Path]:
@@ -93,4 +91,4 @@ def take(
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, process.args, said.read_text())
     cpu_s = sum(one.ru_utime + one.ru_stime for one in all_used)
-    return Taken(wall_s, cpu_s, max(one.ru_maxrss for one in all_used) / 1024.0)
+    return Taken(wall_s, cpu_s)

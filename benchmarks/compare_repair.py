@@ -28,7 +28,6 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.recordings.reader import read
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
@@ -39,13 +38,13 @@ _PYMCAP_CODES = (0, 1, 3)  # everything, nothing, or a part could be recovered
 _WHOLE = "none"
 
 OURS, LIBRARY = "hertzloop repair", "MCAP's linear reader"
-PYMCAP, DECODING = "pymcap-cli recover", "pymcap-cli recover -a"
+PYMCAP = "pymcap-cli recover -a"
 
 Key = tuple[str, int, int, bytes]  # topic, number, time, ns, and bytes of a message
 Recoverer = Callable[[Path, Path], None]  # from a damaged file to a new one
 
 
-@dataclass(frozen=True)
+@dataclass
 class Recovered:
     """Copies with one kind of damage, as one program recovers them.
 
@@ -54,27 +53,16 @@ class Recovered:
         program: The program that recovers.
         copies: Number of damaged files.
         opened: Number of new files that MCAP's reader reads to the end with all checksums.
-        runs: Number of new files that hertzloop reads as a recording of a run.
-        recovered: Share of the written messages that can be read from the new files, per cent.
+        recovered: Share of the written messages that can be read from the new files, per cent; the
+            mean over the copies.
         altered: Number of messages in the new files that were never written.
     """
 
     damage: str
     program: str
-    copies: int
-    opened: int
-    runs: int
-    recovered: float
-    altered: int
-
-
-@dataclass
-class _Tally:
-    """Counts over the copies of one kind of damage."""
-
+    copies: int = 0
     opened: int = 0
-    runs: int = 0
-    recovered: int = 0
+    recovered: float = 0.0
     altered: int = 0
 
 
@@ -130,9 +118,9 @@ def by_library(damaged: Path, new: Path) -> None:
             writer.finish()
 
 
-def by_pymcap(damaged: Path, new: Path, *options: str) -> None:
-    """As a user calls it."""
-    words = ("recover", str(damaged), "-o", str(new), "-f", *options)
+def by_pymcap(damaged: Path, new: Path) -> None:
+    """With the option -a, which unpacks every chunk; without it, some are copied as they are."""
+    words = ("recover", str(damaged), "-o", str(new), "-f", "-a")
     done = subprocess.run(
         (sys.executable, "-m", "pymcap_cli.cli", *words),
         capture_output=True,
@@ -143,16 +131,10 @@ def by_pymcap(damaged: Path, new: Path, *options: str) -> None:
         raise RuntimeError(f"pymcap-cli ended with {done.returncode}: {done.stderr}")
 
 
-def by_pymcap_decoding(damaged: Path, new: Path) -> None:
-    """With the option that unpacks every chunk; without it, some are copied as they are."""
-    by_pymcap(damaged, new, "--always-decode-chunk")
-
-
 RECOVERERS: dict[str, Recoverer] = {
     OURS: by_hertzloop,
     LIBRARY: by_library,
     PYMCAP: by_pymcap,
-    DECODING: by_pymcap_decoding,
 }
 
 
@@ -206,14 +188,6 @@ def _opens(path: Path) -> bool:
         return False
 
 
-def _is_run(path: Path) -> bool:
-    try:
-        read(path)
-    except RecordingError:
-        return False
-    return True
-
-
 def recorded(folder: Path, duration_s: float) -> Path:
     """A run of `aluminium-3mm`, in many messages and chunks."""
     path = folder / "whole.mcap"
@@ -228,34 +202,22 @@ def compared(whole: Path, each: int) -> list[Recovered]:
     """Recover damaged copies of a recording by every program."""
     content, written = whole.read_bytes(), messages(whole)
     damaged, new = whole.with_name("damaged.mcap"), whole.with_name("new.mcap")
-    tallies: dict[tuple[str, str], _Tally] = {}
-    copies: Counter[str] = Counter()
+    results: dict[tuple[str, str], Recovered] = {}
     for damage, copy in tracked("damaged files", damaged_copies(content, each)):
-        copies[damage] += 1
         damaged.write_bytes(copy)
         for program, recoverer in RECOVERERS.items():
-            tally = tallies.setdefault((damage, program), _Tally())
+            one = results.setdefault((damage, program), Recovered(damage, program))
             new.unlink(missing_ok=True)
             recoverer(damaged, new)
             found = messages(new)
             if damage == _WHOLE and found != written:  # it was called wrongly, or is of no use
                 raise RuntimeError(f"{program} does not copy an undamaged file")
-            tally.opened += _opens(new)
-            tally.runs += _is_run(new)
-            tally.recovered += (found & written).total()
-            tally.altered += (found - written).total()
-    return [
-        Recovered(
-            damage,
-            program,
-            copies[damage],
-            tally.opened,
-            tally.runs,
-            100.0 * tally.recovered / (copies[damage] * written.total()),
-            tally.altered,
-        )
-        for (damage, program), tally in tallies.items()
-    ]
+            share = 100.0 * (found & written).total() / written.total()
+            one.recovered = (one.copies * one.recovered + share) / (one.copies + 1)
+            one.copies += 1
+            one.opened += _opens(new)
+            one.altered += (found - written).total()
+    return list(results.values())
 
 
 def main(
@@ -279,7 +241,6 @@ def main(
                 "recovered, %": "{.recovered:.1f}",
                 "altered": "{.altered}",
                 "opens": lambda one: f"{one.opened} of {one.copies}",
-                "is a run": lambda one: f"{one.runs} of {one.copies}",
             },
             found,
             text=2,
@@ -293,12 +254,8 @@ def main(
         altered = {
             name: sum(one.altered for one in damaged if one.program == name) for name in RECOVERERS
         }
-        results.conclude(
-            f"Of all messages {OURS} recovers {total[OURS]:.1f} %, {LIBRARY} "
-            f"{total[LIBRARY]:.1f} %, {PYMCAP} {total[PYMCAP]:.1f} %, and with -a "
-            f"{total[DECODING]:.1f} %; altered are {altered[OURS]}, {altered[LIBRARY]}, "
-            f"{altered[PYMCAP]} and {altered[DECODING]} messages."
-        )
+        parts = [f"{name} {total[name]:.1f} % ({altered[name]} altered)" for name in RECOVERERS]
+        results.conclude(f"Of all messages these recover: {', '.join(parts)}.")
 
 
 if __name__ == "__main__":

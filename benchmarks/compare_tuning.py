@@ -55,7 +55,7 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A searcher over all seeds: median, best and worst value, and median processor time, s.
+    """A searcher over all seeds: median value, and median processor time, s.
 
     The value of one objective is the least plate energy, dB. That of two is the area that the
     front dominates, in per cent of that of all fronts of the scene together.
@@ -65,8 +65,6 @@ class Comparison:
     objectives: int
     searcher: str
     median: float
-    best: float
-    worst: float
     seconds: float
 
 
@@ -133,20 +131,15 @@ def compared(task: Task, seeds: Sequence[dict[str, Outcome]]) -> list[Comparison
     """One line a searcher."""
     names = list(seeds[0])
     values = {name: [value_of(one[name].metrics) for one in seeds] for name in names}
-    best: Callable[[list[float]], float] = min
-    worst: Callable[[list[float]], float] = max
     if len(task.search.minimise) > 1:
         whole = value_of(np.concatenate([o.metrics for one in seeds for o in one.values()]))
         values = {name: [100.0 * one / whole for one in of] for name, of in values.items()}
-        best, worst = max, min
     return [
         Comparison(
             task.scene,
             len(task.search.minimise),
             name,
             statistics.median(of),
-            best(of),
-            worst(of),
             statistics.median(one[name].seconds for one in seeds),
         )
         for name, of in values.items()
@@ -187,8 +180,6 @@ def main(
                     "scene": "{.scene}",
                     "searcher": "{.searcher}",
                     "median": "{.median:.4g}",
-                    "best": "{.best:.4g}",
-                    "worst": "{.worst:.4g}",
                     "s": "{.seconds:.1f}",
                 },
                 [one for one in found if one.objectives == count],

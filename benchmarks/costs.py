@@ -1,7 +1,6 @@
 """What a plant step and an exchange cost on this machine."""
 
 import multiprocessing
-import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple
@@ -11,7 +10,6 @@ import numpy as np
 from benchmarks import integrator_kernels as ik
 from benchmarks.program import OutDirOption, QuickOption, start
 from benchmarks.results import results_in
-from benchmarks.schemes import discrete_gradient
 from benchmarks.timing import Cost, in_turn, timed
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
@@ -19,7 +17,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.cli.options import JsonOption
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_X
 from hertzloop.scene.setup import load
 
@@ -54,23 +52,18 @@ def two_pass_case(frequencies: int) -> Callable[[], float]:
 
 
 def step_costs(rounds: int = ROUNDS) -> list[Cost]:
-    """us per step of the plant kernels on `aluminium-20mm`; yardstick: a plain two-pass loop
-    over all frequencies up to pi/dt. The default scheme with all of them and as many as an
-    accuracy asks for, then the second-order scheme."""
+    """us per step of the plant kernels on `aluminium-20mm`, with all frequencies up to pi/dt and
+    with as many as an accuracy asks for; yardstick: a plain two-pass loop over all of them."""
     cases: dict[str, Callable[[], float]] = {}
-    settings = ["run.accuracy=1e-9", "run.accuracy=1e-3", "run.accuracy=1e-2"]
-    with discrete_gradient.known_to_scenes():
-        for scheme, limits in (("modal", settings), (discrete_gradient.NAME, settings[:1])):
-            for limit in limits:
-                setup = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
-                make = SCHEMES[scheme].load()
-                count = len(make(setup.plant).modes.omega)
-                if not cases:
-                    cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
-                for name, contact in (("flight", False), ("contact", True)):
-                    cases[f"{scheme}, {name}, {count} frequencies"] = plant_case(
-                        make(setup.plant), contact=contact
-                    )
+    for accuracy in ("1e-9", "1e-3", "1e-2"):
+        spec = load("aluminium-20mm", [f"run.accuracy={accuracy}", "run.lead_in_s=0"]).plant
+        count = len(CollocationPlant(spec).modes.omega)
+        if not cases:
+            cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
+        for name, contact in (("flight", False), ("contact", True)):
+            cases[f"{name}, {count} frequencies"] = plant_case(
+                CollocationPlant(spec), contact=contact
+            )
     return in_turn(cases, rounds)
 
 
@@ -86,13 +79,6 @@ def _echo_zenoh(listen: list[str], connect: list[str]) -> None:
     port.close()
 
 
-def _echo_tcp(port: int) -> None:
-    with socket.create_connection(("127.0.0.1", port)) as peer:
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        while data := peer.recv(4096):
-            peer.sendall(data)
-
-
 @contextmanager
 def child(target: Callable[..., None], *arguments: object) -> Iterator[None]:
     """Another process that runs a function meanwhile; killed if it does not end in time."""
@@ -105,25 +91,6 @@ def child(target: Callable[..., None], *arguments: object) -> Iterator[None]:
     finally:
         process.join(5.0)
         process.kill()
-
-
-@contextmanager
-def _tcp() -> Iterator[Callable[[], float]]:
-    """Round trips over a plain TCP connection to another process."""
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        child(_echo_tcp, server.getsockname()[1]),
-    ):
-        peer, _ = server.accept()
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-        def trips() -> None:
-            for _ in range(_TRIPS):
-                peer.sendall(_PAYLOAD)
-                peer.recv(4096)
-
-        yield lambda: timed(trips, _TRIPS)
-        peer.close()
 
 
 @contextmanager
@@ -148,9 +115,9 @@ def _zenoh() -> Iterator[Callable[[], float]]:
 
 
 def exchange_costs(rounds: int = ROUNDS) -> list[Cost]:
-    """us per round trip of 100 B between two processes; yardstick: plain TCP."""
-    with _tcp() as tcp, _zenoh() as zenoh:
-        return in_turn({"TCP": tcp, "zenoh port": zenoh}, rounds)
+    """us per round trip of 100 B between two processes."""
+    with _zenoh() as zenoh:
+        return in_turn({"zenoh port": zenoh}, rounds)
 
 
 def measure(rounds: int) -> dict[str, list[Cost]]:
@@ -184,10 +151,10 @@ def main(
         for group, costs in groups.items():
             results.table(group, columns, costs)
         steps, exchanges = groups.values()
-        step = next(cost for cost in steps if cost.case.startswith("modal, contact"))
+        step = next(cost for cost in steps if cost.case.startswith("contact"))
         results.conclude(
             f"A step in contact over {step.case.split()[-2]} frequencies takes "
-            f"{step.median_us:.3f} us, and an exchange over zenoh {exchanges[1].median_us:.0f} us."
+            f"{step.median_us:.3f} us, and an exchange over zenoh {exchanges[0].median_us:.0f} us."
         )
 
 

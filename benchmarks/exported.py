@@ -1,4 +1,4 @@
-"""What an exported plant's step costs in a C program against the compiled loop, its bytes and size.
+"""What an exported plant's step costs in a C program against the compiled loop, and its bytes.
 
 The C program calls the plant once a step and keeps all that it sees; the compiled loop has its law
 besides. Both in turns, by the processor's time, so that whatever else the machine does hits both
@@ -17,7 +17,7 @@ from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start
 from benchmarks.results import results_in
 from benchmarks.timing import in_turn
 from hertzloop.cli.options import JsonOption
-from hertzloop.cli.terminal import fail, out
+from hertzloop.cli.terminal import fail
 from hertzloop.interop import fmu
 from hertzloop.interop.fmu import NoCompiler, write_folder
 from hertzloop.interop.image import image
@@ -73,18 +73,13 @@ def drive(program: Path, forces: np.ndarray) -> Driven:
 @dataclass(frozen=True)
 class Exported:
     """An exported plant for a processor. `share`: of the compiled loop's speed; `same`: all bytes
-    of rows and samples; `first`, `whole`: largest difference of the contact force to the end of
-    the first impact, and of the run, over its largest value; `code_kb`: without its arrays."""
+    of rows and samples."""
 
     cpu: str
     us_a_step: float
     loop_us_a_step: float
     share: float
     same: bool
-    first: float
-    whole: float
-    code_kb: float
-    arrays_kb: float
 
 
 def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
@@ -108,23 +103,8 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
 
             costs = in_turn({"compiled loop": of_loop, "C program": of_program}, rounds)
             driven = drive(program, loop.forces)
-            size = (folder / "libhertzloop_plant.so").stat().st_size
         loop_us, us = (cost.least_us for cost in costs)
-        first, whole = _differences(loop, driven)
-        arrays = len(made.data)
-        found.append(
-            Exported(
-                cpu,
-                us,
-                loop_us,
-                loop_us / us,
-                same_bytes(loop, driven),
-                first,
-                whole,
-                (size - arrays) / 1000,
-                arrays / 1000,
-            )
-        )
+        found.append(Exported(cpu, us, loop_us, loop_us / us, same_bytes(loop, driven)))
     return found
 
 
@@ -135,16 +115,6 @@ def same_bytes(loop: SimulatedRun, driven: Driven) -> bool:
     return seen.tobytes() == loop.values.tobytes() and all(
         values.tobytes() == loop.truth[row].tobytes() for row, values in driven.rows().items()
     )
-
-
-def _differences(loop: SimulatedRun, driven: Driven) -> tuple[float, float]:
-    """Of the contact force, relative: until the first impact is over, and at all."""
-    force = loop.truth[F_C]
-    apart = np.abs(driven.rows()[F_C] - force) / np.max(np.abs(force))
-    touching = np.flatnonzero(force)
-    over = touching[np.flatnonzero(np.diff(touching) > 1)[:1]]
-    end = int(over[0]) + 1 if over.size else len(force)
-    return float(np.max(apart[:end])), float(np.max(apart))
 
 
 _CPUS = ("host", "x86-64-v3", "x86-64")
@@ -158,7 +128,7 @@ def main(
 ) -> None:
     """Measure a step of the exported plant in a C program against the compiled loop.
 
-    Also compares its bytes, and states its size. Needs a C compiler.
+    Also compares its bytes. Needs a C compiler.
 
     Example: python -m benchmarks.exported --quick
     """
@@ -177,15 +147,8 @@ def main(
                 "us/step": "{.us_a_step:.2f}",
                 "of the loop's speed": "{.share:.2f}",
                 "same bytes": lambda row: "yes" if row.same else "no",
-                "first impact": "{.first:.0e}",
-                "whole run": "{.whole:.0e}",
-                "code, kB": "{.code_kb:.0f}",
-                "arrays, kB": "{.arrays_kb:.0f}",
             },
             found,
-        )
-        out.print(
-            "first impact, whole run: largest difference of the contact force, of its largest"
         )
         first = found[0]
         results.conclude(

@@ -1,7 +1,6 @@
 """What the first commands of a newcomer cost: all kernels are compiled, from an empty cache.
 
-With another checkout, each command of both is measured in turn. Processor time is that of all
-processes of a command.
+Processor time is that of all processes of a command.
 """
 
 import json
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.commands import ROOT, BeforeOption, Taken, checkouts, take
+from benchmarks.commands import ROOT, Taken, take
 from benchmarks.program import (
     OutDirOption,
     QuickOption,
@@ -73,65 +72,49 @@ print(json.dumps(Own.seconds))
 
 @dataclass(frozen=True)
 class First:
-    """Wall time and processor time of a command with an empty cache, s; medians of the rounds.
-    `checkout`: "this" or "before"."""
+    """Wall time and processor time of a command with an empty cache, s; medians of the rounds."""
 
     command: str
-    checkout: str
     wall_s: float
     cpu_s: float
 
 
-@dataclass(frozen=True)
-class KernelCost:
-    """Processor time that it takes to compile a function, s, in this checkout and in the other;
-    None without it."""
-
-    kernel: str
-    now_s: float | None
-    before_s: float | None
-
-
-def _take(checkout: Path, words: list[str], folder: Path) -> Taken:
+def _take(words: list[str], folder: Path) -> Taken:
     """What a command takes with an empty cache."""
     with TemporaryDirectory(prefix="hertzloop-") as cache:
-        return take(words, checkout, folder, {"NUMBA_CACHE_DIR": cache})
+        return take(words, ROOT, folder, {"NUMBA_CACHE_DIR": cache})
 
 
-def measure(rounds: int, quick: bool, before: Path | None) -> list[First]:
-    """The first commands of both checkouts in turn, as many rounds."""
-    found: dict[tuple[str, str], list[Taken]] = {}
+def measure(rounds: int, quick: bool) -> list[First]:
+    """The first commands, as many rounds."""
+    found: dict[str, list[Taken]] = {}
     with TemporaryDirectory(prefix="hertzloop-") as name:
         for _ in tracked("rounds", range(rounds)):
             for command, words in (_QUICK if quick else _COMMANDS).items():
-                for checkout, root in checkouts(before).items():
-                    own = Path(name, checkout)  # neither reads recordings of the other
-                    own.mkdir(exist_ok=True)
-                    taken = _take(root, [sys.executable, "-m", "hertzloop", *words], own)
-                    found.setdefault((command, checkout), []).append(taken)
+                taken = _take([sys.executable, "-m", "hertzloop", *words], Path(name))
+                found.setdefault(command, []).append(taken)
     return [
-        First(*key, median(one.wall_s for one in some), median(one.cpu_s for one in some))
-        for key, some in found.items()
+        First(command, median(one.wall_s for one in some), median(one.cpu_s for one in some))
+        for command, some in found.items()
     ]
 
 
-def kernels(checkout: Path) -> dict[str, float]:
-    """Processor time of each compiled function of the default scene, s.
+def kernels() -> dict[str, float]:
+    """Processor time of each compiled function of the default scene, s; the longest first.
 
     Raises:
         subprocess.CalledProcessError: the scene could not be run.
     """
     with TemporaryDirectory(prefix="hertzloop-") as name:
-        _take(checkout, [sys.executable, "-c", _KERNELS], Path(name))
+        _take([sys.executable, "-c", _KERNELS], Path(name))
         found: dict[str, float] = json.loads(Path(name, "said.txt").read_text().splitlines()[-1])
-    return found
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
 def main(
     folder: OutDirOption = None,
     rounds: RoundsOption = 3,
     quick: QuickOption = False,
-    before: BeforeOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Measure the first run, sweep and replay with no compiled kernels, and each kernel.
@@ -140,38 +123,28 @@ def main(
     """
     with results_in(folder, "first_run", json_file=json_file) as results:
         try:
-            first = measure(1 if quick else rounds, quick, before)
-            now = kernels(ROOT)
-            then = kernels(before) if before else {}
+            first, compiled = measure(1 if quick else rounds, quick), kernels()
         except subprocess.CalledProcessError as error:
             fail(f"a command failed: {error}", 1)
-        names = sorted(now | then, key=lambda name: -max(now.get(name, 0.0), then.get(name, 0.0)))
-        costs = [KernelCost(name, now.get(name), then.get(name)) for name in names]
         results.write("first", first)
-        results.write("kernels", costs)
+        results.write_rows("kernels", ("kernel", "cpu_s"), compiled.items())
         results.table(
             "first commands, nothing compiled",
             {
                 "command": "{.command}",
-                "checkout": "{.checkout}",
                 "wall time, s": "{.wall_s:.1f}",
                 "processor time, s": "{.cpu_s:.1f}",
             },
             first,
-            text=2,
         )
         results.table(
             "processor time to compile a function without those that it calls, s",
-            {
-                "function": "{.kernel}",
-                "before": lambda cost: "" if cost.before_s is None else f"{cost.before_s:.2f}",
-                "now": lambda cost: "" if cost.now_s is None else f"{cost.now_s:.2f}",
-            },
-            costs[:_SHOWN],
+            {"function": "{[0]}", "time": "{[1]:.2f}"},
+            list(compiled.items())[:_SHOWN],
         )
         results.conclude(
-            f"The kernels of the default scene are {len(now)} functions, which take "
-            f"{sum(now.values()):.1f} s of processor time to compile."
+            f"The kernels of the default scene are {len(compiled)} functions, which take "
+            f"{sum(compiled.values()):.1f} s of processor time to compile."
         )
 
 

@@ -163,19 +163,18 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     return fit(model, [one], [parse_free_key(model, key) for key in true], exact=exact), true
 
 
-def coverage(kind: str, seeds: int, exact: bool = False, first: int = 0) -> Summary:
+def coverage(kind: str, seeds: int, exact: bool = False) -> Summary:
     """Fit the rigs of a class, or records with few samples, and count what the intervals hold."""
     if kind in CLASSES:
         keys, one = [RADIUS, THICKNESS, STIFFNESS], partial(run, kind, exact=exact)
-        return summary(kind, kind != "right class", keys, seeds, one, first)
+        return summary(kind, kind != "right class", keys, seeds, one)
     few = partial(run_few, int(kind.split()[0]), exact=exact)
-    return summary(kind, False, [RADIUS, HEIGHT], seeds, few, first)
+    return summary(kind, False, [RADIUS, HEIGHT], seeds, few)
 
 
 def main(
     folder: OutDirOption = None,
     seeds: Annotated[int, typer.Option(min=1, help="Rigs of a class (1 with --quick).")] = 25,
-    first: Annotated[int, typer.Option(min=0, help="First seed.")] = 0,
     exact: ExactOption = False,
     only: OnlyOption = None,
     quick: QuickOption = False,
@@ -194,8 +193,7 @@ def main(
     check_names(names, known)
     with results_in(folder, "fit_discrepancy", "modal", json_file=json_file) as results:
         found = [
-            coverage(name, 1 if quick else seeds, exact, first)
-            for name in tracked("problems", names)
+            coverage(name, 1 if quick else seeds, exact) for name in tracked("problems", names)
         ]
         report(results, "fit_discrepancy", found)
         wrong, right = [s for s in found if s.wrong], [s for s in found if not s.wrong]

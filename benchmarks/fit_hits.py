@@ -55,19 +55,16 @@ class OwnMode(NamedTuple):
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of hits: frequency, mass and loss factor of the mode of the point that is hit (zeros
-    without it), stiffness of the tip (N/m^1.5), restitution, farthest gain from one and clock
-    from zero over their priors, and the errors of the hit that is held out over its peak, in the
-    pulse (root mean square) and largest, %; zeros without one."""
+    """A fit of hits: frequency of the mode of the point that is hit (zero without it), stiffness of
+    the tip (N/m^1.5), restitution, farthest clock from zero over its prior, and the errors of the
+    hit that is held out over its peak, in the pulse (root mean square) and largest, %; zeros
+    without one."""
 
     share: float
     records: str
     own_hz: float
-    own_kg: float
-    own_loss: float
     stiffness: float
     restitution: float
-    gain_sd: float
     clock_sd: float
     in_pulse_percent: float
     largest_percent: float
@@ -146,17 +143,13 @@ def own_mode(table: ModeTable, share: float, folder: Path) -> OwnMode:
 def judged(share: float, what: str, found: FitResult, own: OwnMode | None) -> Fitted:
     """The numbers of a fit."""
     values = {e.key: e.value for e in found.estimates}
-    own_hz, own_kg, own_loss = own or (0.0, 0.0, 0.0)
     held = found.hold_out or {"in_pulse_percent": [0.0], "largest_percent": [0.0]}
     return Fitted(
         share,
         what,
-        own_hz,
-        own_kg,
-        own_loss,
+        own.hz if own else 0.0,
         values[_STIFFNESS],
         values["contact.restitution"],
-        max(abs(n.gain - 1.0) for n in found.nuisances) / 0.03,
         max(abs(n.clock_ppm) for n in found.nuisances) / 50.0,
         max(held["in_pulse_percent"]),
         max(held["largest_percent"]),
@@ -164,15 +157,12 @@ def judged(share: float, what: str, found: FitResult, own: OwnMode | None) -> Fi
 
 
 def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
-    """Fits of single hits, of the forces of all, and of forces and accelerations."""
+    """Fits of single hits and of the forces of all."""
     table = modes()
-    forces, motions = ([record(kind, hit) for hit in (1, 2, 3)] for kind in "fa")
+    forces = [record("f", hit) for hit in (1, 2, 3)]
     for share in _SHARES[:1] if quick else _SHARES:
         setup = rig(table, share, folder)
         yield from _of_forces(setup, share, forces, None)
-        if share == _SHARES[0] and not quick:
-            both = fit(setup, [*forces, *motions], [parse_free_key(setup, key) for key in _KEYS])
-            yield judged(share, "forces and accelerations, hit 3 held out", both, None)
     known = [
         replace(one, measurement=replace(one.measurement, sensitivity_uncertainty=_KNOWN_GAIN))
         for one in forces
@@ -181,9 +171,6 @@ def fitted(quick: bool, folder: Path) -> Iterator[Fitted]:
         own = own_mode(table, share, folder)
         setup = rig(table, share, folder, own)
         yield from _of_forces(setup, share, known, own)
-        if share == _OWN_SHARES[0]:
-            erring = fit(setup, forces, [parse_free_key(setup, key) for key in _KEYS])
-            yield judged(share, "forces, hit 3 held out, with an error of the model", erring, own)
 
 
 def _of_forces(
@@ -212,7 +199,7 @@ def main(
 
     The modes are those of hits 1 and 2. How far the point that is hit gives way was not measured,
     so that it is varied. Then this point gets one more mode, which is found from the forces of hits
-    1 and 2 alone. With --quick there is one value, no such mode, and no acceleration.
+    1 and 2 alone. With --quick there is one value and no such mode.
 
     Example: python -m benchmarks.fit_hits --quick
     """
@@ -228,11 +215,8 @@ def main(
                 "records": "{.records}",
                 "share": "{.share:g}",
                 "own mode, Hz": _or_empty("own_hz", ".4g"),
-                "kg": _or_empty("own_kg", ".4g"),
-                "loss": _or_empty("own_loss", ".4g"),
                 "stiffness, N/m^1.5": "{.stiffness:.3g}",
                 "restitution": "{.restitution:.3f}",
-                "gain, sd": "{.gain_sd:.2f}",
                 "clock, sd": "{.clock_sd:.2f}",
                 "held out: in the pulse, %": _or_empty("in_pulse_percent", ".2g"),
                 "largest, %": _or_empty("largest_percent", ".2g"),

@@ -38,9 +38,6 @@ class Outcome:
     the contact last beyond that."""
 
     scene: int
-    material: str
-    radius_mm: float
-    damping: str
     control: str
     request: float
     contact_us: float
@@ -96,9 +93,6 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     lasts_s = setup.infinite_plate.lasts_s()
     about = (
         number,
-        setup.plate_material,
-        1e3 * setup.sphere.radius_m,
-        setup.scene.contact.damping,
         setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
         request,
     )

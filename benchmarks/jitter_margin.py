@@ -5,9 +5,9 @@ command that adds most energy in each step.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +26,6 @@ _MOST_DELAY = 50  # steps, at the shortest latency
 _MOST_ADDED = 600  # largest additional latency, steps, that the search tries
 _SAMPLES = 3000
 _GROWS = 1.0  # rise of log energy between the quarters of a run that makes a second, longer one
-_BINS = 10
 _MUTATIONS = 60
 _NONE = np.empty(0, np.int64)
 
@@ -259,14 +258,6 @@ def run(seed: int, count: int) -> list[SearchedLoop]:
     return found
 
 
-def histogram(found: list[SearchedLoop]) -> list[tuple[str, int]]:
-    """Return ranges of margin over smallest unstable latency, and how many loops are in each."""
-    ratios = [one.margin / one.unstable for one in found if math.isfinite(one.unstable)]
-    counts, edges = np.histogram(ratios, _BINS, (0.0, 1.0))
-    ranges = [f"{low:.1f} to {high:.1f}" for low, high in pairwise(edges)]
-    return list(zip(ranges, counts.tolist(), strict=True))
-
-
 def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption = False) -> None:
     """Compare the jitter margin of random loops with a search for unstable sequences of latencies.
 
@@ -275,17 +266,13 @@ def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption =
     with results_in(folder, "jitter_margin") as results:
         found = run(seed, 20 if quick else _LOOPS)
         results.write("jitter_margin", found)
-        columns = {"ratio": "{[0]}", "loops": "{[1]}"}
-        title = "Jitter margin over smallest unstable latency"
-        results.table(title, columns, histogram(found))
-        kinds = [one.sequence or "none found" for one in found]
-        counts = [(kind, kinds.count(kind)) for kind in sorted(set(kinds))]
+        kinds = Counter(one.sequence or "none found" for one in found)
         columns = {"kind": "{[0]}", "loops": "{[1]}"}
-        results.table("First unstable sequence", columns, counts)
-        out.print(f"median ratio {median(one.margin / one.unstable for one in found):.3g}")
-        three = found[0]
+        results.table("First unstable sequence", columns, sorted(kinds.items()))
+        ratios = [one.margin / one.unstable for one in found if math.isfinite(one.unstable)]
         out.print(
-            f"three modes: margin {three.margin:.4g} steps, unstable from {three.unstable:g} on"
+            "jitter margin over smallest unstable latency: median "
+            f"{median(ratios):.3g}, largest {max(ratios, default=math.nan):.3g}"
         )
         for one in found:
             if one.contradicts:

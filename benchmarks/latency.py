@@ -17,7 +17,6 @@ import typer
 from benchmarks.latency_pictures import CHANGES, draw_chance, draw_maps
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, Results, results_in
-from hertzloop.cli.many_cases import resumable
 from hertzloop.cli.options import JsonOption, SetOption
 from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.cli.terminal import fail
@@ -27,9 +26,7 @@ from hertzloop.results.cases import Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
-from hertzloop.studies.cases.identity import work_of
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.touch_phases import KEY as PHASE
 from hertzloop.studies.cases.touch_phases import phases, spread_of
@@ -310,13 +307,6 @@ class Study:
     more_laws: tuple[str, ...] = ()
     quick: bool = False
 
-    def header(self) -> dict[str, Any]:
-        """What decides the cases of the study, and what comes of them."""
-        found = [named.scene() for named in self.scenes]
-        settings = [named.settings for named in self.scenes]
-        work = work_of(found, self.more_laws, Design(()))
-        return work | {"quick": self.quick, "settings": settings}
-
     @property
     def mapped(self) -> Sequence[Named]:
         """The scenes whose maps are drawn."""
@@ -413,8 +403,8 @@ def main(
 ) -> None:
     """Map every law's metrics over latency, bits and sampling period.
 
-    It also prints how much latency each law tolerates. When killed, it goes on with the same
-    command. With --quick there is one scene, and the maps are coarser.
+    It also prints how much latency each law tolerates. With --quick there is one scene, and the
+    maps are coarser.
 
     Example: python -m benchmarks.latency aluminium-3mm --quick
     """
@@ -432,8 +422,8 @@ def main(
         fail(str(error), 2)
     study = Study(scenes, tuple(laws or ()), quick)
     with results_in(folder, "latency", "modal", json_file=json_file) as results:
-        with resumable(results.folder, "latency", study.header()) as finished, local_pool() as pool:
-            found = run(results, study, finished.of(pool))
+        with local_pool() as pool:
+            found = run(results, study, pool)
         for name in dict.fromkeys(c.scene for c in found):
             title = f"{name}: latency and bits that each law tolerates"
             caption = "in brackets: least to most over touch phases"
@@ -441,7 +431,7 @@ def main(
             results.table(title, _COLUMNS, mine, caption=caption)
         best = list(best_laws(found))
         keys = ("scene", "law", "survives_us", "more_than_two_points_us")
-        results.add(critical=[vars(c) for c in found], ran=finished.ran)
+        results.add(critical=[vars(c) for c in found])
         results.add(best=[dict(zip(keys, row, strict=True)) for row in best])
         parts = [
             f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than "

@@ -60,21 +60,8 @@ class Run:
             raise RuntimeError(f"the paced run failed: {done.stderr.strip()}")
 
 
-_SHORT_14MS = "run.duration_s=0.014"
-_OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
-_FEEDBACK = "controller.law=velocity_feedback"
-MORE = {
-    "comparison": [
-        Run("aluminium-20mm", (_SHORT_14MS,)),
-        Run("aluminium-20mm", (_SHORT_14MS, *_OTHER)),
-    ],
-    "unstable": [
-        Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
-    ],
-    "paced": [
-        Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
-    ],
-}
+_PACED = ("controller.law=velocity_feedback", "controller.kappa=0.1", "run.duration_s=0.003")
+MORE = {"paced": Run("aluminium-3mm", _PACED, 0.003)}
 
 
 def note_of(note: dict[str, Any]) -> dict[str, Any]:
@@ -148,20 +135,14 @@ _REPORT = "report"
 _BROWSERS = ("chromium", "chromium-browser", "chrome")
 
 
-def _draw(picture: Path, runs: list[Run]) -> None:
-    """The replay of one run, over a second one if there is one."""
+def _draw(picture: Path, run: Run) -> None:
+    """The replay of a run over the same without control."""
     with TemporaryDirectory(prefix="hertzloop-") as temporary:
-        files = []
-        for i, run in enumerate(runs):
-            files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
-            try:
-                run.record(files[-1])
-            except RuntimeError as error:
-                fail(str(error), 1)
+        file = Path(temporary) / f"{run.scene}.mcap"
         try:
-            first, *others = (read(file) for file in files)
-            replaying.replay(first, None, picture, others[0] if others else None)
-        except RecordingError as error:
+            run.record(file)
+            replaying.replay(read(file), None, picture, None)
+        except (RuntimeError, RecordingError) as error:
             fail(str(error), 1)
 
 
@@ -223,12 +204,12 @@ def main(
 ) -> None:
     """Draw the replay of every shipped scene over the same run without control.
 
-    Also draws two laws compared, an unstable run and a paced one; with --only report the page of a
-    run. Needs no screen. With --quick: the default scene only.
+    Also draws a paced run; with --only report the page of a run. Needs no screen. With --quick:
+    the default scene only.
 
     Example: python -m benchmarks.pictures --only aluminium-20mm -o pictures
     """
-    wanted = {name: [Run(name)] for name in shipped()} | MORE
+    wanted = {name: Run(name) for name in shipped()} | MORE
     known = list(read_notes()) if documented else [*wanted, _REPORT]
     if unknown := [name for name in only or [] if name not in known]:
         fail(f"--only = {unknown[0]}: unknown picture. Choose one of {', '.join(known)}", 2)

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from benchmarks.latency import (
     SCENES,
@@ -257,15 +255,12 @@ _COLUMNS: Columns = {
     "bits": lambda e: _bits(e.critical_bits),
     "to 0.5 dB": lambda e: _bits(e.settled_bits),
 }
-_SHOWN_DB = (0.1, 3.0)  # less than the first is no help
+_HELP_DB = 0.1  # less is no help
 
 
 def main(
     folder: OutDirOption = None,
     quick: QuickOption = False,
-    scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="Use only this scene; repeatable.")
-    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Compare every law in the ideal plant and in a realistic plant.
@@ -276,10 +271,7 @@ def main(
     Example: python -m benchmarks.real_plant --quick
     """
     known = [named.name for named in SCENES]
-    names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
-    for name in names:
-        if name not in known:
-            fail(f"--scene = {name}: unknown scene. Use one of {', '.join(known)}.", 2)
+    names = known[:2] if quick else known
     with results_in(folder, "real_plant", "modal", json_file=json_file) as results:
         try:
             found = run(names)
@@ -289,12 +281,6 @@ def main(
         for scene in names:
             title = f"{scene}: plate energy (dB), mean (range) over phases"
             results.table(title, _COLUMNS, [e for e in found if e.scene == scene], text=2)
-        for scene in names:
-            out.print(f"{scene}, real plant, off the plate at every touch phase:")
-            for wanted_db, us in product(_SHOWN_DB, LATENCIES_US):
-                mine = (e for e in found if (e.scene, e.plant) == (scene, "real"))
-                laws = [e.law for e in mine if e.takes_off(us, wanted_db)]
-                out.say(f"  {wanted_db:g} dB or more at {us} us: {', '.join(laws) or 'none'}")
         changed = " ".join(f"--set {key}={value}" for key, value in REAL.items())
         noise = f"noise of {NOISE:g} of the converter's range (noise_rms in real.csv)"
         out.say(
@@ -303,7 +289,7 @@ def main(
         )
         results.add(effects=[asdict(e) for e in found], real=REAL)
         real = [e for e in found if e.plant == "real"]
-        helps = sum(e.takes_off(LATENCIES_US[-1], _SHOWN_DB[0]) for e in real)
+        helps = sum(e.takes_off(LATENCIES_US[-1], _HELP_DB) for e in real)
         results.conclude(
             f"In the real plant {helps} of {len(real)} laws take energy off the plate at every "
             f"touch phase with {LATENCIES_US[-1]} us of latency."

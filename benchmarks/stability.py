@@ -1,24 +1,18 @@
 """Where methods fail: blow up, lose the energy, or let the actuator feed energy without bound.
 
-Limits of free and damped vibration (`stability_limits`), energy over stiffness, mass, plate speed
-and loss factor (`stability_maps`), and the closed loop over gain and latency (`stability_loop`).
+Limits of free vibration (`stability_limits`), energy over stiffness, mass, plate speed and loss
+factor (`stability_maps`), and the closed loop over gain and latency (`stability_loop`).
 """
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import astuple, fields
 
-from benchmarks.program import OutDirOption, QuickOption, progress, start
+from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Results, results_in
-from benchmarks.stability_limits import DAMPED, LIMITS, TEXTBOOK, damped_limits, growth
+from benchmarks.stability_limits import LIMITS, growth
 from benchmarks.stability_loop import LoopPoint, loop_map
 from benchmarks.stability_maps import (
-    BLOWN,
-    WRONG,
-    Map,
     Outcome,
-    Predicted,
-    border,
     contact_drift,
     loss_map,
     mass_map,
@@ -29,10 +23,11 @@ from benchmarks.stability_maps import (
 from benchmarks.stability_pictures import BALANCED, draw_energy, draw_limits
 from hertzloop.cli.terminal import out
 
-_MAPS: dict[str, Callable[[int], Map]] = {
+_MAPS: dict[str, Callable[[int], list[Outcome]]] = {
     "stiffness": stiffness_map,
     "mass": mass_map,
     "shaken": shaken_map,
+    "loss": loss_map,
 }
 _NEWTON = 14  # evaluations of a contact solve; with more, bisection had to step in
 _QUICK = 5  # each n-th point of every map
@@ -51,44 +46,21 @@ def run(results: Results, quick: bool) -> tuple[dict[str, str], str]:
         Key metrics to print, and the conclusion.
     """
     every = _QUICK if quick else 1
-    with progress("stability", 8) as advance:
-        free, damped = list(growth(every)), list(damped_limits(every))
-        advance(1)
-        contact = contact_drift(every)
-        advance(2)
-        thesis = list(thesis_contact(every))
-        advance(3)
-        by_map: dict[str, Map] = {}
-        for done, (name, measure) in enumerate(_MAPS.items(), 4):
-            by_map[name] = measure(every)
-            advance(done)
-        outcomes = {name: found for name, (_, found) in by_map.items()}
-        outcomes["loss"] = loss_map(every)
-        advance(7)
-        loop = list(loop_map(every=every))
+    free = list(growth(every))
+    contact = contact_drift(every)
+    thesis = list(thesis_contact(every))
+    outcomes = {name: measure(every) for name, measure in tracked("stability", _MAPS.items())}
+    loop = list(loop_map(every=every))
     results.write_rows("stability-growth", ("scheme", "omega_h", "growth_per_step"), free)
-    limits = ("scheme", "loss_factor", "predicted_omega_h", "measured_omega_h")
-    results.write_rows("stability-damped", limits, damped)
     results.write("stability-contact", contact)
     columns = ("step", "contact_length", "energy_residual", "momentum_residual")
     results.write_rows("stability-thesis2008", columns, thesis)
     for name, found in outcomes.items():
         results.write(f"stability-{name}", found)
-    results.write_rows(
-        "stability-predicted",
-        ["map", *(field.name for field in fields(Predicted))],
-        ((name, *astuple(one)) for name, (predicted, _) in by_map.items() for one in predicted),
-    )
     results.write("stability-loop", loop)
-    draw_limits(results.path("stability.png"), free, damped, contact, thesis, by_map)
-    draw_energy(results.path("stability-energy.png"), outcomes, loop)
-    metrics = (
-        _of_limits(free, damped)
-        | _of_maps(by_map)
-        | _of_balance(outcomes)
-        | _of_thesis(thesis)
-        | _of_loop(loop)
-    )
+    draw_limits(results.path("stability.png"), free, contact, thesis)
+    draw_energy(results.path("stability-energy.png"), outcomes)
+    metrics = _of_limits(free) | _of_balance(outcomes) | _of_thesis(thesis) | _of_loop(loop)
     return metrics, conclusion(outcomes, thesis)
 
 
@@ -105,44 +77,17 @@ def conclusion(
     )
 
 
-def _of_limits(
-    free: Iterable[tuple[str, float, float]], damped: list[tuple[str, float, float, float]]
-) -> dict[str, str]:
+def _of_limits(free: Iterable[tuple[str, float, float]]) -> dict[str, str]:
     found = {}
     for scheme, limit in LIMITS.items():
         grows = [phase for name, phase, factor in free if name == scheme and factor > 1.0 + 1e-9]
         found[f"{scheme} grows from w h ="] = f"{min(grows):.2f} (predicted {limit:.2f})"
-    for scheme in DAMPED:
-        mine = [row for row in damped if row[0] == scheme]
-        low, high = min(row[3] for row in mine), max(row[3] for row in mine)
-        off = max(abs(row[3] - row[2]) for row in mine)
-        found[f"{scheme}: limit of w h, loss factor 0 to 1"] = (
-            f"{low:.2f} to {high:.2f} (off the predicted by {off:.0e})"
-        )
     return found
 
 
 def _range(values: Iterable[float]) -> str:
     known = [value for value in values if not math.isnan(value)]
     return f"{min(known):.2g} to {max(known):.2g}" if known else "none"
-
-
-def _of_maps(by_map: dict[str, Map]) -> dict[str, str]:
-    """How the textbook integrators' borders lie on the maps, steps over contact time."""
-    found = {}
-    for name, (predicted, outcomes) in by_map.items():
-        for scheme in TEXTBOOK:
-            wrong = border(outcomes, scheme, WRONG)
-            doubled = border(outcomes, scheme, BLOWN)
-            text = f"1 % wrong from {_range(b for _, b in wrong)} contact times"
-            text += f", doubled from {_range(b for _, b in doubled)}"
-            if scheme in LIMITS:
-                ratios = [
-                    b / getattr(one, scheme) for (_, b), one in zip(doubled, predicted, strict=True)
-                ]
-                text += f" ({_range(ratios)} of the predicted limit)"
-            found[f"{name} map: {scheme}"] = text
-    return found
 
 
 def _of_balance(outcomes: dict[str, list[Outcome]]) -> dict[str, str]:
@@ -174,7 +119,6 @@ def _of_thesis(thesis: list[tuple[float, float, float, float]]) -> dict[str, str
 
 def _of_loop(loop: list[LoopPoint]) -> dict[str, str]:
     most = max(loop, key=lambda p: p.injected)
-    better = [p for p in loop if p.plate_energy_db < -0.1]
     own = [p for p in loop if p.injected > 1.0]
     return {
         "most energy fed in by the actuator, of the impact's": (
@@ -183,7 +127,6 @@ def _of_loop(loop: list[LoopPoint]) -> dict[str, str]:
         "the actuator feeds in more than the impact brought from kappa =": (
             f"{min(p.kappa for p in own):g}" if own else "none of those tried"
         ),
-        "settings that take 0.1 dB or more off the plate": f"{len(better)} of {len(loop)}",
     }
 
 

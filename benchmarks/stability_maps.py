@@ -1,6 +1,6 @@
 """Energy of an impact under every scheme, over contact stiffness, sphere mass, plate speed, loss.
 
-Textbook integrators run over the impact, from a first touch at the start, a third and two thirds
+Textbook integrators run over one impact, from a first touch at the start, a third and two thirds
 of a step (the worst counts); the energy-keeping schemes over 2000 steps, bounces included, so
 that long steps leave a plate that goes on vibrating.
 """
@@ -8,19 +8,13 @@ that long steps leave a plate that goes on vibrating.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
 from benchmarks import integrator_kernels as ik
 from benchmarks.integrators import Problem, problem
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
-from benchmarks.stability_limits import (
-    LIMITS,
-    TEXTBOOK,
-    contact_frequency_rad_s,
-    highest_frequency_rad_s,
-)
+from benchmarks.stability_limits import TEXTBOOK
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import collocation_kernels as collocation
@@ -30,15 +24,11 @@ from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import V_P
 from hertzloop.plant.structures.structure import oscillators
 
-WRONG = 0.01  # of the energy: its balance is lost
-BLOWN = 1.0  # the energy has at least doubled
 _LIMIT_HZ = 30e3  # few modes: what fails below is the contact, not the modes
 _PLANTS = {"discrete_gradient": DiscreteGradientPlant, "modal": CollocationPlant}
 _PLANT_STEPS = 2000
-_FINE = 500  # steps a contact time
 _PHASES = (0.0, 1.0 / 3.0, 2.0 / 3.0)
 _SHAKEN_MODES = 10
-_TEXTBOOK_SHARES = np.geomspace(2e-3, 3.0, 46)
 _PLANT_SHARES = np.geomspace(1e-2, 100.0, 13)
 
 
@@ -79,32 +69,24 @@ def contact_time_s(spec: PlantSpec) -> float:
     return rigid_contact_time_s(sphere.mass_kg, spec.contact.stiffness, sphere.impact_speed_m_s)
 
 
-def textbook_outcomes(
-    where: float,
-    what: Problem,
-    contact_times: float = 2.0,
-    plate_speed_m_s: float = 0.0,
-    shares: Iterable[float] = _TEXTBOOK_SHARES,
-) -> Iterator[Outcome]:
-    """Every textbook integrator over `contact_times`, at least 20 steps; the plate passes its rest
-    position with a speed at the struck point, shared by its lowest ten oscillators."""
+def textbook_outcomes(what: Problem, shares: Iterable[float]) -> Iterator[Outcome]:
+    """Every textbook integrator over two contact times, at least 20 steps; `where` is 0."""
     modes, lasts_s = len(what.omega2), contact_time_s(what.spec)
     for share in shares:
         step_s = float(share) * lasts_s
-        steps = max(math.ceil(contact_times * lasts_s / step_s), 20)
+        steps = max(math.ceil(2.0 / share), 20)
         gaps = np.empty(steps)
-        for scheme, (kernel, more) in TEXTBOOK.items():
+        for scheme, kernel in TEXTBOOK.items():
             worst = 0.0
             for phase in _PHASES:
                 y = what.start()
                 y[2 * modes] = -phase * step_s * y[2 * modes + 1]
-                y[modes : modes + _SHAKEN_MODES] = plate_speed_m_s / _SHAKEN_MODES
                 begin = float(ik.energy(y, *what.arguments))
                 with np.errstate(over="ignore", invalid="ignore"):
-                    kernel(y, *what.arguments, step_s, steps, 1, gaps, *more)
+                    kernel(y, *what.arguments, step_s, steps, 1, gaps)
                     change = float(ik.energy(y, *what.arguments)) / begin - 1.0
                 worst = max(worst, change if math.isfinite(change) else math.inf, key=abs)
-            yield Outcome(where, scheme, float(share), worst)
+            yield Outcome(0.0, scheme, float(share), worst)
 
 
 def shake(plant: Plant, speed_m_s: float) -> float:
@@ -116,11 +98,12 @@ def shake(plant: Plant, speed_m_s: float) -> float:
     body[V_P] = speed_m_s
     if isinstance(plant, CollocationPlant):
         state.z[0, :_SHAKEN_MODES] = each  # z is scaled by Theta there
+        state.free[:] = state.z
         body[collocation.MODAL_V] = speed_m_s
     else:
-        theta = plant.model.table[plant.kernels.THETA].reshape(-1)
-        state.z[0].reshape(-1)[:_SHAKEN_MODES] = each / theta[:_SHAKEN_MODES]
-    state.free[:] = state.z
+        table = plant.model.table.reshape(plant.kernels.COLUMNS, -1)[:, :_SHAKEN_MODES]
+        weight = table[plant.kernels.THETA] * table[plant.kernels.B_C]
+        state.z[0].reshape(-1)[:_SHAKEN_MODES] = each / weight
     return float(plant.kernels.modal_energy(plant.model, state))
 
 
@@ -151,13 +134,12 @@ def plant_outcomes(
             )
 
 
-@cache
 def contact_drift(every: int = 1) -> list[Outcome]:
     """Every scheme over one contact of the light ball against the step; `where` is 0. `every`: take
     each n-th step only."""
     what = few_modes()
     shares = np.geomspace(3e-3, 3.0, 31)[::every]
-    found = list(textbook_outcomes(0.0, what, shares=shares))
+    found = list(textbook_outcomes(what, shares))
     for share in shares:
         found += plant_outcomes(0.0, what.spec, shares=[share], steps=max(math.ceil(2 / share), 3))
     return found
@@ -184,125 +166,51 @@ def thesis_contact(every: int = 1) -> Iterator[tuple[float, float, float, float]
         yield float(share), length, abs(balance.energy_residual), abs(balance.momentum_residual)
 
 
-@dataclass(frozen=True)
-class Predicted:
-    """Limits of the explicit integrators from the contact's tangent at the deepest point of a
-    finely resolved run, all modes joined. Exact for a contact that lasts; an impact of a few
-    steps is wrong before and has no time to grow beyond."""
-
-    where: float
-    contact_over_highest_mode: float  # frequencies
-    contact_frequency_step: float  # contact frequency times the step of one contact time
-    verlet: float  # step over the rigid plate's contact time
-    rk4: float
-
-
-def predicted(
-    where: float, spec: PlantSpec, contact_times: float = 2.0, plate_speed_m_s: float = 0.0
-) -> Predicted:
-    """The limits for one setting of a map."""
-    what, lasts_s = problem_of(spec), contact_time_s(spec)
-    fine = CollocationPlant(replace(spec, step_s=lasts_s / _FINE))
-    if plate_speed_m_s:
-        shake(fine, plate_speed_m_s)
-    gaps = np.empty(round(contact_times * _FINE))
-    ik.plant_gaps(fine.model, fine.state, 1, gaps)
-    deepest = -float(gaps.min())
-    contact = contact_frequency_rad_s(what, deepest)
-    highest = highest_frequency_rad_s(what, deepest)
-    return Predicted(
-        where,
-        contact / math.sqrt(float(what.omega2.max())),
-        contact * lasts_s,
-        LIMITS["verlet"] / (highest * lasts_s),
-        LIMITS["rk4"] / (highest * lasts_s),
-    )
-
-
-Map = tuple[list[Predicted], list[Outcome]]
-
-
-def _map(
-    settings: Iterable[tuple[float, PlantSpec]],
-    contact_times: float = 2.0,
-    shares: Iterable[float] = _TEXTBOOK_SHARES,
-    *,
-    shaken: bool = False,
-) -> Map:
-    """Every scheme at every (where, spec); `shaken`: `where` is plate speed over impact speed."""
-    limits: list[Predicted] = []
-    found: list[Outcome] = []
-    for where, spec in settings:
-        speed = where * spec.sphere.impact_speed_m_s if shaken else 0.0
-        limits.append(predicted(where, spec, contact_times, speed))
-        found += textbook_outcomes(where, problem_of(spec), contact_times, speed, shares)
-        found += plant_outcomes(where, spec, speed)
-    return limits, found
-
-
 def stiff(factor: float) -> PlantSpec:
     """The light ball's scene with its contact stiffness times `factor`."""
     spec = few_modes().spec
     return replace(spec, contact=replace(spec.contact, stiffness=factor * spec.contact.stiffness))
 
 
-@cache
-def stiffness_map(every: int = 1) -> Map:
+def stiffness_map(every: int = 1) -> list[Outcome]:
     """Contact stiffness from 1e-5 to 1e5 of the light ball's; `every`: take each n-th only."""
-    factors = np.geomspace(1e-5, 1e5, 11)[::every]
-    return _map((float(factor), stiff(float(factor))) for factor in factors)
-
-
-@cache
-def mass_map(every: int = 1) -> Map:
-    """Sphere mass over plate impedance times contact time, from spheres that hardly feel the plate
-    to spheres that it can hardly stop; `every`: take each n-th only."""
-    base = few_modes().spec
-
-    def settings() -> Iterator[tuple[float, PlantSpec]]:
-        for radius in np.geomspace(3e-4, 3e-2, 13)[::every]:
-            sphere = replace(base.sphere, radius_m=float(radius))
-            stiffness = hertz_stiffness(float(radius), sphere.material, base.plate.material)
-            contact = replace(base.contact, stiffness=stiffness)
-            spec = replace(base, sphere=sphere, contact=contact)
-            impedance = base.simply_supported.infinite_plate_impedance_n_s_m
-            yield sphere.mass_kg / (impedance * contact_time_s(spec)), spec
-
-    return _map(settings())
-
-
-@cache
-def loss_map(every: int = 1) -> list[Outcome]:
-    """The plate's loss factor from 0 to 1, energy-keeping schemes. The textbook integrators keep no
-    account of what damping takes; their limits are in `damped_limits`. `every`: take each n-th
-    loss factor only."""
-    spec = few_modes().spec
     found: list[Outcome] = []
-    for eta in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0)[::every]:
-        found += plant_outcomes(
-            eta, replace(spec, plate=replace(spec.simply_supported, loss_factor=eta))
-        )
+    for factor in np.geomspace(1e-5, 1e5, 11)[::every]:
+        found += plant_outcomes(float(factor), stiff(float(factor)))
     return found
 
 
-@cache
-def shaken_map(every: int = 1) -> Map:
-    """The plate's speed at the struck point when the sphere arrives, over impact speed; over 20
-    contact times, several bounces. The ball of 20 mm has half the mass of a mode, so that neither
-    side is the other's wall. `every`: take each n-th speed only."""
+def mass_map(every: int = 1) -> list[Outcome]:
+    """Sphere mass over plate impedance times contact time, from spheres that hardly feel the plate
+    to spheres that it can hardly stop; `every`: take each n-th only."""
+    base = few_modes().spec
+    impedance = base.simply_supported.infinite_plate_impedance_n_s_m
+    found: list[Outcome] = []
+    for radius in np.geomspace(3e-4, 3e-2, 13)[::every]:
+        sphere = replace(base.sphere, radius_m=float(radius))
+        stiffness = hertz_stiffness(float(radius), sphere.material, base.plate.material)
+        contact = replace(base.contact, stiffness=stiffness)
+        spec = replace(base, sphere=sphere, contact=contact)
+        found += plant_outcomes(sphere.mass_kg / (impedance * contact_time_s(spec)), spec)
+    return found
+
+
+def loss_map(every: int = 1) -> list[Outcome]:
+    """The plate's loss factor from 0 to 1; `every`: take each n-th only."""
+    spec = few_modes().spec
+    found: list[Outcome] = []
+    for eta in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0)[::every]:
+        plate = replace(spec.simply_supported, loss_factor=eta)
+        found += plant_outcomes(eta, replace(spec, plate=plate))
+    return found
+
+
+def shaken_map(every: int = 1) -> list[Outcome]:
+    """The plate's speed at the contact point when the sphere arrives, over impact speed. The ball
+    of 20 mm has half the mass of a mode, so that neither side is the other's wall. `every`: take
+    each n-th speed only."""
     spec = few_modes("aluminium-20mm").spec
-    ratios = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)[::every]
-    shares = np.geomspace(1e-3, 3.0, 36)
-    return _map(((ratio, spec) for ratio in ratios), 20.0, shares, shaken=True)
-
-
-def border(found: Iterable[Outcome], scheme: str, least: float) -> list[tuple[float, float]]:
-    """Along a map: the smallest step at which a textbook integrator's energy is off by `least`
-    (from BLOWN on: too large by that), nan where none of the steps does."""
-    mine = [one for one in found if one.scheme == scheme]
-    edges = []
-    for where in dict.fromkeys(one.where for one in mine):
-        size = [(one.step, one.change) for one in mine if one.where == where]
-        off = [step for step, c in size if (c if least >= BLOWN else abs(c)) >= least]
-        edges.append((where, min(off, default=math.nan)))
-    return edges
+    found: list[Outcome] = []
+    for ratio in (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)[::every]:
+        found += plant_outcomes(ratio, spec, ratio * spec.sphere.impact_speed_m_s)
+    return found

@@ -34,13 +34,10 @@ _RUNS = {
 }
 # Name of a row, the command that it is of, what is measured, unit, and aim.
 _ROWS = (
-    ("hertzloop --version, processor time", "version", "cpu_s", "s", 0.25),
     ("run, compiled, processor time", "run, compiled", "cpu_s", "s", 1.2),
     ("run, compiled, time", "run, compiled", "wall_s", "s", None),
-    ("run, compiled, memory of the largest process", "run, compiled", "memory_mb", "MB", None),
     ("run, zenoh, processor time", "run, zenoh", "cpu_s", "s", 3.5),
     ("run, zenoh, time", "run, zenoh", "wall_s", "s", 2.5),
-    ("run, zenoh, memory of the largest process", "run, zenoh", "memory_mb", "MB", None),
     ("run, zenoh, share of real time", "run, zenoh", "real_time", "", 2.0),
     (
         "feedback in the lane, share of real time",
@@ -67,23 +64,21 @@ class Row:
 
 def _take(checkout: Path, command: str, folder: Path) -> dict[str, float]:
     """Run a command of a checkout: what it takes, and simulated over wall time of the loop."""
-    words, report = ["--version"], folder / "run.json"
-    if command in _RUNS:
-        words = ["run", _SCENE, *_RUNS[command], "--overwrite", "--json", str(report)]
+    report = folder / "run.json"
+    words = ["run", _SCENE, *_RUNS[command], "--overwrite", "--json", str(report)]
     taken = take([sys.executable, "-m", "hertzloop", *words], checkout, folder)
-    told = json.loads(report.read_text()) if command in _RUNS else {}
-    return asdict(taken) | {"real_time": told.get("real_time_factor", 0.0)}
+    return asdict(taken) | {"real_time": json.loads(report.read_text())["real_time_factor"]}
 
 
 def measure(rounds: int, before: Path | None) -> list[Row]:
     """All rows of the table; the checkouts take turns, and who is first alternates."""
     roots = list(checkouts(before).values())
-    commands = ["version", *_RUNS]
+    commands = list(_RUNS)
     found: dict[tuple[Path, str], list[dict[str, float]]] = {}
     with TemporaryDirectory(prefix="hertzloop-") as name:
         folder = Path(name)
         for checkout in roots:
-            for command in commands[1:]:
+            for command in commands:
                 _take(checkout, command, folder)  # compiles and loads what is not in the cache
         for turn in tracked("commands", range(rounds * len(commands))):
             command = commands[turn % len(commands)]

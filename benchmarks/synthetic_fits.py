@@ -105,8 +105,6 @@ class Summary:
     models: dict[str, int]
     rms_error: dict[str, float]
     half_width_percent: dict[str, float]
-    median_residual_over_noise: float
-    median_evaluations: float
     median_wall_s: float
     misses: list[str]
 
@@ -126,16 +124,14 @@ class Summary:
         return self.seeds * len(self.covered)
 
 
-def summary(
-    problem: str, wrong: bool, keys: Sequence[str], seeds: int, run: Fit, first: int = 0
-) -> Summary:
-    """Fit so many seeds of a problem, from the first, and count what the intervals cover."""
+def summary(problem: str, wrong: bool, keys: Sequence[str], seeds: int, run: Fit) -> Summary:
+    """Fit so many seeds of a problem and count what the intervals cover."""
     covered = dict.fromkeys(keys, 0)
     errors: dict[str, list[float]] = {key: [] for key in keys}
     widths: dict[str, list[float]] = {key: [] for key in keys}
     models: dict[str, int] = {}
     whole, misses, results = 0, [], []
-    for seed in range(first, first + seeds):
+    for seed in range(seeds):
         try:
             result, true = run(seed)
         except ValueError as error:
@@ -164,43 +160,9 @@ def summary(
         models,
         {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v},
         {k: median(v) for k, v in widths.items()},
-        median(r.residual_over_noise for r in results),
-        median(r.evaluations for r in results),
         median(r.wall_s for r in results),
         misses,
     )
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """What the intervals of one key of a problem cover: a row of the table."""
-
-    problem: str
-    key: str
-    held: int
-    of: int
-    rms_error_percent: float
-    half_width_percent: float
-    told: int
-    residual_over_noise: float
-    simulations: float
-    wall_s: float
-
-
-def _coverages(s: Summary) -> list[Coverage]:
-    about = s.told, s.median_residual_over_noise, s.median_evaluations, s.median_wall_s
-    return [
-        Coverage(
-            s.problem,
-            key,
-            held,
-            s.seeds,
-            100.0 * s.rms_error.get(key, math.nan),
-            s.half_width_percent[key],
-            *about,
-        )
-        for key, held in s.covered.items()
-    ]
 
 
 def check_names(names: Sequence[str], known: Sequence[str]) -> None:
@@ -212,26 +174,26 @@ def check_names(names: Sequence[str], known: Sequence[str]) -> None:
 
 def report(results: Results, program: str, found: Sequence[Summary]) -> None:
     """Write and print the summaries of all problems."""
-    rows = [row for s in found for row in _coverages(s)]
-    results.write(program, rows)
+    rows = [
+        (
+            s.problem,
+            key,
+            held,
+            s.seeds,
+            100.0 * s.rms_error.get(key, math.nan),
+            s.half_width_percent[key],
+            s.told,
+            s.median_wall_s,
+        )
+        for s in found
+        for key, held in s.covered.items()
+    ]
+    headings = ("problem", "key", "held", "of", "rms error %", "half-width %", "class told", "s")
+    results.write_rows(program, headings, rows)
     results.add(problems=[asdict(s) for s in found])
-    results.table(
-        "fits of synthetic records",
-        {
-            "problem": "{.problem}",
-            "key": "{.key}",
-            "held": "{.held}",
-            "of": "{.of}",
-            "rms error %": "{.rms_error_percent:.3g}",
-            "half-width %": "{.half_width_percent:.3g}",
-            "class told": "{.told}",
-            "residual": "{.residual_over_noise:.3g}",
-            "simulations": "{.simulations:.3g}",
-            "s": "{.wall_s:.3g}",
-        },
-        rows,
-        text=2,
-    )
+    formats = [f"{{[{i}]{':.3g}' if i in (4, 5, 7) else '}'}" for i in range(len(headings))]
+    columns = dict(zip(headings, formats, strict=True))
+    results.table("fits of synthetic records", columns, rows, text=2)
     for s in found:
         for miss in s.misses:
             out.say(f"{s.problem}, {miss}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.patches import Patch
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator
 
 from benchmarks.program import OutDirOption, QuickOption, start
@@ -94,6 +94,7 @@ def _contact_radius_m(b: MapPlace) -> float:
     return criteria.contact_radius_m(b.peak_n, b.sphere.radius_m, b.contact.stiffness)
 
 
+Sizes = dict[str, np.ndarray]  # of each effect, (thickness, radius)
 # Effect, what to do about it, and its size.
 EFFECTS: tuple[tuple[str, str, Callable[[MapPlace], float]], ...] = (
     ("plate theory", "an elastic solid instead of Kirchhoff's plate", plate_theory),
@@ -105,7 +106,7 @@ EFFECTS: tuple[tuple[str, str, Callable[[MapPlace], float]], ...] = (
 )
 
 
-def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, Sizes]:
     """Radii, thicknesses (m, each (count,)) and the size of every effect, (thickness, radius).
 
     Raises SceneError for what is no plate."""
@@ -146,7 +147,7 @@ def place(
     )
 
 
-def run(setup: Setup, results: Results, count: int = 61) -> dict[str, np.ndarray]:
+def run(setup: Setup, results: Results, count: int = 61) -> Sizes:
     """Write the map as picture and CSV; the sizes."""
     radii, thicknesses, sizes = map_of(setup, count)
     names = [name for name, _, _ in EFFECTS]
@@ -165,14 +166,7 @@ def run(setup: Setup, results: Results, count: int = 61) -> dict[str, np.ndarray
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
         f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )
-    draw_map(
-        results.path("validity.png"),
-        about,
-        radii,
-        thicknesses,
-        sizes,
-        {name: words for name, words, _ in EFFECTS},
-    )
+    draw_map(results.path("validity.png"), about, radii, thicknesses, sizes)
     return sizes
 
 
@@ -180,29 +174,23 @@ _LEVELS = ((1e-3, "effects above 0.1 %"), (1e-1, "effects above 10 %"))
 _SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm")
 _LATE_MM = 10.0  # radius from which on a name ends at its star
 _TICKS = (0.2, 0.5, 1, 2, 5, 10, 20)
-_HATCHES = ("", "////", "....", "xxx", "", "")
-_PLACES = (0.6, 0.5, 0.25, 0.6, 0.5, 0.9)  # of the length of a line, where its name is
 _PLAIN = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
 
 
 def draw_map(
-    path: Path,
-    about: str,
-    radii_m: np.ndarray,
-    thicknesses_m: np.ndarray,
-    sizes: dict[str, np.ndarray],
-    remedies: dict[str, str],
+    path: Path, about: str, radii_m: np.ndarray, thicknesses_m: np.ndarray, sizes: Sizes
 ) -> None:
     """Two panels, a limit each: every effect has a line, and a shade where it matters."""
     sheet, axes = pictures.sheet(1, 2, width=13.0, height=7.0)
     x, y = 1e3 * radii_m, 1e3 * thicknesses_m
-    known = {name: size for name, size in sizes.items() if not np.isnan(size).any()}
-    places = {name: i for i, name in enumerate(sizes)}
     for ax, (level, title) in zip(axes[0], _LEVELS, strict=True):
-        everywhere = [name for name, size in known.items() if size.min() > level]
-        for name, size in known.items():
-            if size.min() <= level < size.max():
-                _shade(ax, x, y, size, level, name, places[name])
+        everywhere = [name for name, size in sizes.items() if size.min() > level]
+        for i, size in enumerate(sizes.values()):
+            if size.min() <= level < size.max():  # nan where an effect is not known
+                look = pictures.look(i)
+                ax.contourf(x, y, size, [level, np.inf], colors=[look["color"]], alpha=0.16)
+                lines = ax.contour(x, y, size, [level], colors=[look["color"]], linewidths=2.0)
+                lines.set_linestyle(look["linestyle"])
         if everywhere:
             title += f"; everywhere: {', '.join(everywhere)}"
         _mark_scenes(ax)
@@ -215,9 +203,9 @@ def draw_map(
         ax.set_ylim(y[0], y[-1])
     axes[0, 0].set_ylabel("thickness of the plate (mm)")
     handles = [
-        _key(name, remedies[name], places[name])
-        for name, size in known.items()
-        if size.max() > _LEVELS[0][0]
+        Line2D([], [], label=f"{name}: {remedy}", linewidth=2.0, **pictures.look(i))
+        for i, (name, remedy, _) in enumerate(EFFECTS)
+        if sizes[name].max() > _LEVELS[0][0]
     ]
     sheet.legend(
         handles=handles,
@@ -252,44 +240,6 @@ def _mark_scenes(ax: Any) -> None:
             zorder=7,
             bbox=_PLAIN,
         )
-
-
-def _shade(
-    ax: Any, x: np.ndarray, y: np.ndarray, size: np.ndarray, level: float, name: str, index: int
-) -> None:
-    """One effect: shade above the level, its line, and its name on that."""
-    look = pictures.look(index)
-    ax.contourf(
-        x, y, size, [level, np.inf], colors=[look["color"]], alpha=0.16, hatches=[_HATCHES[index]]
-    )
-    lines = ax.contour(x, y, size, [level], colors=[look["color"]], linewidths=2.0)
-    lines.set_linestyle(look["linestyle"])
-    for line in lines.allsegs[0]:
-        # Each effect at a place of its own along its line, so that names do not meet.
-        where = line[np.argsort(line[:, 1])][int(len(line) * _PLACES[index])]
-        side = "right" if where[0] > _LATE_MM else "center"
-        ax.text(
-            *where,
-            name,
-            color=look["color"],
-            weight="bold",
-            ha=side,
-            va="center",
-            zorder=6,
-            bbox=_PLAIN,
-        )
-
-
-def _key(name: str, remedy: str, index: int) -> Patch:
-    colour = pictures.look(index)["color"]
-    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
-    return Patch(
-        facecolor=(red, green, blue, 0.16),
-        edgecolor=colour,
-        hatch=_HATCHES[index],
-        linewidth=1.5,
-        label=f"{name}: {remedy}",
-    )
 
 
 def main(

@@ -52,25 +52,6 @@ def restitution(spec: PlantSpec) -> float:
             steps *= 4
 
 
-def relaxation_stiffness(
-    stiffness: float, loss_factor: float, period_s: float, relaxation_s: float, step_s: float
-) -> float:
-    """s_tau (N/m^1.5) that gives the contact a loss factor at w = pi/T (the study's eta_c).
-
-    eta_c = s_tau w tau/(s_rel - s_tau + s_rel w^2 tau^2), s_rel = s + (dt/tau) s_tau.
-    Raises ValueError where no positive s_tau does.
-    """
-    x = math.pi / period_s * relaxation_s
-    b = step_s / relaxation_s
-    bottom = x + loss_factor * (1.0 - b * (1.0 + x * x))
-    if bottom <= 0.0:
-        raise ValueError(
-            f"no relaxation stiffness gives loss factor {loss_factor:g} with T = {period_s:g} s "
-            f"and tau = {relaxation_s:g} s. Use a smaller tau."
-        )
-    return loss_factor * stiffness * (1.0 + x * x) / bottom
-
-
 def calibrate_viscous(spec: PlantSpec, target: float) -> float:
     """Damping constant c (N s/m) for a restitution. Raises ValueError if none is found."""
 

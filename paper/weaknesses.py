@@ -1,10 +1,9 @@
 """Where the published numerics fail, beside the consistent scheme.
 
-Four checks without control: contact impulse against momentum change; contact time and rebound
-as the step shrinks; Newton's iterations under relaxation damping; the sign of its force.
+Two checks without control: contact impulse against momentum change; contact time and rebound
+as the step shrinks.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -19,94 +18,21 @@ from benchmarks.results import results_in
 from benchmarks.schemes import discrete_gradient_kernels
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.contact.hertz import (
-    Contact,
-    Damping,
-    Sphere,
-    hertz_stiffness,
-    rigid_contact_time_s,
-)
-from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.plant.state_kernels import (
-    CONTACT_STEPS,
     GRAVITY_M_S2,
-    NEWTON_MAX,
-    NEWTON_TOTAL,
     STEP,
     XI,
 )
 from hertzloop.plant.time_series import F_C
 from hertzloop.results.impacts import first_impact
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import load
 from hertzloop.studies.pages import pictures
-from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact
 
 _LAW = "controller.law=slope_threshold"
 _OFF = "controller.law=off"
 _LASTS = "run.duration_s=0.06"  # all contacts of the first arrival
-
-
-@dataclass(frozen=True)
-class LawEffect:
-    """kappa = 0.8, v_thr = -0.25 m/s without latency, against no control.
-
-    Speeds: of the sphere when it leaves for good (consistent: after the last contact within
-    60 ms); energies: work on the plate in all these contacts.
-    """
-
-    sphere: str
-    scheme: str
-    leaves_m_s: float
-    without_m_s: float
-    height_percent: float
-    plate_mj: float
-    without_mj: float
-    plate_db: float
-
-
-def law_effects() -> list[LawEffect]:
-    """Both spheres, both schemes."""
-    found = []
-    for radius_mm in (3, 20):
-        radius = f"sphere.radius_m={radius_mm / 1000}"
-        spec = load("thesis-aluminium", [radius]).plant
-        damping = calibrate_viscous(spec, spec.plate.material.restitution)
-        published = [radius, f"contact.viscous_n_s_m={damping!r}"]
-        for source, settings, measure in (
-            ("thesis-aluminium", published, _published),
-            (f"aluminium-{radius_mm}mm", [_LASTS], _consistent),
-        ):
-            speed, energy = measure(load(source, [*settings, _LAW]))
-            speed_0, energy_0 = measure(load(source, [*settings, _OFF]))
-            found.append(
-                LawEffect(
-                    sphere=f"R = {radius_mm} mm",
-                    scheme=load(source).scheme,
-                    leaves_m_s=speed,
-                    without_m_s=speed_0,
-                    height_percent=100.0 * (speed / speed_0) ** 2,
-                    plate_mj=1e3 * energy,
-                    without_mj=1e3 * energy_0,
-                    plate_db=10.0 * math.log10(energy / energy_0),
-                )
-            )
-    return found
-
-
-def _published(setup: Setup) -> tuple[float, float]:
-    impact = first_impact(setup, simulate(setup).truth)
-    if impact is None or not impact.ended:
-        raise ValueError(f"{setup.name}: the first contact does not end within the run")
-    return impact.noise.next_impact_speed_m_s, impact.noise.transmitted_j
-
-
-def _consistent(setup: Setup) -> tuple[float, float]:
-    found = impacts_in(setup.plant, simulate(setup).truth)
-    return found[-1].rebound_speed_m_s, sum(impact.plate_energy_j for impact in found)
 
 
 def _bars(axes: Any, labels: list[str], values: list[float], published: list[bool]) -> None:
@@ -129,7 +55,7 @@ _CALLED = {"modal": "consistent", "thesis2008": "published"}
 
 def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) -> None:
     """Draw the rows of all checks, by their names in `main`."""
-    figure, axes = pictures.sheet(2, 2, width=13.0, height=4.6)
+    figure, axes = pictures.sheet(1, 2, width=13.0, height=4.6)
     rows = checks["momentum"]
     ratios = [row.ratio for row in rows]
     _bars(
@@ -161,27 +87,6 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
     axes[0, 1].set_xticks(steps, [f"{step:g}" for step in steps_us])
     axes[0, 1].minorticks_off()
     axes[0, 1].legend()
-    found = checks["iterations"]
-    labels = [
-        f"{r.case}: {r.solve.replace('relaxation, ', 'relaxation ')}"
-        + (f", {r.never} never end" if r.never else "")
-        for r in found
-    ]
-    largest = [float(row.largest) for row in found]
-    _bars(axes[1, 0], labels, largest, ["published" in row.solve for row in found])
-    axes[1, 0].set(
-        title="Work of one solve of the contact",
-        xscale="log",
-        xlabel="largest number of evaluations (100 000: cut there)",
-    )
-    axes[1, 0].tick_params(axis="y", labelsize=7)
-    pulls = checks["adhesion"]
-    shares = [100.0 * row.share for row in pulls]
-    _bars(axes[1, 1], [row.scene for row in pulls], shares, [True] * len(pulls))
-    axes[1, 1].set(
-        title="Does the contact pull? (relaxation damping)",
-        xlabel="most negative contact force (% of the largest)",
-    )
     known = [
         Patch(facecolor=pictures.COLOURS[1], hatch="//", edgecolor="black", label="published"),
         Patch(facecolor=pictures.COLOURS[0], edgecolor="black", label="consistent"),
@@ -193,10 +98,6 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
 MATERIALS = ("aluminium", "oak", "sylomer")
 STEPS_US = (4.0, 2.0, 1.0, 0.5, 0.25)
 _REFERENCE_US = 0.0625
-# Time constants (s) at which the target restitution is reached, the published one where it is.
-RELAXATION_S = {"aluminium": 0.0025, "oak": 0.5, "sylomer": 1e-3}
-ITERATIONS_ALLOWED = 100_000  # then a solve counts as one that never ends
-_CASES = 150
 
 
 @dataclass(frozen=True)
@@ -220,27 +121,6 @@ class Refinement:
     contact_time_us: float
     rebound_m_s: float
     rebound_error: float  # relative to the impact speed, against the reference
-
-
-@dataclass(frozen=True)
-class Iterations:
-    """Evaluations that the contact's solve took over an impact with relaxation damping."""
-
-    case: str
-    solve: str
-    largest: int
-    mean: float
-    never: int  # impacts with a solve that did not end within ITERATIONS_ALLOWED
-    impacts: int
-
-
-@dataclass(frozen=True)
-class Adhesion:
-    """Most negative contact force under relaxation, as a share of the largest."""
-
-    scene: str
-    restitution: float
-    share: float
 
 
 def momentum() -> list[Momentum]:
@@ -324,101 +204,6 @@ def consistent_first_contact(spec: PlantSpec, longest_s: float) -> tuple[float, 
     raise ValueError(f"the first contact does not end within {longest_s} s")
 
 
-def _relaxing(spec: PlantSpec, s_tau: float, tau_s: float, *, extra_state: bool) -> PlantSpec:
-    contact = Contact(
-        spec.contact.stiffness,
-        Damping.RELAXATION,
-        relaxation_stiffness=s_tau,
-        relaxation_s=tau_s,
-        extra_state=extra_state,
-    )
-    return replace(spec, contact=contact)
-
-
-def calibrated() -> dict[str, PlantSpec]:
-    """The three plates with relaxation damping for the assumed restitution, bracketed solve."""
-    found = {}
-    for name in MATERIALS:
-        scene = load(f"thesis-{name}")
-        spec, tau = scene.plant, RELAXATION_S[name]
-        s_tau = calibrate_relaxation(spec, spec.plate.material.restitution, tau)
-        found[name] = _relaxing(spec, s_tau, tau, extra_state=True)
-    return found
-
-
-def _count(spec: PlantSpec, steps: int = 4000) -> tuple[int, int, int, bool]:
-    """Largest and total iterations, steps, whether a solve never ended."""
-    plant = ThesisPlant(spec, steps, most_iterations=ITERATIONS_ALLOWED)
-    first_contact(plant, steps)
-    counts = plant.state.counts
-    largest, total = int(counts[NEWTON_MAX]), int(counts[NEWTON_TOTAL])
-    return largest, total, int(counts[CONTACT_STEPS]), bool(counts[k.GAVE_UP])
-
-
-def iterations(cases: int = _CASES, seed: int = 1) -> list[Iterations]:
-    """Evaluations per solve: viscous, relaxation as published, relaxation as one extra state.
-
-    The calibrated impacts, then random ones on aluminium (radius 20 and 3 mm, drop height
-    0.1 mm to 1 m, memory taking 0.1 to 0.9 of the stiffness over the contact).
-    """
-    found = []
-    for name, spec in calibrated().items():
-        viscous = load(f"thesis-{name}").plant
-        published = replace(spec, contact=replace(spec.contact, extra_state=False))
-        for solve, one in (
-            ("viscous, published", viscous),
-            ("relaxation, published", published),
-            ("relaxation, extra state", spec),
-        ):
-            found.append(_summary(f"{name}, calibrated", solve, [_count(one)]))
-    for radius in (0.02, 0.003):
-        random = np.random.default_rng(seed)
-        specs = [_random_case(radius, random) for _ in range(cases)]
-        for solve, extra in (("relaxation, published", False), ("relaxation, extra state", True)):
-            counts = [
-                _count(replace(one, contact=replace(one.contact, extra_state=extra)))
-                for one in specs
-            ]
-            found.append(_summary(f"aluminium, R = {radius * 1e3:g} mm, random", solve, counts))
-    return found
-
-
-def _random_case(radius_m: float, random: np.random.Generator) -> PlantSpec:
-    spec = load("thesis-aluminium").plant
-    height, part = 10 ** random.uniform(-4, 0), random.uniform(0.1, 0.9)
-    sphere = Sphere(spec.sphere.material, radius_m, height)
-    s = hertz_stiffness(radius_m, sphere.material, spec.plate.material)
-    # The published contact of the heavy sphere takes 34 us whatever its mass would say.
-    lasts = rigid_contact_time_s(sphere.mass_kg, s, sphere.impact_speed_m_s)
-    lasts = min(lasts, 34e-6)
-    tau = RELAXATION_S["aluminium"]
-    contact = replace(spec.contact, stiffness=s)
-    sized = replace(spec, sphere=sphere, contact=contact)
-    return _relaxing(sized, part * s * tau / lasts, tau, extra_state=True)
-
-
-def _summary(case: str, solve: str, counts: list[tuple[int, int, int, bool]]) -> Iterations:
-    total, steps = sum(c[1] for c in counts), sum(c[2] for c in counts)
-    never = sum(c[3] for c in counts)
-    return Iterations(case, solve, max(c[0] for c in counts), total / steps, never, len(counts))
-
-
-def adhesion() -> list[Adhesion]:
-    """Most negative contact force over the largest, for the calibrated relaxation."""
-    found = []
-    for name, spec in calibrated().items():
-        plant = ThesisPlant(spec, 4000)
-        forces = []
-        while not (plant.state.counts[k.TOUCHING] and plant.state.body[XI] > 0.0):
-            forces.append(k.step(plant.model, plant.state, 0.0))
-        speed = float(plant.state.motion[k.REL_V]) / spec.sphere.impact_speed_m_s
-        found.append(Adhesion(f"thesis-{name}", speed, min(forces) / max(forces)))
-    return found
-
-
-_QUICK_CASES = 10
-
-
 def _cell(name: str) -> Callable[[Any], str]:
     """The text of a field."""
 
@@ -434,19 +219,13 @@ def _cell(name: str) -> Callable[[Any], str]:
 def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
     """Show where the published numerics fail, beside the consistent scheme.
 
-    With --quick: fewer random cases.
+    --quick changes nothing: it takes seconds.
 
     Example: python -m paper.weaknesses --quick
     """
     measures: dict[str, tuple[str, Callable[[], list[Any]]]] = {
         "momentum": ("Contact impulse against momentum change", momentum),
         "refinement": ("First contact on aluminium under smaller steps", refinement),
-        "iterations": (
-            "Evaluations a solve of the contact takes",
-            partial(iterations, _QUICK_CASES if quick else _CASES),
-        ),
-        "adhesion": ("Pulling force under relaxation damping", adhesion),
-        "law": ("What the law does: kappa = 0.8, v_thr = -0.25 m/s", law_effects),
     }
     with results_in(folder, "weaknesses", "modal", "thesis2008") as results:
         checks: dict[str, list[Any]] = {}

@@ -37,7 +37,7 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.plant import Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes.registry import SCHEMES, Scheme
-from hertzloop.plant.state_kernels import AWAKE, BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE
+from hertzloop.plant.state_kernels import BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE
 from hertzloop.plant.structures.modes import Oscillators
 
 NAME = "discrete_gradient"
@@ -81,50 +81,45 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> discrete_gradient_kernel
     # Written with phi_1: the difference would cancel for slow modes and short steps.
     grown = scale / theta * h * phi(1, s * h)
     swing = scale / theta / s * turn  # z minus its rest position, after that step from zero
-    same = spec.same_point
     b_c, b_a = modes.contact, modes.actuator
-    # At one point z carries the output weight as well, so that the outputs are plain sums.
-    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
-    weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
 
     def gain(out: np.ndarray, drive: np.ndarray) -> float:
         return float(np.sum(out * drive * grown.imag))
 
     def speed_gain(drive: np.ndarray) -> float:
-        return float(np.sum(weight_c * drive * theta * (grown.real - rho * grown.imag)))
+        return float(np.sum(b_c * drive * theta * (grown.real - rho * grown.imag)))
 
-    energy = 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c)))
+    energy = np.broadcast_to(0.5 / scale, theta.shape)
     loss_rr, loss_ri, loss_ii = _loss_form(theta, rho, h, turn, energy)
     columns = {
         ROT_RE: turn.real,
         ROT_IM: turn.imag,
-        C_RE: drive_c * grown.real,
-        C_IM: drive_c * grown.imag,
+        C_RE: b_c * grown.real,
+        C_IM: b_c * grown.imag,
         THETA: theta,
-        A_RE: drive_a * grown.real,
-        A_IM: drive_a * grown.imag,
-        B_C: weight_c,
-        B_A: weight_a,
+        A_RE: b_a * grown.real,
+        A_IM: b_a * grown.imag,
+        B_C: b_c,
+        B_A: b_a,
         ENERGY: energy,
-        SWING_C_RE: drive_c * swing.real,
-        SWING_C_IM: drive_c * swing.imag,
-        SWING_A_RE: drive_a * swing.real,
-        SWING_A_IM: drive_a * swing.imag,
+        SWING_C_RE: b_c * swing.real,
+        SWING_C_IM: b_c * swing.imag,
+        SWING_A_RE: b_a * swing.real,
+        SWING_A_IM: b_a * swing.imag,
         LOSS_RR: loss_rr,
         LOSS_RI: loss_ri,
         LOSS_II: loss_ii,
     }
     return discrete_gradient_kernels.PlantModel(
         step_s=h,
-        same_point=same,
         damped=eta > 0.0,
         rho=rho,
-        gain_cc=gain(weight_c, drive_c),
-        gain_ca=gain(weight_c, drive_a),
-        gain_ac=gain(weight_a, drive_c),
-        gain_aa=gain(weight_a, drive_a),
-        speed_gain_cc=speed_gain(drive_c),
-        speed_gain_ca=speed_gain(drive_a),
+        gain_cc=gain(b_c, b_c),
+        gain_ca=gain(b_c, b_a),
+        gain_ac=gain(b_a, b_c),
+        gain_aa=gain(b_a, b_a),
+        speed_gain_cc=speed_gain(b_c),
+        speed_gain_ca=speed_gain(b_a),
         # Padding divides by theta; with no drive it never moves.
         table=np.stack([_rows(columns[c], float(c == THETA)) for c in range(COLUMNS)]),
         **common_fields(spec),
@@ -157,13 +152,10 @@ class DiscreteGradientPlant(Plant):
 
     def _empty_state(self) -> discrete_gradient_kernels.PlantState:
         rows = self.model.table.shape[1]
-        state = discrete_gradient_kernels.PlantState(
+        return discrete_gradient_kernels.PlantState(
             z=np.zeros((2, rows, LANES)),
-            free=np.zeros((2, rows, LANES)),
             lanes=np.zeros((3, LANES)),
             body=np.zeros(BODY_SIZE),
             balance=np.zeros(BALANCE_SIZE),
             counts=np.zeros(COUNTS_SIZE, np.int64),
         )
-        state.counts[AWAKE] = rows
-        return state

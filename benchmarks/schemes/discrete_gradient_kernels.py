@@ -21,7 +21,6 @@ from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels
 from hertzloop.plant.state_kernels import (
     A_P,
-    AWAKE,
     CONTACT_DISSIPATED,
     CONTACT_IMPULSE,
     CONTACT_STEPS,
@@ -30,13 +29,10 @@ from hertzloop.plant.state_kernels import (
     FLIGHT_STEP,
     FLIGHT_V,
     FLIGHT_X,
-    FREE_SINCE,
     INJECTED,
-    LOOK_EVERY,
     MODAL_DISSIPATED,
     NEWTON_MAX,
     NEWTON_TOTAL,
-    SILENT_M,
     STEP,
     V_P,
     V_P_OF_STEP,
@@ -50,8 +46,8 @@ LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 r
 
 # First index into PlantModel.table. C and A: change of z over a step by a unit force (up
 # on the plate) at the contact and at the actuator; SWING: the same less the rest position;
-# B: weights of the outputs (unused when the points coincide: z carries the weight);
-# ENERGY: modal mass/(2 weight^2); LOSS: energy lost in a step as a quadratic form of z
+# B: shapes at both points, the weights of the outputs;
+# ENERGY: modal mass/2; LOSS: energy lost in a step as a quadratic form of z
 # minus its rest position.
 ROT_RE, ROT_IM, C_RE, C_IM, THETA, A_RE, A_IM, B_C, B_A = range(9)
 ENERGY, SWING_C_RE, SWING_C_IM, SWING_A_RE, SWING_A_IM, LOSS_RR, LOSS_RI, LOSS_II = range(9, 17)
@@ -59,7 +55,6 @@ COLUMNS = 17
 _MAX_ITERATIONS = 200  # a bracket of doubles cannot be halved more often
 _NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
 _ROUNDING = 2.0**-51
-_NOT_FREE = -1
 
 
 class PlantModel(NamedTuple):
@@ -78,7 +73,6 @@ class PlantModel(NamedTuple):
     viscous_n_s_m: float
     hunt_crossley_s_m: float
     hand: Any  # of hertzloop.plant.state_kernels; its type decides what is compiled
-    same_point: bool
     damped: bool
     rho: float
     gain_cc: float
@@ -94,7 +88,6 @@ class PlantState(NamedTuple):
     """What changes: z, scalars by the indices above, and scratch lanes (3, LANES)."""
 
     z: np.ndarray  # (2, rows, LANES): real and imaginary parts
-    free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     lanes: np.ndarray
     body: np.ndarray
     balance: np.ndarray
@@ -116,38 +109,16 @@ def lane_sum(lanes):
 
 
 @kernel
-def _propagate_same_point(rows, z, table, rho, force, lanes):
-    """Fold `force` in, propagate one step; displacement and velocity at the point."""
-    x_lanes, v_lanes = lanes[0], lanes[1]
-    for j in range(LANES):
-        x_lanes[j] = 0.0
-        v_lanes[j] = 0.0
-    for i in range(rows):
-        zr, zi, er, ei = z[0, i], z[1, i], table[ROT_RE, i], table[ROT_IM, i]
-        gr, gi, th = table[C_RE, i], table[C_IM, i], table[THETA, i]
-        for j in range(LANES):
-            a = zr[j] + gr[j] * force
-            b = zi[j] + gi[j] * force
-            c = er[j] * a - ei[j] * b
-            d = er[j] * b + ei[j] * a
-            zr[j] = c
-            zi[j] = d
-            x_lanes[j] += d
-            v_lanes[j] += th[j] * (c - rho * d)
-    return lane_sum(x_lanes), lane_sum(v_lanes)
-
-
-@kernel
-def _propagate_two_points(model, state, f_contact, f_actuator):
-    """The same with the actuator elsewhere: displacement, velocity at the contact,
-    displacement at the actuator. Forces are up on the plate."""
+def _propagate(model, state, f_contact, f_actuator):
+    """Fold the forces (up on the plate) in and propagate one step; displacement and velocity at the
+    contact, displacement at the actuator."""
     x_lanes, v_lanes, y_lanes = state.lanes[0], state.lanes[1], state.lanes[2]
     for j in range(LANES):
         x_lanes[j] = 0.0
         v_lanes[j] = 0.0
         y_lanes[j] = 0.0
     rho, z, table = model.rho, state.z, model.table
-    for i in range(state.counts[AWAKE]):
+    for i in range(z.shape[1]):
         zr, zi, er, ei = z[0, i], z[1, i], table[ROT_RE, i], table[ROT_IM, i]
         cr, ci, ar, ai = table[C_RE, i], table[C_IM, i], table[A_RE, i], table[A_IM, i]
         bc, ba, th = table[B_C, i], table[B_A, i], table[THETA, i]
@@ -191,68 +162,32 @@ def _dissipated_in_step(model, state, f_contact, f_actuator):
 
 
 @kernel
-def _dissipated_in_flight(model, state, steps):
-    """Energy that the modes lost in `steps` steps without force since the snapshot, J."""
-    lost = 0.0
-    duration = steps * model.step_s
-    for i in range(state.z.shape[1]):
-        for j in range(LANES):
-            th = model.table[THETA, i, j]
-            size = math.exp(-model.rho * th * duration)
-            er = size * math.cos(th * duration)
-            ei = size * math.sin(th * duration)
-            lost += model.table[ENERGY, i, j] * state_kernels.dissipation(
-                th, model.rho, duration, state.free[0, i, j], state.free[1, i, j], er, ei
-            )
-    return lost
-
-
-@kernel
 def settle_balance(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
         return
-    counts = state.counts
-    step = counts[STEP]
-    f_contact, f_actuator = _forces_on_plate(model, state)
-    quiet = f_contact == 0.0 and f_actuator == 0.0
-    if quiet and counts[FREE_SINCE] != _NOT_FREE:
-        return
-    if counts[FREE_SINCE] != _NOT_FREE:
-        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(
-            model, state, step - 1 - counts[FREE_SINCE]
-        )
-        counts[FREE_SINCE] = _NOT_FREE
+    f_contact, f_actuator = _forces_on_plate(state)
     state.balance[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
-    if quiet:
-        for i in range(state.z.shape[1]):
-            for j in range(LANES):
-                state.free[0, i, j] = state.z[0, i, j]
-                state.free[1, i, j] = state.z[1, i, j]
-        counts[FREE_SINCE] = step
 
 
 @kernel
-def _forces_on_plate(model, state):
-    """Forces of the last step, up on the plate: at the contact, at a separate actuator."""
-    if model.same_point:
-        return state.body[F_A] - state.body[F_C], 0.0
+def _forces_on_plate(state):
+    """Forces of the last step, up on the plate: at the contact, at the actuator."""
     return -state.body[F_C], state.body[F_A]
 
 
 @kernel
 def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators at the present step, J."""
-    f_contact, f_actuator = _forces_on_plate(model, state)
+    f_contact, f_actuator = _forces_on_plate(state)
     total = 0.0
     rho = model.rho
     for i in range(state.z.shape[1]):
         for j in range(LANES):
             zr = state.z[0, i, j] + model.table[C_RE, i, j] * f_contact
             zi = state.z[1, i, j] + model.table[C_IM, i, j] * f_contact
-            if not model.same_point:
-                zr += model.table[A_RE, i, j] * f_actuator
-                zi += model.table[A_IM, i, j] * f_actuator
+            zr += model.table[A_RE, i, j] * f_actuator
+            zi += model.table[A_IM, i, j] * f_actuator
             speed = zr - rho * zi
             # omega^2 = Theta^2 (1 + rho^2)
             th2 = model.table[THETA, i, j] * model.table[THETA, i, j]
@@ -268,28 +203,10 @@ def contact_energy(model, state):
 
 @kernel
 def close_balance(model, state):
-    """Book the last step and the last flight; to be called once, after the last step. Returns the
-    `modal_energy` then, J."""
-    if model.damped and state.counts[STEP] > 0:
+    """Book the last step; to be called once, after it. Returns the `modal_energy` then, J."""
+    if state.counts[STEP] > 0:
         settle_balance(model, state)
-        if state.counts[FREE_SINCE] != _NOT_FREE:
-            flight = state.counts[STEP] - state.counts[FREE_SINCE]
-            state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
     return modal_energy(model, state)
-
-
-@kernel
-def _silence(state):
-    """Leave out the rows of highest frequency that have died away."""
-    while state.counts[AWAKE] > 0:
-        i = state.counts[AWAKE] - 1
-        for j in range(LANES):
-            if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > SILENT_M:
-                return
-        for j in range(LANES):
-            state.z[0, i, j] = 0.0
-            state.z[1, i, j] = 0.0
-        state.counts[AWAKE] = i
 
 
 @kernel
@@ -381,18 +298,8 @@ def step(model, state, f_a):
     body, counts, h = state.body, state.counts, model.step_s
     if counts[STEP] > 0:
         settle_balance(model, state)
-    f_contact, f_actuator = _forces_on_plate(model, state)
-    if f_contact != 0.0 or f_actuator != 0.0:
-        counts[AWAKE] = state.z.shape[1]
-    elif counts[STEP] % LOOK_EVERY == 0:
-        _silence(state)
-    if model.same_point:
-        x, v = _propagate_same_point(
-            counts[AWAKE], state.z, model.table, model.rho, f_contact, state.lanes
-        )
-        y = x
-    else:
-        x, v, y = _propagate_two_points(model, state, f_contact, f_actuator)
+    f_contact, f_actuator = _forces_on_plate(state)
+    x, v, y = _propagate(model, state, f_contact, f_actuator)
 
     t = (counts[STEP] + 1 - counts[FLIGHT_STEP]) * h
     g = model.gravity_m_s2

@@ -42,7 +42,7 @@ def test_a_run_for_a_picture_that_fails_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failing = drawn.Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
-    monkeypatch.setitem(drawn.MORE, "paced", [failing])
+    monkeypatch.setitem(drawn.MORE, "paced", failing)
     result = called(drawn.main, "--only", "paced", "-o", str(tmp_path))
     assert result.exit_code == 1
     assert "the paced run failed: error: " in said(result)

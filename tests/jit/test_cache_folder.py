@@ -102,7 +102,7 @@ def test_the_usual_places_are_checked_alike(tmp_path: Path, usual: bool) -> None
 
 ATTACKED = """
 import hertzloop
-from benchmarks.integrator_kernels import _root_slope as k
+from benchmarks.integrator_kernels import hertz as k
 k(1e9, -1e-6)
 print(k._cache.cache_path)
 """

@@ -1,7 +1,5 @@
 """Where the published numerics fail, and that the consistent scheme does not."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -27,38 +25,3 @@ def test_the_published_step_does_not_converge_and_the_consistent_one_does() -> N
     errors = [r.rebound_error for r in found if r.scheme == "modal"]
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert np.all(np.abs(orders - 2.0) < 0.35)
-
-
-@cache
-def iterations() -> list[weaknesses.Iterations]:
-    return weaknesses.iterations(cases=60)
-
-
-@pytest.mark.full
-def test_newton_under_relaxation() -> None:
-    for found in iterations():
-        if found.solve == "relaxation, extra state":
-            assert found.largest <= 12, found
-        if found.solve == "viscous, published":
-            assert found.largest <= 3, found
-    light = [r for r in iterations() if r.case.startswith("aluminium, R = 3 mm")]
-    published = next(r for r in light if r.solve == "relaxation, published")
-    assert published.never >= 10
-    assert published.mean > 100 * 3
-
-
-@pytest.mark.full
-def test_relaxation_pulls_at_the_end_of_the_contact() -> None:
-    for found in weaknesses.adhesion():
-        assert found.share < -0.05, found
-
-
-def test_what_the_law_does() -> None:
-    found = {(e.sphere, e.scheme): e for e in weaknesses.law_effects()}
-    assert found["R = 20 mm", "thesis2008"].height_percent < 1
-    assert found["R = 3 mm", "thesis2008"].height_percent < 5
-    heavy, light = found["R = 20 mm", "modal"], found["R = 3 mm", "modal"]
-    assert heavy.height_percent > 200
-    assert heavy.plate_db < -6
-    assert light.height_percent == pytest.approx(156, abs=1)
-    assert light.plate_db == pytest.approx(0.36, abs=0.02)

@@ -17,7 +17,6 @@ from paper.restitution import (
     calibrate_relaxation,
     calibrate_viscous,
     first_contact,
-    relaxation_stiffness,
     restitution,
 )
 from tests.plant.rigs import after_steps
@@ -155,15 +154,6 @@ def test_calibrated_relaxation_gives_its_restitution() -> None:
     assert restitution(replace(spec, contact=contact)) == pytest.approx(0.6, abs=2e-3)
     with pytest.raises(ValueError, match=r"restitution is 1\.2; it must be above 0"):
         calibrate_relaxation(spec, 1.2, 0.5)
-
-
-def test_relaxation_stiffness_solves_the_loss_factor() -> None:
-    s, eta, period, tau, dt = 2.0e10, 0.51, 21.595e-3, 0.0025, 1e-6
-    s_tau = relaxation_stiffness(s, eta, period, tau, dt)
-    s_rel, x = s + dt / tau * s_tau, math.pi / period * tau
-    assert s_tau * x / (s_rel - s_tau + s_rel * x * x) == pytest.approx(eta, rel=1e-12)
-    with pytest.raises(ValueError, match="no relaxation stiffness"):
-        relaxation_stiffness(s, 1.0, 1e-9, 1.0, dt)
 
 
 @pytest.mark.parametrize("tau_s", [2.5e-3, 2e-5])
