@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS
-from hertzloop.bus.zenoh_config import access_control
+from hertzloop.bus.access_control import access_control
 from tests.commands import refused, succeed
 from tests.hertzloop.scenes import json_in
 
