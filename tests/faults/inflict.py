@@ -15,7 +15,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
 from hertzloop.views.inspection_json import summary
-from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
+from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
 LAUNCHER = "launcher"
