@@ -16,7 +16,8 @@ from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, fingerprint, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of_truth
+from hertzloop.results.impact_windows import ImpactMetrics
+from hertzloop.results.impacts import first_impact, impacts_of_truth
 from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
