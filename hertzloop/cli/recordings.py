@@ -1,6 +1,7 @@
 """Commands on recordings: inspect, compare, replay, repair, report."""
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -172,7 +173,6 @@ def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) 
     from hertzloop.results.inspection import inspected
     from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.views.comparison import comparison_table
-    from hertzloop.views.run_json import comparison_as_json
 
     metrics = []
     for recording in (left, right):
@@ -189,7 +189,7 @@ def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) 
     comparison = compared(*metrics)
     out.print(comparison_table(comparison))
     named = {"a": str(left.path), "b": str(right.path)}
-    outputs.write_json(json_file, {**named, "metrics": comparison_as_json(comparison)})
+    outputs.write_json(json_file, {**named, "metrics": list(map(asdict, comparison.rows))})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:

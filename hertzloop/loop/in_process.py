@@ -84,11 +84,6 @@ def run_compiled(
     return LoopStats(wall_s, 0, f"{run_id:x}")
 
 
-def recorder_of(recording: Path, options: RunOptions) -> Recorder:
-    """Return the recorder of a run. Raises RecordingError."""
-    return Recorder(recording, options.overwrite, options.note)
-
-
 def record_in_process(
     setup: Setup,
     recording: Path,
@@ -110,7 +105,7 @@ def record_in_process(
         BusError, StreamFault, RecordingError: The run has failed. The recording is closed and
             readable.
     """
-    recorder = recorder_of(recording, options)
+    recorder = Recorder(recording, options.overwrite, options.note)
     bus = InProcessBus()
     InProcessPort(bus, RECORDER, recorder.handle)
 

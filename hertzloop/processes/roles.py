@@ -23,7 +23,6 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.jit.progress import report_compiling
 from hertzloop.common.sanitize import visible
 from hertzloop.loop import watchdog
-from hertzloop.loop.in_process import recorder_of
 from hertzloop.loop.repeated_run import RepeatedRun
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.program import BUS_NAME
@@ -284,7 +283,7 @@ def run_recorder(
     profile = RealtimeProfile(Wanted(options.realtime), RECORDER)
     started = time.monotonic()
     with _joined(address, RECORDER, options) as port:
-        with _recording(recorder_of(path, options)) as recorder:
+        with _recording(Recorder(path, options.overwrite, options.note)) as recorder:
             port.liveliness.announce()
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()

@@ -17,7 +17,8 @@ from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of_truth
+from hertzloop.results.impact_windows import ImpactMetrics
+from hertzloop.results.impacts import first_impact, impacts_of_truth
 from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact

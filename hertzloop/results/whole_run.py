@@ -17,7 +17,7 @@ from hertzloop.plant.metrics.noise import (
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P
-from hertzloop.results.impacts import PIECE
+from hertzloop.results.impact_windows import PIECE
 from hertzloop.results.span_metrics import SpanMetrics, span_metrics
 from hertzloop.results.statistics import Accumulator
 

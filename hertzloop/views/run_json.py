@@ -6,7 +6,6 @@ from typing import Any
 
 from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
-from hertzloop.results.comparison import Comparison
 from hertzloop.results.effects import EffectState, Neglected
 from hertzloop.results.law_accuracy import LawAccuracy
 from hertzloop.results.metrics import Metrics
@@ -68,11 +67,6 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
         "uncontrolled": _plain(found.uncontrolled),
         "why_not": why_not_words(found.not_repeatable),
     }
-
-
-def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
-    """Return a dictionary for each metric, with the fields of `Difference`."""
-    return [asdict(row) for row in found.rows]
 
 
 def verification_as_json(found: Verification) -> dict[str, Any]:

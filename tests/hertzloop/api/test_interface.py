@@ -80,9 +80,10 @@ def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path
     held = paced.truth["held_steps"].values
     assert paced.pacing["pace"] == 0.5
     assert paced.pacing["late_forces"] == np.count_nonzero(held)
-    assert paced.pacing["steps"] == len(held) == scene.steps
+    assert paced.pacing["steps"] == len(held) == scene.run.steps
     assert paced.pacing["response_us"]["p50"] > 0.0
-    acted = paced.force.values[np.arange(scene.steps) - held]
+    assert paced.force is not None
+    acted = paced.force.values[np.arange(scene.run.steps) - held]
     np.testing.assert_array_equal(acted, paced.truth["f_a_n"].values)
     assert hertzloop.read(path).pacing == paced.pacing
     assert hertzloop.simulate(scene).pacing is None

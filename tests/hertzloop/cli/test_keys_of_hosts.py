@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS
 from hertzloop.bus.access_control import access_control
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS
 from tests.commands import refused, succeed
 from tests.hertzloop.scenes import json_in
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results import impacts as impact_windows
+from hertzloop.results import impact_windows
+from hertzloop.results.impact_windows import ImpactMetrics
 from hertzloop.results.impacts import (
     Block,
-    ImpactMetrics,
     first_impact,
     impacts_of_blocks,
     impacts_of_truth,

@@ -125,7 +125,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     scene = load("aluminium-3mm", [until])
     assert resolve(scene).plant.infinite_plate
     assert model_error.expected_error(resolve(scene)) <= scene.run.accuracy
-    assert scene.step_s < resolve(scene).infinite_plate.lasts_s() - 140e-6 < 100e-6
+    assert scene.run.step_s < resolve(scene).infinite_plate.lasts_s() - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
         "run.accuracy=1e-5", "run.plate_model=modal",
