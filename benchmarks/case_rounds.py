@@ -14,7 +14,7 @@ from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.simulate import IN_LOOP
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import axes_from
-from hertzloop.studies.cases.design import Kind, design_of
+from hertzloop.studies.cases.design import DesignKind, design_of
 from hertzloop.studies.cases.evaluate import chunked, run_cases
 
 SCENE = "aluminium-3mm"
@@ -27,7 +27,7 @@ OVER = {
         "plate.material=aluminium,steel,glass",
     ],
 }
-_KINDS: dict[str, Kind] = {LATENCY_MAP: "grid", PLATES: "sobol"}
+_KINDS: dict[str, DesignKind] = {LATENCY_MAP: "grid", PLATES: "sobol"}
 _CASES = {LATENCY_MAP: 192, PLATES: 32}  # a round
 _ROUNDS = 64  # with plates of their own each; the latency map begins anew after four
 

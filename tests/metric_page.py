@@ -11,7 +11,11 @@ _TABLES = {
 
 def page() -> str:
     """The metrics as a page in Markdown."""
-    lines = ["# Metrics", "", "The names are those of `--json`, of files and of Python.", ""]
+    names = (
+        "The names are those of `--json`, of files and of Python. They end in units: `_n_s` is N s "
+        "here, and N/s in the scene key `controller.slew_n_s`."
+    )
+    lines = ["# Metrics", "", names, ""]
     for heading, (where, rows) in _TABLES.items():
         lines += [f"## {heading}", "", where, "", "| metric | means |", "|---|---|"]
         lines += [f"| `{name}` | {row.meaning} |" for name, row in rows.items()] + [""]

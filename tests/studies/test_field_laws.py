@@ -49,8 +49,9 @@ def peak_n(folder: Path, *words: str) -> float:
 @pytest.mark.parametrize("law", ["filegain.py", "sub.py"])
 def test_a_gain_from_elsewhere_is_that_of_now(law: str, folder: Path) -> None:
     file, text = {
-        "filegain.py": ("gain.txt", "{}"), "sub.py": ("lib/gains.py", "K = {}"),
-    }[law]  # fmt: skip
+        "filegain.py": ("gain.txt", "{}"),
+        "sub.py": ("lib/gains.py", "K = {}"),
+    }[law]
     scene = ("base.toml", "--set", f"controller.law={law}")
     swept = ("sweep", *scene, "--over", "controller.latency_us=0,1", "--out", "s.csv")
     program = (
@@ -102,8 +103,11 @@ def test_the_age_of_the_force_under_jitter_is_printed(folder: Path) -> None:
     keys = [(), ("controller.jitter_us=20",), ("controller.latency_trace=[0, 20]",),
             (f"controller.latency_trace={[0.0] * 9 + [20.0]}",)]  # fmt: skip
     for age, words in zip(ages, keys, strict=True):
-        sets = [x for word in ("controller.law=age.py", "run.duration_s=0.02", *words)
-                for x in ("--set", word)]  # fmt: skip
+        sets = [
+            x
+            for word in ("controller.law=age.py", "run.duration_s=0.02", *words)
+            for x in ("--set", word)
+        ]
         out = ran(folder, "run", "base.toml", *sets, "--details", "--out", f"{age}.mcap")
         found = re.search(r"mean latency\W+([\d.]+) us", out)
         assert (found is not None) == (age > 0.0)

@@ -17,7 +17,15 @@ from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nea
 from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
-from hertzloop.studies.cases.evaluate import Case, CaseTally, Pool, Rows, Run, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import (
+    Case,
+    CaseTally,
+    Pool,
+    Rows,
+    RunCases,
+    evaluate,
+    metric_of,
+)
 from hertzloop.studies.cases.journal import JournalEntries
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.touch_phases import spread_of
@@ -53,7 +61,7 @@ class _Plant:
     whole: bool = False
     left_out: tuple[str, ...] = ()
 
-    def run(self, pool: Pool) -> Run:
+    def run(self, pool: Pool) -> RunCases:
         """Return a function that runs cases in this plant."""
         return lambda cases: evaluate(pool, self.setup, self.span, cases)
 
@@ -114,32 +122,32 @@ def _in_plant(
 ) -> InPlant:
     """Measure the effect and the limits of the law in one plant."""
     setup, run = plant.setup, plant.run(pool)
-    search = effort_of(setup, plan.request.quick, plant.span)
-    nominal = nominal_of(run, setup, plan.goals, search, plant.whole)
+    effort = effort_of(setup, plan.request.quick, plant.span)
+    nominal = nominal_of(run, setup, plan.goals, effort, plant.whole)
     margin = linear_margin(setup)
-    problem = LimitProblem(setup, margin, plan.goals, search)
+    problem = LimitProblem(setup, margin, plan.goals, effort)
     limits = limits_of(problem, plan.request.only, run, on_progress)
     first = next((limit.quantity for limit in nearest(limits)), None)
     return InPlant(plant.span, nominal, margin, limits, first, plant.left_out)
 
 
-def _worst_of(plan: BudgetPlan, ideal: InPlant, run: Run) -> WorstLimit:
+def _worst_of(plan: BudgetPlan, ideal: InPlant, run: RunCases) -> WorstLimit:
     """Search the worst sequence within the range of jitter that the search of its limit went
     through, or up to the first range that fails with random draws."""
     setup = plan.setup
     jitter = next(limit for limit in ideal.limits if limit.quantity == "jitter_us")
     most_us = jitter.searched[1] if jitter.first_failure is None else jitter.first_failure
-    search = effort_of(setup, plan.request.quick, ideal.span)
+    effort = effort_of(setup, plan.request.quick, ideal.span)
 
     def run_short(cases: list[Case]) -> Rows:
-        return run([lasting(search.short_s) | case for case in cases])
+        return run([lasting(effort.short_s) | case for case in cases])
 
     most_steps = round(1000.0 * most_us / setup.step_ns)
-    return worst_limit(setup, plan.goals, most_steps, search.phases, run_short)
+    return worst_limit(setup, plan.goals, most_steps, effort.phases, run_short)
 
 
 def nominal_of(
-    run: Run, setup: Setup, goals: Sequence[Goal], search: SearchEffort, whole: bool
+    run: RunCases, setup: Setup, goals: Sequence[Goal], effort: SearchEffort, whole: bool
 ) -> Baseline:
     """Measure what a law does in a scene as it is.
 
@@ -147,15 +155,15 @@ def nominal_of(
         run: Returns the rows of cases, in their order.
         setup: The scene with its law.
         goals: What the law has to do.
-        search: The touch phases, and the length of a run.
+        effort: The touch phases, and the length of a run.
         whole: Whether the scene's own touch phase is simulated as long as the scene says, as
             `hertzloop run` does.
 
     Raises:
         SceneError: a case cannot be run.
     """
-    lasts = lasting(search.long_s)
-    at = [lasts | {"run.touch_phase": phase} for phase in search.phases]
+    lasts = lasting(effort.long_s)
+    at = [lasts | {"run.touch_phase": phase} for phase in effort.phases]
     own, *rows = run([{} if whole else lasts, *at])
     for row in (own, *rows):
         if row["state"] == CaseState.NOT_RUN:

@@ -8,13 +8,13 @@ from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.plant_limits import LimitProblem
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.result import InPlant, LimitMap, nearest
-from hertzloop.studies.cases.evaluate import Run
+from hertzloop.studies.cases.evaluate import RunCases
 
 _PLACES = 11  # values of a quantity in a map
 _BEYOND = 1.6  # times the distance to the limit, in places, that a map shows
 
 
-def map_of(problem: LimitProblem, plant: InPlant, run: Run) -> LimitMap | None:
+def map_of(problem: LimitProblem, plant: InPlant, run: RunCases) -> LimitMap | None:
     """Simulate a map of the two tightest quantities of a plant.
 
     Args:
@@ -29,18 +29,18 @@ def map_of(problem: LimitProblem, plant: InPlant, run: Run) -> LimitMap | None:
     if len(limits) < 2:
         return None
     known = {quantity.name: quantity for quantity in quantities_of(problem.setup)}
-    search = problem.search
+    effort = problem.effort
     across, down = (known[limit.quantity] for limit in limits)
     places = [_places(known[limit.quantity], limit) for limit in limits]
     cases = [
         {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase}
-        | lasting(search.short_s)
+        | lasting(effort.short_s)
         for j in places[1]
         for i in places[0]
-        for phase in search.phases
+        for phase in effort.phases
     ]
     met = np.array([all_met(problem.goals, row) for row in run(cases)], dtype=float)
-    shape = (len(places[1]), len(places[0]), len(search.phases))
+    shape = (len(places[1]), len(places[0]), len(effort.phases))
     return LimitMap(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
 
 

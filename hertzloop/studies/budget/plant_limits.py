@@ -12,7 +12,7 @@ from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.budget.stability import tolerated
-from hertzloop.studies.cases.evaluate import Run
+from hertzloop.studies.cases.evaluate import RunCases
 from hertzloop.studies.margin.flight import Margin
 
 
@@ -24,19 +24,19 @@ class LimitProblem:
         setup: The plant with its law.
         margin: The linear margin of its loop; None for a law that has none.
         goals: What the law has to do, all of it.
-        search: How thoroughly to search.
+        effort: How thoroughly to search.
     """
 
     setup: Setup
     margin: Margin | None
     goals: Sequence[Goal]
-    search: SearchEffort
+    effort: SearchEffort
 
 
 def limits_of(
     problem: LimitProblem,
     names: Sequence[str],
-    run: Run,
+    run: RunCases,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[BudgetLimit, ...]:
     """Return the limits of a law in a plant, in the order of `quantities_of`.
@@ -47,15 +47,15 @@ def limits_of(
         run: Returns the rows of cases, in their order.
         on_progress: Called with the finished share of the searches.
     """
-    setup, search = problem.setup, problem.search
+    setup, effort = problem.setup, problem.effort
     wanted = [one for one in quantities_of(setup) if one.name in names or not names]
     by_runs = side_by_side(
-        [limit_of(one, problem.goals, search) for one in wanted],
+        [limit_of(one, problem.goals, effort) for one in wanted],
         run,
         lambda done: on_progress(done / len(wanted)),
     )
     return tuple(
-        _with_mean_latency(setup, tolerated(setup, problem.margin, quantity, limit, search.points))
+        _with_mean_latency(setup, tolerated(setup, problem.margin, quantity, limit, effort.points))
         for quantity, limit in zip(wanted, by_runs, strict=True)
     )
 

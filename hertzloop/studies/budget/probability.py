@@ -15,7 +15,7 @@ from hertzloop.results.cases import CaseState
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Case, Rows, Run, metric_of, with_metric
+from hertzloop.studies.cases.evaluate import Case, Rows, RunCases, metric_of, with_metric
 from hertzloop.studies.cases.uncertain import UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -86,7 +86,7 @@ def probability(
     setup: Setup,
     goals: Sequence[Goal],
     draws: Draws,
-    run: Run,
+    run: RunCases,
     stable: Callable[[Case], bool] = lambda case: True,
 ) -> Probability:
     """Draw cases until the interval of the probability is narrow enough.

@@ -12,7 +12,7 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal
-from hertzloop.studies.cases.evaluate import Rows, Run, metric_of
+from hertzloop.studies.cases.evaluate import Rows, RunCases, metric_of
 from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
 
 
@@ -85,7 +85,7 @@ def sobol_indices(
 
 
 def sensitivities(
-    setup: Setup, goals: Sequence[Goal], inputs: UncertainInputs, base: int, run: Run
+    setup: Setup, goals: Sequence[Goal], inputs: UncertainInputs, base: int, run: RunCases
 ) -> list[Sensitivity]:
     """Return the Sobol indices of the metrics of the goals. See `sobol_indices`."""
 

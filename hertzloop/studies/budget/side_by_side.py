@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 
 from hertzloop.studies.budget.limit_search import Asks
 from hertzloop.studies.budget.limits import BudgetLimit
-from hertzloop.studies.cases.evaluate import Case, Rows, Run
+from hertzloop.studies.cases.evaluate import Case, Rows, RunCases
 
 
 def side_by_side(
     searches: Sequence[Asks],
-    run: Run,
+    run: RunCases,
     on_round: Callable[[int], None] = lambda finished: None,
 ) -> list[BudgetLimit]:
     """Advance several searches together, so that all cores have work.

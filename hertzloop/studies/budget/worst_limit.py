@@ -6,8 +6,9 @@ from functools import partial
 
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
+from hertzloop.studies.cases.evaluate import RunCases
 from hertzloop.studies.cases.touch_phases import Spread, spread_of
-from hertzloop.studies.worst.search import Objective, Run, WorstSearch, WorstSequence
+from hertzloop.studies.worst.search import Objective, WorstSearch, WorstSequence
 
 _DRAWS = 200  # of random jitter, beside the worst sequence
 
@@ -42,7 +43,7 @@ def objective_of(goals: Sequence[Goal]) -> Objective:
 
 
 def worst_limit(
-    setup: Setup, goals: Sequence[Goal], most_steps: int, phases: Sequence[float], run: Run
+    setup: Setup, goals: Sequence[Goal], most_steps: int, phases: Sequence[float], run: RunCases
 ) -> WorstLimit:
     """Find up to which range of additional latency the goals are met, as far as the search goes.
 

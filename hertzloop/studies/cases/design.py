@@ -14,7 +14,7 @@ from hertzloop.scene.errors import SceneError, shortened, shown
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.axis import MOST_CASES, Axis, DesignError, fitted
 
-Kind = Literal["grid", "lhs", "sobol"]
+DesignKind = Literal["grid", "lhs", "sobol"]
 _LAW = "controller.law"
 
 
@@ -32,7 +32,7 @@ class Design:
     """
 
     axes: tuple[Axis, ...]
-    kind: Kind = "grid"
+    kind: DesignKind = "grid"
     count: int = 0
     seed: int = 1
     drawn_keys: tuple[str, ...] = ()
@@ -74,7 +74,7 @@ def keys_of(design: Mapping[str, Any]) -> list[str]:
     return [axis["key"] for axis in design["axes"]] + list(design["drawn_keys"])
 
 
-def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
+def design_of(setup: Setup, over: list[Axis], kind: DesignKind, count: int, seed: int) -> Design:
     """Return a design whose axes fit a scene.
 
     Raises:

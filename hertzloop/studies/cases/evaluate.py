@@ -23,7 +23,7 @@ Case = dict[str, Any]  # values by scene key
 Numbered = list[tuple[int, Case]]
 Row = dict[str, Any]  # of a case: see `run_cases`
 Rows = list[Row]
-Run = Callable[[list[Case]], Rows]  # rows of cases, in their order
+RunCases = Callable[[list[Case]], Rows]  # rows of cases, in their order
 RunNumbered = Callable[[Setup, Span, Numbered], Iterator[Row]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 

@@ -6,6 +6,7 @@ of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and c
 samples.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
@@ -26,6 +27,7 @@ _HANKEL = 250
 _TOLERANCE = 1e-9
 _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
+_Answer = Callable[[np.ndarray], np.ndarray]  # forces of a law for samples
 INSIDE = 1e-9  # a pole this close to the unit circle counts as inside it
 
 
@@ -182,13 +184,24 @@ def _probe(setup: Setup, answered: list[int]) -> LawFilter:
     if np.any(answer(np.zeros(_SAMPLES)) != 0.0):
         raise NotLinearError("it commands a force at zero input")
     rng = np.random.default_rng(1)
-    noise = rng.standard_normal((2, _SAMPLES))
-    slow = np.sin(np.linspace(0.0, 3.0, _SAMPLES))
+    _check_linear(answer, scale, rng.standard_normal((2, _SAMPLES)))
+    found = _realise(_impulse_response(answer, scale))
+    test = rng.standard_normal(_CHECKED)
+    expected = _filtered(found, test)
+    real = answer(scale * test) / scale
+    size = max(float(np.abs(real).max()), 1e-300)
+    if not float(np.abs(real - expected).max()) <= 1e-7 * size:
+        raise NotLinearError("no finite linear model reproduces it on random samples")
+    return found
+
+
+def _check_linear(answer: _Answer, scale: float, noise: np.ndarray) -> None:
+    """Refuse a law that is not proportional or not additive, on signals of either sign."""
     for one, kind in (
         (noise[0], "random"),
         (np.abs(noise[0]), "positive"),
         (-np.abs(noise[0]), "negative"),
-        (slow, "slow"),
+        (np.sin(np.linspace(0.0, 3.0, _SAMPLES)), "slow"),
     ):
         base = answer(scale * one)
         size = max(float(np.abs(base).max()), 1e-300)
@@ -203,23 +216,22 @@ def _probe(setup: Setup, answered: list[int]) -> LawFilter:
         rest = both - base - answer(scale * noise[1])
         if not float(np.abs(rest).max()) <= _TOLERANCE * max(size, float(np.abs(both).max())):
             raise NotLinearError("superposition fails: it is not additive")
-    impulse = np.zeros(_SAMPLES)
-    impulse[0] = scale
-    markov = answer(impulse) / scale
+
+
+def _impulse_response(answer: _Answer, scale: float) -> np.ndarray:
+    """Return the answer to an impulse, shape (_SAMPLES,); refuse a law that varies with time."""
+
+    def after(at: int) -> np.ndarray:
+        impulse = np.zeros(_SAMPLES)
+        impulse[at] = scale
+        return answer(impulse)[at:] / scale
+
+    markov = after(0)
     for at in (1, 7, 300):
-        later = np.zeros(_SAMPLES)
-        later[at] = scale
-        away = np.abs(answer(later)[at:] / scale - markov[: _SAMPLES - at]).max()
+        away = np.abs(after(at) - markov[: _SAMPLES - at]).max()
         if not away <= _TOLERANCE * max(float(np.abs(markov).max()), 1e-300):
             raise NotLinearError(f"it varies with time: an impulse at sample {at} differs")
-    found = _realise(markov)
-    test = rng.standard_normal(_CHECKED)
-    expected = _filtered(found, test)
-    real = answer(scale * test) / scale
-    size = max(float(np.abs(real).max()), 1e-300)
-    if not float(np.abs(real - expected).max()) <= 1e-7 * size:
-        raise NotLinearError("no finite linear model reproduces it on random samples")
-    return found
+    return markov
 
 
 def _amplitude(setup: Setup) -> float:

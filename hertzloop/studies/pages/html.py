@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import jinja2
 from matplotlib.figure import Figure
@@ -72,6 +72,4 @@ class ResultPage:
 
     def html(self) -> str:
         """Return the page as text."""
-        return template("results.html.j2").render(
-            {one.name: getattr(self, one.name) for one in fields(self)}
-        )
+        return template("results.html.j2").render(vars(self))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hertzloop.results.cases import Span
 from hertzloop.studies.cases.axis import Range
-from hertzloop.studies.cases.design import Kind
+from hertzloop.studies.cases.design import DesignKind
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class SweepRequest:
     """
 
     over: Mapping[str, Range] | Sequence[str] = ()
-    design: Kind = "grid"
+    design: DesignKind = "grid"
     cases: int | None = None
     span: Span = "impact"
     workers: int | None = None

@@ -17,7 +17,7 @@ import numpy as np
 
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Case, Row, Run
+from hertzloop.studies.cases.evaluate import Case, Row, RunCases
 from hertzloop.studies.worst.window import LatencyWindow, window_of
 
 MOST_CASES = 2000  # of the search within one range
@@ -105,7 +105,7 @@ class WorstSearch:
     """
 
     def __init__(
-        self, setup: Setup, objective: Objective, phases: Sequence[float], run: Run
+        self, setup: Setup, objective: Objective, phases: Sequence[float], run: RunCases
     ) -> None:
         self.setup, self.objective, self.phases, self.run = setup, objective, phases, run
         (self.nominal,) = run([case_of([setup.scene.controller.latency_us], phases[0])])

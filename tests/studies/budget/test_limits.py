@@ -27,8 +27,11 @@ ANSWERS = (Boundary.NEVER, Boundary.IDEAL_ONLY)  # which need no value and no re
 def row(value, state=CaseState.METRICS):
     """A row of a case with one metric."""
     bad = state is not CaseState.METRICS
-    return {"plate_energy_db": None if bad else value, "status": "no" if bad else "",
-            "state": state.value}  # fmt: skip
+    return {
+        "plate_energy_db": None if bad else value,
+        "status": "no" if bad else "",
+        "state": state.value,
+    }
 
 
 def found_by(holds, quantity, search=None):
@@ -111,8 +114,10 @@ def test_a_search_goes_on_beyond_the_usual_range_until_the_goal_fails(last):
 def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
 
     def run(cases):
-        return [row(-1.0, CaseState.METRICS if case["a.b"] <= 62 else CaseState.NOT_RUN)
-                for case in cases]  # fmt: skip
+        return [
+            row(-1.0, CaseState.METRICS if case["a.b"] <= 62 else CaseState.NOT_RUN)
+            for case in cases
+        ]
 
     (limit,) = side_by_side([limit_of(LATENCY, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
     assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.REFUSED, 62, None)
@@ -153,8 +158,9 @@ def test_a_refused_quantity_has_one_reason_and_no_values():
     assert next(q.unit for q in quantities_of(setup) if q.name == "noise") == "N rms"
 
     def run(cases):
-        return [row(-1.0) if case[mass.key] == 0.0 else row(0.0, CaseState.NOT_RUN)
-                for case in cases]  # fmt: skip
+        return [
+            row(-1.0) if case[mass.key] == 0.0 else row(0.0, CaseState.NOT_RUN) for case in cases
+        ]
 
     (limit,) = side_by_side([limit_of(mass, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
     assert (limit.boundary, limit.value) == (Boundary.IMPOSSIBLE, None)
@@ -248,8 +254,10 @@ def test_limits_agree_with_brute_force(pool):
         others = variants(quantity, search)
         cases = [{quantity.key: value} | one for value in quantity.values for one in others]
         rows = evaluate(pool, setup, "impact", cases)
-        holds = [all(all_met([GOAL], r) for r in rows[i : i + len(others)])
-                 for i in range(0, len(rows), len(others))]  # fmt: skip
+        holds = [
+            all(all_met([GOAL], r) for r in rows[i : i + len(others)])
+            for i in range(0, len(rows), len(others))
+        ]
         assert limit.value == quantity.reported(holds.index(False) - 1)
         if quantity.scan:
             again = [quantity.reported(i) for i, ok in enumerate(holds) if ok]

@@ -23,8 +23,11 @@ LAWS = (
 )
 METRICS = ("plate_energy_db", "rebound_percent", "peak_force_n", "radiated_db", "contact_us")
 CASES: tuple[dict[str, object], ...] = (
-    {}, {"controller.latency_us": 2}, {"run.touch_phase": 0.1}, {"sensors.bits": 10},
-)  # fmt: skip
+    {},
+    {"controller.latency_us": 2},
+    {"run.touch_phase": 0.1},
+    {"sensors.bits": 10},
+)
 BASE = {"run.duration_s": 0.0016}
 GAIN = {"controller.kappa": 0.4}  # at which all of them are stable
 MUTANTS, REWRITES = 30, 20
@@ -99,28 +102,34 @@ def changed(law, kind, site):
 
 
 MUTATIONS = {
-    "sign": _returned("return -x"), "gain 1.1": _returned("return 1.1 * x"),
-    "gain 0.9": _returned("return 0.9 * x"), "gain 1.01": _returned("return 1.01 * x"),
+    "sign": _returned("return -x"),
+    "gain 1.1": _returned("return 1.1 * x"),
+    "gain 0.9": _returned("return 0.9 * x"),
+    "gain 1.01": _returned("return 1.01 * x"),
     "off by one": _off_by_one,
-    "threshold": _compared({ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.NotEq: ast.Eq,
-                            ast.Eq: ast.NotEq}, turned=False),
-}  # fmt: skip
+    "threshold": _compared(
+        {ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.NotEq: ast.Eq, ast.Eq: ast.NotEq}, turned=False
+    ),
+}
 EQUIVALENT = {
     "commuted": _commuted,
-    "turned": _compared({ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.NotEq: ast.NotEq, ast.Eq: ast.Eq},
-                        turned=True),
+    "turned": _compared(
+        {ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.NotEq: ast.NotEq, ast.Eq: ast.Eq}, turned=True
+    ),
     "halved twice": _returned("return (x + x) * 0.5"),  # which is exact
     "negated twice": _returned("return --x"),
-}  # fmt: skip
+}
 
 
 def drawn(kinds, count, seed):
     """So many changes of shipped laws, drawn by a seed: law, name of the kind, text."""
     every = [
         (law, f"{name} {site}", text)
-        for law in LAWS for name, kind in kinds.items() for site in range(8)
+        for law in LAWS
+        for name, kind in kinds.items()
+        for site in range(8)
         if (text := changed(law, kind, site)) is not None
-    ]  # fmt: skip
+    ]
     random.Random(seed).shuffle(every)
     return every[:count]
 

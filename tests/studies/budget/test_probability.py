@@ -212,8 +212,10 @@ def test_a_sweep_records_every_drawn_value(tmp_path):
 def test_a_scene_holds_its_own_distributions(tmp_path):
     scene = tmp_path / "mine.toml"
     plain = invoke(["scene", "show", "aluminium-3mm"]).stdout
-    scene.write_text(plain + '[uncertain]\n"plate.thickness_m" = { distribution = "normal", '
-                     'mean = 0.003, standard_deviation = 1e-5 }\n')  # fmt: skip
+    scene.write_text(
+        plain + '[uncertain]\n"plate.thickness_m" = { distribution = "normal", '
+        "mean = 0.003, standard_deviation = 1e-5 }\n"
+    )
     setup = load(str(scene))
     assert setup.scene == load(str(scene)).scene
     assert read_uncertain(scene, setup).keys == ["plate.thickness_m"]

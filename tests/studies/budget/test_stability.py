@@ -126,9 +126,10 @@ def test_what_cannot_be_varied_or_has_no_loop_stays():
     refused = replace(limit, boundary=Boundary.IMPOSSIBLE, value=None)
     assert tolerated(setup, linear_margin(setup), quantity, refused, 10) is refused
     for settings in (
-        ["controller.law=force_feedback"], ["controller.law=slope_threshold"],
+        ["controller.law=force_feedback"],
+        ["controller.law=slope_threshold"],
         ["controller.law=velocity_feedback", "controller.jitter_us=2"],
-    ):  # fmt: skip
+    ):
         setup = load("aluminium-3mm", [SHORT, *settings])
         assert linear_margin(setup) is None
         assert stable_in_flight(setup) is None

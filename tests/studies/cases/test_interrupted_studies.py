@@ -16,7 +16,6 @@ from hertzloop.scene.setup import load
 from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, evaluate
 from hertzloop.studies.cases.journal import Journal, kept
 from hertzloop.studies.cases.pool import local_pool
-from tests.benchmarks.programs import ROOT
 from tests.commands import invoke
 from tests.studies.sweeping import COARSE, command, wait_until
 
@@ -110,25 +109,6 @@ def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_p
     assert list(results) == ["tune-aluminium-3mm.csv"]
     assert results["tune-aluminium-3mm.csv"] == (whole / "tune-aluminium-3mm.csv").read_bytes()
     assert _journal(cut) is None
-
-
-@pytest.mark.usefixtures("warm_kernels")
-def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        command(*TUNE), cwd=tmp_path, start_new_session=True, text=True, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    _wait_for(tmp_path, 100, process)
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=240)  # running chunks are finished first
-    path = _journal(tmp_path)
-    assert process.returncode == 130
-    assert path.name.startswith("tune-aluminium-3mm-")
-    assert said.splitlines()[-1] == (
-        f"interrupted; finished cases are kept in {path.name}. Run the same command again to "
-        "continue"
-    )
-    assert "Traceback" not in said
 
 
 def _counted(pool: Pool, ran: list[str]) -> Pool:

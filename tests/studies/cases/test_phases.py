@@ -52,8 +52,9 @@ def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         found = group["plate_energy_db"]
         assert found["mean"] == pytest.approx(np.mean(values))
         assert (found["least"], found["most"]) == pytest.approx((min(values), max(values)))
-    wrong = invoke(["sweep", "--design", "sobol", "--phases", "3", "--over",
-                                     "controller.kappa=0:1"])  # fmt: skip
+    wrong = invoke(
+        ["sweep", "--design", "sobol", "--phases", "3", "--over", "controller.kappa=0:1"]
+    )
     assert wrong.exit_code == 2
     assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
 

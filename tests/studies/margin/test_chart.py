@@ -26,9 +26,11 @@ CASES = {
     "leaky integral": ("oak-20mm", LEAKY),
     "filter": ("oak-20mm", NOTCH),
     "aluminium": ("aluminium-20mm", [*VELOCITY, "controller.kappa=0.9"]),
-    "actuator": ("aluminium-20mm", [*VELOCITY, "controller.kappa=0.4",
-                                    "actuator.bandwidth_hz=20000"]),
-}  # fmt: skip
+    "actuator": (
+        "aluminium-20mm",
+        [*VELOCITY, "controller.kappa=0.4", "actuator.bandwidth_hz=20000"],
+    ),
+}
 
 
 @pytest.mark.parametrize("name", default(CASES, ("oak", "leaky integral", "filter")))
@@ -109,9 +111,10 @@ def test_a_real_pole_counts_whatever_the_sign_of_its_rounding() -> None:
     low_pass = "[[-2.3199437104655045, -2.3199437104655045, 0.0, 1.0, -0.9690674171937933, 0.0]]"
     setup = load("oak-20mm", ["controller.law=linear", f"controller.sections={low_pass}"])
     [growth] = [
-        one for one in draw(setup, margin_of(setup)).axes[3].lines
+        one
+        for one in draw(setup, margin_of(setup)).axes[3].lines
         if one.get_label() == "fastest growth"
-    ]  # fmt: skip
+    ]
     loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
     for at_us, rate in np.asarray(growth.get_xydata()):
         poles = closed_loop_poles(loop.plant, loop.law, round(at_us) + 1)

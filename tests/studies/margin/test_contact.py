@@ -20,11 +20,14 @@ FORCE = ["controller.law=force_feedback", "sensors.quantity=contact_force"]
     ("scene", "settings", "rest_s"),
     [
         ("sylomer-20mm", [], 1.0),
-        ("sylomer-20mm", ["contact.restitution=1", "contact.damping=none",
-                          "plate.loss_factor=0.1"], 3.0),
+        (
+            "sylomer-20mm",
+            ["contact.restitution=1", "contact.damping=none", "plate.loss_factor=0.1"],
+            3.0,
+        ),
         pytest.param("oak-20mm", [], 3.0, marks=pytest.mark.full),
     ],
-)  # fmt: skip
+)
 def test_a_resting_sphere_answers_as_the_frozen_contact(
     scene: str, settings: list[str], rest_s: float
 ) -> None:

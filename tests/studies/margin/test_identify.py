@@ -153,8 +153,9 @@ def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
 
 def test_an_integrator_counts_as_a_slow_decay() -> None:
     keys = ["controller.numerator=[-1e-4]", "controller.denominator=[1, -1]"]
-    found = margin_of(load("oak-20mm", ["controller.law=linear", *keys,
-                                        "sensors.quantity=acceleration"]))  # fmt: skip
+    found = margin_of(
+        load("oak-20mm", ["controller.law=linear", *keys, "sensors.quantity=acceleration"])
+    )
     assert found.applicable
     assert found.stable
 

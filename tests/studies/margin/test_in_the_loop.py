@@ -52,9 +52,10 @@ def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(
     growth = growth_of(load("aluminium-3mm", law))
     assert (growth is None) == (law is SHORT)
     assert report["linear_loop"] == (
-        None if growth is None
+        None
+        if growth is None
         else {"unstable_poles": 0, "per_s": 0.0, "frequency_hz": None, "e_folds": 0.0}
-    )  # fmt: skip
+    )
 
 
 UNDAMPED = [*VELOCITY, "controller.kappa=0.05", "plate.loss_factor=0"]

@@ -62,7 +62,7 @@ VARIANTS = [
     ("aluminium-20mm", ["actuator.mass_kg=0.001"]),
     ("docs/examples/thick-plate.toml", []),
     *(pytest.param(*one, marks=pytest.mark.full) for one in [*ALONE, *BESIDE]),
-]  # fmt: skip
+]
 
 
 def samples_under(setup: Setup, forces: np.ndarray) -> np.ndarray:

@@ -10,9 +10,12 @@ from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
 
 SCENE = [
-    "controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4",
-    "run.lead_in_s=0.09", "run.duration_s=0.1",
-]  # fmt: skip
+    "controller.law=velocity_feedback",
+    "sensors.quantity=v_p",
+    "controller.kappa=0.4",
+    "run.lead_in_s=0.09",
+    "run.duration_s=0.1",
+]
 
 
 @pytest.mark.parametrize(

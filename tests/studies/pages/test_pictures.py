@@ -50,11 +50,13 @@ def test_a_row_of_maps_has_one_round_scale_around_zero(saved: list[Figure]) -> N
     (figure,) = saved
     bars = [ax for ax in figure.axes if ax.get_label() == "<colorbar>"]
     assert [bar.get_ylabel() for bar in bars] == [
-        "plate energy:\nchange (dB)", "rebound height:\nchange (points)",
-    ]  # fmt: skip
+        "plate energy:\nchange (dB)",
+        "rebound height:\nchange (points)",
+    ]
     assert [bar.get_yticks().tolist() for bar in bars] == [
-        [-4.0, -2.0, 0.0, 2.0, 4.0], [-200.0, -100.0, 0.0, 100.0, 200.0],
-    ]  # fmt: skip
+        [-4.0, -2.0, 0.0, 2.0, 4.0],
+        [-200.0, -100.0, 0.0, 100.0, 200.0],
+    ]
     assert "radiated energy" in figure.get_suptitle()  # left out, and said so
     drawn = [ax for ax in figure.axes if ax not in bars]
     assert len(drawn) == 4
@@ -84,8 +86,9 @@ def test_a_front_is_labelled_in_words_beside_its_points() -> None:
     assert ax.get_legend() is None
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
-        "shifted threshold", "published setting",
-    ]  # fmt: skip
+        "shifted threshold",
+        "published setting",
+    ]
     assert not legend.get_window_extent().overlaps(ax.get_window_extent())
 
 

@@ -104,8 +104,11 @@ def test_the_journal_of_another_sweep_is_left_alone(tmp_path: Path) -> None:
 def _lines(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
-    return [json.loads(line) for line in path.read_bytes().splitlines(keepends=True)[1:]
-            if line.endswith(b"\n")]  # fmt: skip
+    return [
+        json.loads(line)
+        for line in path.read_bytes().splitlines(keepends=True)[1:]
+        if line.endswith(b"\n")
+    ]
 
 
 def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
@@ -172,9 +175,12 @@ def _heeds_all() -> None:
 def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
     """No worker, and no semaphore; a terminal that is closed tells all of them."""
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
-                               stderr=subprocess.PIPE, start_new_session=True,
-                               preexec_fn=_heeds_all)  # fmt: skip
+    process = subprocess.Popen(
+        command(*HUGE, "-o", str(out), "--workers", "2"),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=_heeds_all,
+    )
     wait_until(lambda: len(_workers(process.pid)) == 1, process)
     started, semaphores = _children(process.pid), _semaphores(process.pid)
     assert semaphores
@@ -194,8 +200,11 @@ def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.S
 @pytest.mark.usefixtures("warm_kernels")
 def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
-                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    process = subprocess.Popen(
+        command(*HUGE, "-o", str(out), "--workers", "2"),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
     _wait_for(study.journal_of(out), 100, process)
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
@@ -214,8 +223,9 @@ def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path: Path) -> None
     out = tmp_path / "r.csv"
     process = subprocess.Popen(
         command(*HUGE, "-o", str(out), "--workers", "3"),
-        stderr=subprocess.PIPE, start_new_session=True,
-    )  # fmt: skip
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
     wait_until(lambda: len(_workers(process.pid)) == 2, process)
     # Until all processes are at it, and this one has taken from what was left for them.
     _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 2000, process)

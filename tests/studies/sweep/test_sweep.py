@@ -86,21 +86,26 @@ def test_the_span_of_a_run_takes_all_contacts() -> None:
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
     rows = evaluate.run_chunk(
-        to_toml(load("aluminium-3mm", COARSE).scene), "impact",
+        evaluate.run_cases,
+        to_toml(load("aluminium-3mm", COARSE).scene),
+        "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
-    )  # fmt: skip
+    )
     assert "must be a whole number of steps" in rows[0]["status"]
     assert rows[0]["plate_energy_db"] is None
     assert rows[1]["status"] == ""
 
 
 SETTINGS = {
-    "sensors.bits": [5, 9, "ideal"], "sensors.noise_rms": [0.0, 1e-7],
-    "sensors.every_steps": [1, 2], "controller.latency_us": [0, 3, 17],
-    "controller.jitter_us": [0, 4], "controller.drop_out_probability": [0.0, 0.2],
+    "sensors.bits": [5, 9, "ideal"],
+    "sensors.noise_rms": [0.0, 1e-7],
+    "sensors.every_steps": [1, 2],
+    "controller.latency_us": [0, 3, 17],
+    "controller.jitter_us": [0, 4],
+    "controller.drop_out_probability": [0.0, 0.2],
     "controller.law": ["slope_threshold", "predicted", "fade_out", "velocity_feedback"],
     "sphere.radius_m": [0.003, 0.006],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("transport", ["inprocess", "zenoh"])

@@ -24,7 +24,6 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (["--set", "controller.law=off"], "Use one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "unknown metric"),
         (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
-        (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
         ([*KAPPA, "--over", "controller.kappa=0.8"], "is given to both --vary and --over"),
         (
             ["--law", "fade_out", "--law", "predicted", "--over", "controller.lead_us=0,1"],
@@ -35,10 +34,8 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
             "controller.lead_us = 5.0: has no effect on controller.law = 'predicted'",
         ),
         (["--population", "1001"], "Invalid value for '--population'"),
-        (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out-dir", __file__], "cannot create the folder"),
         (["--vary", "controller.kapa=0:1"], "Did you mean kappa"),
-        (["--vary", "controller.kappa=0:1000"], "controller.kappa = 1000"),
         (["--over", "sphere.radius_m=-1"], "sphere.radius_m = -1"),
         (["no-such-scene"], "unknown scene"),
         (["--out-dir", "/proc"], "cannot write to the folder /proc"),
@@ -60,13 +57,14 @@ def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> Non
     words = ["tune", "aluminium-3mm", *QUICK, "--json", str(report)]
     found = invoke(words)
     told = json.loads(report.read_text())
-    assert (found.exit_code, told["cases"], told["failed"]) == (0, 5, 0)  # 4, and the published
+    # 4 and the published setting; then this and the best one at 5 touch phases.
+    assert (found.exit_code, told["cases"], told["failed"]) == (0, 15, 0)
     found = invoke([*words, "--vary", "run.duration_s=0.0009,0.0016"])
     told = json.loads(report.read_text())
     assert found.exit_code == 1
     assert 1 <= told["failed"] <= 3
     assert told["front"]
-    assert f"{told['failed']} of 5 cases failed" in found.stderr
+    assert f"{told['failed']} of 15 cases failed" in found.stderr
 
 
 OWN_LAW = """
@@ -98,7 +96,7 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
     found = invoke(["tune", "aluminium-3mm", "--law", law, *QUICK, *steps, "--json", "r.json"])
     assert found.exit_code == 0, found.output
     told = json.loads(Path("r.json").read_text())
-    assert (told["cases"], told["failed"]) == (10, 0)
+    assert (told["cases"], told["failed"]) == (30, 0)
     best = told["front"][0]["values"]
     assert best[f"controller.{key}"] == round(best[f"controller.{key}"])
     assert isinstance(best.get("controller.often", 1), int)

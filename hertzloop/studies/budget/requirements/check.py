@@ -18,7 +18,7 @@ from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.requirements.requirement import SceneRequirement, beside
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
-from hertzloop.studies.cases.evaluate import Pool, Rows, Run, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import Pool, Rows, RunCases, evaluate, metric_of
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
@@ -108,7 +108,7 @@ def check(pool: Pool, row: SceneRequirement) -> CheckedRequirement:
     return found
 
 
-def _check_runs(found: CheckedRequirement, setup: Setup, run: Run) -> None:
+def _check_runs(found: CheckedRequirement, setup: Setup, run: RunCases) -> None:
     """Check the expected metrics in the scene as it is, and the goals at every touch phase."""
     one = found.row.requirement
     phases = [{"run.touch_phase": phase} for phase in spread_evenly(one.phases)]
@@ -163,7 +163,9 @@ def _check_probability(found: CheckedRequirement, likely: Probability) -> None:
         found.fail(sentence, likely.worst)
 
 
-def _check_limits(found: CheckedRequirement, setup: Setup, margin: Margin | None, run: Run) -> None:
+def _check_limits(
+    found: CheckedRequirement, setup: Setup, margin: Margin | None, run: RunCases
+) -> None:
     """Check the tolerated values of quantities."""
     one = found.row.requirement
     known = {quantity.name: quantity for quantity in quantities_of(setup)}
