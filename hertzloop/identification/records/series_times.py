@@ -11,7 +11,7 @@ from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.series_units import agreed_unit
 from hertzloop.identification.records.spacing import StatedSpacing
 from hertzloop.identification.records.text.column_names import TIMES
-from hertzloop.identification.records.units import StatedUnit, name_and_unit, unit_of
+from hertzloop.identification.records.units import StatedUnit, unit_of
 
 _NOT_STATED = "s, which the file does not state"
 
@@ -105,8 +105,7 @@ def _times_in_seconds(
     series: Series, contents: FileContents, measurement: Measurement
 ) -> tuple[np.ndarray, str]:
     """Return times in s and words on them. Raises RecordError for an unknown unit."""
-    own = name_and_unit(series.name, TIMES)[1]
-    stated = measurement.time_unit or agreed_unit(series, own, contents)
+    stated = measurement.time_unit or agreed_unit(series, TIMES, contents)
     unit = unit_of(stated) if stated else StatedUnit("s", 1.0, "s")
     if unit is None or unit.si != "s":
         raise RecordError(

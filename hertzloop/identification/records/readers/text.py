@@ -8,6 +8,7 @@ import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
 from hertzloop.identification.records.errors import TableError
+from hertzloop.identification.records.record_tables import tables_in_comments
 from hertzloop.identification.records.spacing import stated_spacing
 from hertzloop.identification.records.text.column_names import SAMPLE_NUMBERS, is_time
 from hertzloop.identification.records.text.fact_names import (
@@ -18,7 +19,6 @@ from hertzloop.identification.records.text.fact_names import (
 )
 from hertzloop.identification.records.text.reading import decode_text, read_table, read_text
 from hertzloop.identification.records.text.table import TextColumn, TextTable
-from hertzloop.identification.records.toml_tables import tables_in_comments
 from hertzloop.identification.records.units import name_and_unit, plain_name, unit_of
 
 
