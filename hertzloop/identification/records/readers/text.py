@@ -114,7 +114,6 @@ def _rising_column(columns: list[TextColumn]) -> TextColumn | None:
         return None
     if len(columns) > 2 and _counts_samples(columns[0]):
         return _rising_column(columns[1:])
-    rising = [c for c in columns if np.all(np.diff(c.values[np.isfinite(c.values)]) > 0.0)]
-    if rising[:1] == columns[:1] and _counts_samples(columns[0]) and not columns[0].unit:
-        return None
-    return columns[0] if rising and rising[0] is columns[0] else None
+    first = columns[0]
+    rises = np.all(np.diff(first.values[np.isfinite(first.values)]) > 0.0)
+    return first if rises and (first.unit or not _counts_samples(first)) else None
