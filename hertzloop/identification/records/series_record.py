@@ -42,10 +42,8 @@ def build_record(contents: FileContents, table: Mapping[str, Any], digest: str) 
     )
     notes += more
     factor = si_factor(quantity, measurement) / series.levels
-    value = series.values
-    if factor != 1.0 or series.zero or value.dtype != float:
-        value = np.subtract(value, series.zero, dtype=float)
-        value *= factor
+    value = np.subtract(series.values, series.zero, dtype=float)
+    value *= factor
     time_s, times = times_of_series(series, contents, measurement)
     if len(time_s) == len(value):
         time_s, value = _with_times(name, time_s, value, notes)
@@ -69,10 +67,9 @@ def _with_times(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the samples that have a time, and add a note on others. Raises RecordError if none
     has."""
-    if not (np.isfinite(time_s[-1]) or np.isfinite(value[-1])):  # beside a longer table
-        ends = np.isfinite(time_s) | np.isfinite(value)
-        last = len(ends) - int(np.argmax(ends[::-1])) if np.any(ends) else 0
-        time_s, value = time_s[:last], value[:last]
+    rows = np.flatnonzero(np.isfinite(time_s) | np.isfinite(value))
+    end = rows[-1] + 1 if len(rows) else 0  # A longer table may stand beside this one.
+    time_s, value = time_s[:end], value[:end]
     known = np.isfinite(time_s)
     number = np.count_nonzero(known)
     if number == 0:

@@ -114,8 +114,7 @@ def _times_in_seconds(
         )
     words = unit.symbol if stated else _NOT_STATED
     values = np.asarray(series.values, float)
-    values = values if unit.size == 1.0 else values * unit.size
-    return values, f"{contents.describe(series)} in {words}"
+    return values * unit.size, f"{contents.describe(series)} in {words}"
 
 
 def _check_times(
@@ -124,8 +123,7 @@ def _check_times(
     """Return times and words on them. Raises RecordError for times that disagree with the rate in
     the table or, by a power of ten, with the spacing that the file states."""
     name, rate, spacing = contents.name, measurement.rate_hz, contents.spacing
-    known = np.isfinite(time_s)
-    known = time_s if np.all(known) else time_s[known]
+    known = time_s[np.isfinite(time_s)]
     mean = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else 0.0
     if rate and mean > 0.0 and abs(rate * mean - 1.0) > 1e-2:
         raise RecordError(
