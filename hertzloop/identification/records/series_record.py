@@ -9,7 +9,7 @@ import numpy as np
 from hertzloop.identification.records.contents import FileContents
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import parse_record_table
-from hertzloop.identification.records.quantities import NAMES, known_quantity, quantity_of
+from hertzloop.identification.records.quantities import known_quantity, quantity_of
 from hertzloop.identification.records.record import FEWEST_SAMPLES, Record
 from hertzloop.identification.records.series_choice import choose_series
 from hertzloop.identification.records.series_times import times_of_series
@@ -35,8 +35,7 @@ def build_record(contents: FileContents, table: Mapping[str, Any], digest: str) 
     notes = [f"{name}: {note}" for note in contents.notes]
     series, more = choose_series(contents, measurement)
     notes += more
-    named = NAMES.get(measurement.quantity or "", measurement.quantity)
-    quantity = known_quantity(named or quantity_of(series.name), name)
+    quantity = known_quantity(measurement.quantity or quantity_of(series.name), name)
     measurement, words, more = resolve_unit(
         series, quantity, contents, measurement, "sensitivity" in table
     )

@@ -58,7 +58,7 @@ def _time_columns(series: Series, contents: FileContents, measurement: Measureme
             raise RecordError(
                 f"record.time_column = {measurement.time_column!r}: means {len(found)} columns of "
                 f"{contents.name}. Give the number of one of "
-                f"{', '.join(contents.describe(s) for s in contents.series)}."
+                f"{contents.describe(*contents.series)}."
             )
         return found
     found = [
