@@ -1,5 +1,6 @@
 """Modes of frequency responses, checked by lines or a measurement that are held out."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -52,21 +53,21 @@ def modes_of_responses(
     )
     modes = _fit_all_lines(responses, modes)
     inside = modes.omega_rad_s <= 2.0 * np.pi * responses.hz[-1]
-    kept = FittedModes(
-        modes.omega_rad_s[inside],
-        modes.loss_factor[inside],
-        modes.residues[:, inside],
-        0.0 * modes.rest,
-        modes.square,
-    )
-    drive, residual_m_n = responses.drive, None
+    drive, residual_m_n, rest = responses.drive, None, np.zeros_like(modes.rest)
     notes: tuple[str, ...] = ()
     if drive is None:
         notes = (NO_DRIVE_POINT,)
     elif points.contact == responses.reference:
         above = modes.residues[drive, ~inside] / modes.omega_rad_s[~inside] ** 2
         residual_m_n = max(0.0, float(modes.rest[drive, 0] * FLEXIBILITY_M_N + np.sum(above)))
-        kept.rest[drive, 0] = residual_m_n / FLEXIBILITY_M_N
+        rest[drive, 0] = residual_m_n / FLEXIBILITY_M_N
+    kept = replace(
+        modes,
+        omega_rad_s=modes.omega_rad_s[inside],
+        loss_factor=modes.loss_factor[inside],
+        residues=modes.residues[:, inside],
+        rest=rest,
+    )
     at_force, shapes = scaled_shapes(kept.residues, drive)
 
     def shape_at(node: int | None) -> np.ndarray:

@@ -42,14 +42,16 @@ class _LinearFit:
     """The linear fit of one point.
 
     Args:
-        g: its weighted matrix, (rows, columns).
+        size: norms of its weighted columns, (columns,).
+        r: triangular factor of the columns over their norms, (columns, columns).
         q: orthonormal basis of the columns that are used, (rows, columns).
         x: factors of the columns, (columns,).
         left: weighted rows that the fit does not explain, (rows,).
         weights: of the rows, (rows,).
     """
 
-    g: np.ndarray
+    size: np.ndarray
+    r: np.ndarray
     q: np.ndarray
     x: np.ndarray
     left: np.ndarray
@@ -80,7 +82,7 @@ def _fit_points(observed: ResponseRows, columns: np.ndarray) -> list[_LinearFit]
             x[len(x) - len(more) :] -= more
             q = np.linalg.qr((g / size)[:, x != 0.0])[0]
             x /= size
-        found.append(_LinearFit(g, q, x, y - g @ x, weights))
+        found.append(_LinearFit(size, r, q, x, y - g @ x, weights))
     return found
 
 
@@ -146,10 +148,8 @@ def _gains(points: list[_LinearFit], n: int) -> tuple[np.ndarray, np.ndarray]:
     own response, (modes,) each."""
     found, own = np.zeros(n), np.zeros(n)
     for point in points:
-        size = np.linalg.norm(point.g, axis=0)
-        size[size == 0.0] = 1.0
-        variance = np.sum(np.linalg.pinv(np.linalg.qr(point.g / size, mode="r")) ** 2, axis=1)
-        squares = (point.x * size) ** 2
+        variance = np.sum(np.linalg.pinv(point.r) ** 2, axis=1)
+        squares = (point.x * point.size) ** 2
         found += (squares / np.maximum(variance, 1e-300))[:n]
         own += squares[:n]
     return found, own

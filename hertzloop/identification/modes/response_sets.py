@@ -47,7 +47,9 @@ def responses_of_sets(
     """
     straight = _straight_responses(sets, path)
     missing: list[str] = []
-    direction, chosen = _along_direction(straight, points, missing)
+    directions = sorted({_axis(one["rsp_dir"]) for one in straight})
+    direction = choose_direction(directions, points.direction, "the file has responses", missing)
+    chosen = [one for one in straight if direction in ("", _axis(one["rsp_dir"]))]
     reference = _reference_node(chosen, reference, path, missing)
     if missing:
         for one in chosen[:1]:
@@ -81,28 +83,13 @@ def responses_of_sets(
 def _straight_responses(sets: Sequence[Mapping[str, Any]], path: Path) -> list[Mapping[str, Any]]:
     """Return the responses along the axis of their force. Raises ModalDataError without any."""
     found = [one for one in sets if one["type"] == 58 and one.get("func_type") == 4]
-    both = [one for one in found if _axis(one["rsp_dir"]) and _axis(one["ref_dir"])]
-    straight = [one for one in both if _axis(one["rsp_dir"]) == _axis(one["ref_dir"])]
+    straight = [one for one in found if _axis(one["rsp_dir"]) == _axis(one["ref_dir"]) != ""]
     if not straight:
         raise ModalDataError(
             f"{path}: has no response along the direction of its force. Give responses whose "
             "directions of response and reference are x, y or z, and the same."
         )
     return straight
-
-
-def _along_direction(
-    straight: list[Mapping[str, Any]], points: Points, missing: list[str]
-) -> tuple[str, list[Mapping[str, Any]]]:
-    """Return the direction and the responses along it; all, and a sentence in `missing`, if the
-    file has several directions and none is given."""
-    there = sorted({_axis(one["rsp_dir"]) for one in straight})
-    try:
-        direction = choose_direction(there, points.direction, "the file has responses")
-    except ModalDataError as error:
-        missing.append(str(error))
-        return "", straight
-    return direction, [one for one in straight if _axis(one["rsp_dir"]) == direction]
 
 
 def _reference_node(
@@ -172,6 +159,8 @@ def _in_si(
 ) -> tuple[np.ndarray, int]:
     """Return a response in SI units, positive along its axis, and its time derivative.
 
+    Units that the user gives hold before the labels of the response.
+
     Args:
         one: the data set.
         path: of the file, for messages.
@@ -183,8 +172,11 @@ def _in_si(
     """
     motion = _stated_unit(one, "ordinate_axis_units_lab")
     force = _stated_unit(one, "orddenom_axis_units_lab")
+    by_labels = force[1] / motion[1] if motion and force else None
+    by_units = units.force / units.length if units else None
+    factor = by_units or by_labels
     by_type = _KINDS.get(one.get("ordinate_spec_data_type") or 0)
-    known = kind or by_type or (motion[0] if motion else None)
+    known = kind or by_type or (motion[0] if motion else "")
     per_force = kind or force or one.get("orddenom_spec_data_type") in _FORCES
     missing = []
     if known not in RESPONSES or not per_force:
@@ -192,40 +184,27 @@ def _in_si(
             f"{path}: does not say whether its responses are of displacement, velocity or "
             f"acceleration per force. Give --kind {', '.join(RESPONSES)}."
         )
-    if units is None and not (motion and force):
+    if factor is None:
         missing.append(
             f"{path}: has no data set 164 and no labels of units that are known, so its units are "
             "unknown. Give --units m,N, or another length and force."
         )
-    if missing:
+    if missing or factor is None:
         raise ModalDataError(" ".join(missing))
-    assert known is not None
-    if motion and not (units and units.given) and motion[0] != known:
-        raise ModalDataError(
-            f"{path}: a response is of {known} by its type, but has the unit of {motion[0]}. Give "
-            "--kind and --units."
-        )
+    if not (units and units.given):
+        if motion and motion[0] != known:
+            raise ModalDataError(
+                f"{path}: a response is of {known} by its type, but has the unit of {motion[0]}. "
+                "Give --kind and --units."
+            )
+        if units and by_labels and not same_factor(by_labels, factor):
+            raise ModalDataError(
+                f"{path}: data set 164 has {units.name}, but a response has the labels "
+                f"{one['ordinate_axis_units_lab'].strip()} and "
+                f"{one['orddenom_axis_units_lab'].strip()}. Give --units, such as m,N or g,N."
+            )
     sign = np.sign(one["rsp_dir"]) * np.sign(one["ref_dir"])
-    return np.asarray(one["data"]) * _factor(one, path, units) * sign, RESPONSES[known]
-
-
-def _factor(one: Mapping[str, Any], path: Path, units: FileUnits | None) -> float:
-    """Return the factor from the values of a response to SI units. Units that the user gives hold
-    before labels. Raises ModalDataError if labels and data set 164 differ."""
-    motion = _stated_unit(one, "ordinate_axis_units_lab")
-    force = _stated_unit(one, "orddenom_axis_units_lab")
-    by_units = None if units is None else units.force / units.length
-    by_labels = force[1] / motion[1] if motion and force else None
-    if units is None or by_units is None:
-        assert by_labels is not None
-        return by_labels
-    if by_labels is None or units.given or same_factor(by_labels, by_units):
-        return by_units
-    raise ModalDataError(
-        f"{path}: data set 164 has {units.name}, but a response has the labels "
-        f"{one['ordinate_axis_units_lab'].strip()} and {one['orddenom_axis_units_lab'].strip()}. "
-        "Give --units, such as m,N or g,N."
-    )
+    return np.asarray(one["data"]) * factor * sign, RESPONSES[known]
 
 
 def _stated_unit(one: Mapping[str, Any], key: str) -> tuple[str, float] | None:

@@ -95,25 +95,24 @@ def holds_modes(sets: Iterable[dict[str, Any]], kind: str | None, path: Path) ->
     return kind not in RESPONSES if kind else 58 not in types
 
 
-def choose_direction(directions: Sequence[str], given: str | None, what: str) -> str:
-    """Return the direction that is given, or the only one.
+def choose_direction(
+    directions: Sequence[str], given: str | None, what: str, missing: list[str]
+) -> str:
+    """Return the direction that is given, or the only one; "" if there are several.
 
     Args:
         directions: those of the file.
         given: the one of --direction, if any.
-        what: subject and verb of the message on several directions.
-
-    Raises:
-        ModalDataError: there are several, and none is given.
+        what: subject and verb of the sentence on several directions.
+        missing: where that sentence is added.
     """
-    if given is not None:
-        return given
-    if len(directions) == 1:
-        return directions[0]
-    raise ModalDataError(
+    if given is not None or len(directions) == 1:
+        return given or directions[0]
+    missing.append(
         f"--direction: is missing, and {what} in the directions {', '.join(directions)}. Give one "
         "of them."
     )
+    return ""
 
 
 def list_nodes(nodes: Iterable[int]) -> str:

@@ -84,14 +84,10 @@ def modes_of_sets(
     used = list(dict.fromkeys(points.named.values()))
     shapes = np.array([[mode.at(node) for node in used] for mode in modes])  # (modes, nodes, 3)
     there = [name for i, name in enumerate(DIRECTIONS) if np.any(shapes[:, :, i])]
-    try:
-        direction = choose_direction(
-            there or ["z"], points.direction, "the shapes of these nodes move"
-        )
-    except ModalDataError as error:
-        direction = there[0]
-        missing.append(str(error))
-    moved = shapes[:, :, DIRECTIONS.index(direction)]
+    direction = choose_direction(
+        there or ["z"], points.direction, "the shapes of these nodes move", missing
+    )
+    moved = shapes[:, :, DIRECTIONS.index(direction or there[0])]
     masses = np.array([1.0 if unit_mass else mode.mass for mode in modes])
     wrong = np.flatnonzero(~(np.abs(masses) > 0.0))
     if len(wrong):
@@ -166,30 +162,24 @@ class _Mode:
 
 def _mode_of(one: dict[str, Any], path: Path) -> _Mode | None:
     """Return the mode of a data set; None if the data set holds something else."""
-    if one["type"] == 55 and one.get("analysis_type") in (*_NORMAL, *_COMPLEX):
-        shape_type, nodes = one.get("spec_data_type"), one["node_nums"]
+    if one.get("analysis_type") not in (*_NORMAL, *_COMPLEX):
+        return None
+    if one["type"] == 55:
+        shape_type = one.get("spec_data_type")
         shapes = np.stack([np.asarray(one[f"r{i}"]) for i in (1, 2, 3)], axis=1)
-        numbers = (
-            one.get("freq", 0.0),
-            one.get("modal_m", 0.0),
-            one.get("modal_damp_vis", 0.0),
-            one.get("modal_damp_his", 0.0),
-        )
+        keys = "freq", "modal_m", "modal_damp_vis", "modal_damp_his"
+        hz, mass, viscous, hysteretic = (float(one.get(key, 0.0)) for key in keys)
         eigenvalue, modal_a = complex(one.get("eig", 0.0)), complex(one.get("modal_a", 0.0))
-    elif (
-        one["type"] == 2414
-        and one.get("analysis_type") in (*_NORMAL, *_COMPLEX)
-        and one.get("dataset_location") == 1
-    ):
-        shape_type, nodes = one.get("result_type"), one["node_nums"]
+    elif one["type"] == 2414 and one.get("dataset_location") == 1:
+        shape_type = one.get("result_type")
         shapes = np.array(one["data_at_node"], float)
         if one.get("data_type") in (5, 6):
             shapes = shapes[:, ::2] + 1j * shapes[:, 1::2]
         shapes = np.pad(shapes, ((0, 0), (0, max(0, 3 - shapes.shape[1]))))[:, :3]
-        fields = [float(one.get(f"record12_field{i}") or 0.0) for i in range(2, 7)]
-        numbers = fields[0], fields[2], fields[3], fields[4]
-        more = [float(one.get(f"record13_field{i}") or 0.0) for i in range(1, 5)]
-        eigenvalue, modal_a = complex(*more[:2]), complex(*more[2:])
+        keys = [f"record12_field{i}" for i in (2, 4, 5, 6)]
+        keys += [f"record13_field{i}" for i in (1, 2, 3, 4)]
+        hz, mass, viscous, hysteretic, *parts = (float(one.get(key) or 0.0) for key in keys)
+        eigenvalue, modal_a = complex(*parts[:2]), complex(*parts[2:])
     else:
         return None
     if shape_type not in _SHAPES:
@@ -199,7 +189,7 @@ def _mode_of(one: dict[str, Any], path: Path) -> _Mode | None:
                 "their scale is not that of the modal mass. Export shapes of displacement."
             )
         return None  # Stresses, for example, stand beside the shapes.
-    hz, mass, viscous, hysteretic = (float(number) for number in numbers)
+    nodes = one["node_nums"]
     if one["analysis_type"] in _NORMAL:
         return _Mode(2.0 * math.pi * hz, 2.0 * viscous + hysteretic, mass, nodes, shapes)
     omega = abs(eigenvalue)

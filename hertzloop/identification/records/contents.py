@@ -64,12 +64,15 @@ class FileContents:
     interrupted: bool = False
     name: str = ""
 
-    def describe(self, series: Series) -> str:
-        """Return a series in words, such as "column 2 'Force [N]'"."""
-        name = f" '{series.name}'" if series.name else ""
-        several = len({s.group for s in self.series}) > 1 and series.group
-        group = f" of group '{series.group}'" if several else ""
-        return f"{self.kind} {series.number}{name}{group}"
+    def describe(self, *series: Series) -> str:
+        """Return series in words, such as "column 2 'Force [N]', column 4"."""
+        several = len({one.group for one in self.series}) > 1
+        return ", ".join(
+            f"{self.kind} {one.number}"
+            + (f" '{one.name}'" if one.name else "")
+            + (f" of group '{one.group}'" if several and one.group else "")
+            for one in series
+        )
 
 
 def is_series(series: Series, said: str | int) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hertzloop.identification.records.chain_keys import LOW_PASSES
 from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.quantities import NAMES
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
 
 DEFAULT_GAIN_UNCERTAINTY = 0.03
@@ -69,7 +70,11 @@ class Measurement:
 
 
 def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
-    """Return a `[record]` table as an object. Raises RecordError for a wrong key or value."""
+    """Return a `[record]` table as an object, with the standard name of its quantity.
+
+    Raises:
+        RecordError: a key or a value is wrong.
+    """
     values = dict(table)
     for key, value in values.items():
         if key not in _RULES:
@@ -83,6 +88,8 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
         if key in values:
             low, high = values[key]
             values[key] = float(low), float(high)
+    if "quantity" in values:
+        values["quantity"] = NAMES.get(values["quantity"], values["quantity"])
     found = Measurement(**values)
     if found.low_pass == "sigma-delta" and "low_pass_order" in values:
         raise RecordError(

@@ -46,8 +46,6 @@ class Record:
                 f"{self.name}: has {len(self.time_s)} times and values of shape "
                 f"{np.shape(self.value)}. Give one value for each time."
             )
-        if len(self.value) == 0:
-            raise RecordError(f"{self.name}: has no samples. Give a record of one impact.")
         if len(self.value) < FEWEST_SAMPLES:
             raise RecordError(
                 f"{self.name}: has {len(self.value)} samples. Give at least {FEWEST_SAMPLES}, with "

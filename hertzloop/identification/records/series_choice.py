@@ -7,7 +7,7 @@ from hertzloop.identification.records.contents import (
 )
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.quantities import NAMES, quantity_of
+from hertzloop.identification.records.quantities import quantity_of
 
 
 def choose_series(contents: FileContents, measurement: Measurement) -> tuple[Series, list[str]]:
@@ -22,15 +22,14 @@ def choose_series(contents: FileContents, measurement: Measurement) -> tuple[Ser
         if getattr(measurement, key) is not None:
             left = _chosen_by(key, getattr(measurement, key), left, contents)
     explicit = measurement.channel is not None or measurement.column is not None
-    quantity = NAMES.get(measurement.quantity or "", measurement.quantity)
-    if quantity is None and not explicit:
+    if measurement.quantity is None and not explicit:
         left = [s for s in left if quantity_of(s.name)]
     elif len(left) > 1:
-        left = [s for s in left if quantity_of(s.name) == quantity] or left
+        left = [s for s in left if quantity_of(s.name) == measurement.quantity] or left
     if not left:
         raise RecordError(
             f"{name}: no column is a known quantity; the columns are "
-            f"{', '.join(contents.describe(s) for s in contents.series)}. Name a column "
+            f"{contents.describe(*contents.series)}. Name a column "
             "such as contact_force_n or v_p_m_s, or give record.quantity and record.column. "
             f"{' '.join(contents.notes)}".strip()
         )
@@ -41,7 +40,7 @@ def choose_series(contents: FileContents, measurement: Measurement) -> tuple[Ser
         value = f'"{alike[0].group}"' if key == "group" else alike[0].number
         raise RecordError(
             f"{name}: {len(alike)} series could be the record: "
-            f"{', '.join(contents.describe(s) for s in alike)}. Choose one, for example "
+            f"{contents.describe(*alike)}. Choose one, for example "
             f"with record.{key} = {value}."
         )
     others = [s.name or str(s.number) for s in every if s is not left[0]]
@@ -71,6 +70,6 @@ def _chosen_by(
     if not kept:
         raise RecordError(
             f"record.{key} = {said!r}: not a {key} of {contents.name}. It has "
-            f"{', '.join(contents.describe(s) for s in series)}."
+            f"{contents.describe(*series)}."
         )
     return kept

@@ -11,7 +11,7 @@ from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.series_units import agreed_unit
 from hertzloop.identification.records.spacing import StatedSpacing
 from hertzloop.identification.records.text.column_names import TIMES
-from hertzloop.identification.records.units import StatedUnit, name_and_unit, unit_of
+from hertzloop.identification.records.units import StatedUnit, unit_of
 
 _NOT_STATED = "s, which the file does not state"
 
@@ -58,7 +58,7 @@ def _time_columns(series: Series, contents: FileContents, measurement: Measureme
             raise RecordError(
                 f"record.time_column = {measurement.time_column!r}: means {len(found)} columns of "
                 f"{contents.name}. Give the number of one of "
-                f"{', '.join(contents.describe(s) for s in contents.series)}."
+                f"{contents.describe(*contents.series)}."
             )
         return found
     found = [
@@ -105,8 +105,7 @@ def _times_in_seconds(
     series: Series, contents: FileContents, measurement: Measurement
 ) -> tuple[np.ndarray, str]:
     """Return times in s and words on them. Raises RecordError for an unknown unit."""
-    own = name_and_unit(series.name, TIMES)[1]
-    stated = measurement.time_unit or agreed_unit(series, own, contents)
+    stated = measurement.time_unit or agreed_unit(series, TIMES, contents)
     unit = unit_of(stated) if stated else StatedUnit("s", 1.0, "s")
     if unit is None or unit.si != "s":
         raise RecordError(
@@ -115,8 +114,7 @@ def _times_in_seconds(
         )
     words = unit.symbol if stated else _NOT_STATED
     values = np.asarray(series.values, float)
-    values = values if unit.size == 1.0 else values * unit.size
-    return values, f"{contents.describe(series)} in {words}"
+    return values * unit.size, f"{contents.describe(series)} in {words}"
 
 
 def _check_times(
@@ -125,8 +123,7 @@ def _check_times(
     """Return times and words on them. Raises RecordError for times that disagree with the rate in
     the table or, by a power of ten, with the spacing that the file states."""
     name, rate, spacing = contents.name, measurement.rate_hz, contents.spacing
-    known = np.isfinite(time_s)
-    known = time_s if np.all(known) else time_s[known]
+    known = time_s[np.isfinite(time_s)]
     mean = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else 0.0
     if rate and mean > 0.0 and abs(rate * mean - 1.0) > 1e-2:
         raise RecordError(

@@ -1,6 +1,7 @@
 """Units of a series: what the file states, what the `[record]` table says, and the factor to SI."""
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 from hertzloop.identification.records.contents import FileContents, Series
@@ -78,8 +79,7 @@ def resolve_unit(
 
 def _stated_unit(series: Series, contents: FileContents) -> str:
     """Return the unit that a file states for a series, "" if it states none."""
-    own = name_and_unit(series.name, NAMES)[1]
-    stated = agreed_unit(series, own, contents).strip(" ()[]")
+    stated = agreed_unit(series, NAMES, contents).strip(" ()[]")
     plain = plain_name(series.name)
     if stated or plain in NAMES:
         return stated
@@ -102,9 +102,18 @@ def si_factor(quantity: str, measurement: Measurement) -> float:
     return unit.size / measurement.sensitivity
 
 
-def agreed_unit(series: Series, own: str, contents: FileContents) -> str:
-    """Return the unit in the name of a series, `own`, or beside it. Raises RecordError if they
-    disagree."""
+def agreed_unit(series: Series, names: Collection[str], contents: FileContents) -> str:
+    """Return the unit in the name of a series or beside it, "" without any.
+
+    Args:
+        series: of the file.
+        names: plain names that a unit may follow after an underscore.
+        contents: of the file.
+
+    Raises:
+        RecordError: name and file state different units.
+    """
+    own = name_and_unit(series.name, names)[1]
     if unit_of(own) and unit_of(series.unit) and unit_of(own) != unit_of(series.unit):
         raise RecordError(
             f"{contents.name}: {contents.describe(series)} has two units, '{own}' and "

@@ -18,3 +18,11 @@ def test_a_negative_sensitivity_keeps_range_and_step(sensitivity: float) -> None
     )
     assert list(np.flatnonzero(clipped_samples(record))) == [21, 22, 23]
     assert converter_step(record) == pytest.approx(7.0 / 256 / 0.5)
+
+
+def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other() -> None:
+    value = np.zeros(40)
+    value[20:26] = [2.0, 8.0, 10.0, 10.0, 7.0, 1.0]
+    measurement = parse_record_table({"range": [0.0, 10.0]}, "drop.csv")
+    one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement)
+    assert list(np.flatnonzero(clipped_samples(one))) == [22, 23]

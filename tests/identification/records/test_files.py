@@ -6,11 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.identification.records.converter import clipped_samples
 from hertzloop.identification.records.errors import RecordError
-from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.reading import read_record
-from hertzloop.identification.records.record import Record
 from tests.commands import as_options, invoke
 from tests.identification.fitting import RADIUS, fitted, scene
 from tests.tiers import default
@@ -227,11 +224,3 @@ def test_a_chosen_column_keeps_what_its_table_says(tmp_path: Path, given: dict[s
     )
     np.testing.assert_allclose(read_record(path, given).value, 2.0 * FORCE)
     assert read_record(path, {"quantity": "acceleration"}).quantity == "acceleration"
-
-
-def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other() -> None:
-    value = np.zeros(40)
-    value[20:26] = [2.0, 8.0, 10.0, 10.0, 7.0, 1.0]
-    measurement = Measurement(quantity="contact_force", unit="N", range=(0.0, 10.0))
-    one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement)
-    assert list(np.flatnonzero(clipped_samples(one))) == [22, 23]

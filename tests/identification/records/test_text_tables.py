@@ -70,6 +70,8 @@ LAYOUTS = {
     "OWON": ("Channel :,CH1\nTime interval :,0.50000uS\n\nindex,CH1(N)", "{k},{n}"),
     "facts in comments, run together": (
         "# XAxisUnit = s\n# YAxisUnit = N\n# DeltaX = 5e-07", "{n}"),
+    "a rate with a prefix": ("Sampling Rate: 2 MHz\nForce", "{n}"),
+    "an interval behind an equals sign": ("dt = 0.5 us\nForce", "{n}"),
     "milliseconds after a colon": ("Time;Force [N]", "{hms};{n}"),
     "pandas timedelta": (",force_n", "0 days 00:00:00.{d},{n}"),
     "MATLAB timetable": ("Time,force_n", "{s} sec,{n}"),
@@ -110,11 +112,6 @@ def test_a_layout_gives_the_record(tmp_path: Path, layout: str, text: str) -> No
     record = read(tmp_path, text, quantity="contact_force")
     assert record.value == pytest.approx(FORCE, abs=1e-9), layout
     assert record.interval_s == pytest.approx(STEP_S, rel=1e-4), record.source
-
-
-def test_a_table_may_be_in_utf_16(tmp_path: Path) -> None:
-    (tmp_path / "r.csv").write_text(table("Time [s],Force [N]", "{s},{n}"), "utf-16")
-    assert read_record(tmp_path / "r.csv").value == pytest.approx(FORCE)
 
 
 def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
@@ -253,12 +250,6 @@ def test_dates_count_from_the_first_one(tmp_path: Path) -> None:
     over = [f"06.05.2024 23:59:59.{i}" for i in range(5)] + ["07.05.2024 00:00:00.0"] * 5
     with pytest.raises(RecordError, match="may name the day or the month first"):
         read(tmp_path, f"Timestamp,Force\n{rows(over, over, form='{},1')}")
-
-
-def test_facts_give_the_times(tmp_path: Path) -> None:
-    for fact in ("Sample Interval,5e-07", "Sampling Rate: 2 MHz", "dt = 0.5 us", "# fs: 2e6"):
-        one = read(tmp_path, f"{fact}\nForce\n{Y}")
-        assert one.interval_s == pytest.approx(5e-7, rel=1e-12)
 
 
 def test_a_file_beside_the_table_describes_it(tmp_path: Path) -> None:

@@ -101,171 +101,200 @@ class _Draw:
 
     def case(self) -> TextCase:
         """Draw the table."""
+        self._style()
+        self._times()
+        self._values()
+        self._other_columns()
+        raw = self._encoded(self._ended(self._lines()))
+        return TextCase(raw, self.given, self.true_s, self.value, self.features, self.must_refuse)
+
+    def _style(self) -> None:
+        """How numbers are written, and the spacing of the rows."""
         g = self.g
-        rows = int(g.integers(12, 90))
-        separator = self.one(",", ",", ";", "\t", " ", "|")
-        comma = separator != "," and self.some("decimal commas", 0.35)
-        quoted = separator in ",;" and self.some("quotes", 0.12)
-        quoted_comma = quoted and separator == "," and self.some("decimal commas in quotes", 0.4)
-        style = self.one("g", "e", "+e", "r", *(("D",) if self.some("D exponents", 0.05) else ()))
+        self.rows = int(g.integers(12, 90))
+        self.separator = self.one(",", ",", ";", "\t", " ", "|")
+        self.comma = self.separator != "," and self.some("decimal commas", 0.35)
+        self.quoted = self.separator in ",;" and self.some("quotes", 0.12)
+        self.quoted_comma = (
+            self.quoted and self.separator == "," and self.some("decimal commas in quotes", 0.4)
+        )
+        self.style = self.one(
+            "g", "e", "+e", "r", *(("D",) if self.some("D exponents", 0.05) else ())
+        )
         if self.some("long minus", 0.03):
-            style = "minus"
-        step = float(self.one(1e-7, 5e-7, 1e-6, 1.25e-6, 1e-5))
-        zero = float(self.one(0.0, -0.5, -0.25)) * rows * step
+            self.style = "minus"
+        self.step = float(self.one(1e-7, 5e-7, 1e-6, 1.25e-6, 1e-5))
+        self.zero = float(self.one(0.0, -0.5, -0.25)) * self.rows * self.step
         self.features.append(
-            {",": "comma", ";": "semicolon", "\t": "tab", " ": "spaces", "|": "bar"}[separator]
+            {",": "comma", ";": "semicolon", "\t": "tab", " ": "spaces", "|": "bar"}[self.separator]
         )
 
-        def put(value: float) -> str:
-            text = self.number(value, style)
-            if comma or quoted_comma:
-                text = text.replace(".", ",")
-            return f'"{text}"' if quoted else text
+    def put(self, value: float) -> str:
+        """A number as a cell."""
+        text = self.number(value, self.style)
+        if self.comma or self.quoted_comma:
+            text = text.replace(".", ",")
+        return f'"{text}"' if self.quoted else text
 
-        def seen(text: str) -> float:
-            text = text.strip('"').replace(",", ".") if comma or quoted_comma else text.strip('"')
-            return float(text.replace("\u2212", "-").replace("D", "E"))
+    def seen(self, text: str) -> float:
+        """The number of a cell."""
+        text = text.strip('"').replace("\u2212", "-").replace("D", "E")
+        return float(text.replace(",", ".") if self.comma or self.quoted_comma else text)
 
-        # Times: a column, dates, or a fact above.
-        how = self.one(*["column"] * 6, "dates", "of day", "interval", "rate", "start column")
-        unit = self.one(*_TIME_UNITS) if how == "column" else "s"
-        self.features.append(f"times: {how}")
-        instants = zero + step * np.arange(rows)
-        columns: list[tuple[str, str, list[str]]] = []
-        true_s = instants
-        if how == "column":
-            texts = [put(round(t / _TIME_UNITS[unit], 9)) for t in instants]
-            if unit in ("s", "seconds"):
-                texts = [put(float(f"{t:.9e}")) for t in instants]
-            true_s = _TIME_UNITS[unit] * np.array([seen(t) for t in texts])
-            columns.append(
-                (self.one("Time", "time", "TIME", "t", "X", "Elapsed Time"), unit, texts)
+    def _times(self) -> None:
+        """Times: a column, dates, or a fact above."""
+        self.how = self.one(*["column"] * 6, "dates", "of day", "interval", "rate", "start column")
+        self.unit = self.one(*_TIME_UNITS) if self.how == "column" else "s"
+        self.features.append(f"times: {self.how}")
+        instants = self.zero + self.step * np.arange(self.rows)
+        self.columns: list[tuple[str, str, list[str]]] = []
+        self.true_s = instants
+        if self.how == "column":
+            texts = [self.put(round(t / _TIME_UNITS[self.unit], 9)) for t in instants]
+            if self.unit in ("s", "seconds"):
+                texts = [self.put(float(f"{t:.9e}")) for t in instants]
+            self.true_s = _TIME_UNITS[self.unit] * np.array([self.seen(t) for t in texts])
+            self.columns.append(
+                (self.one("Time", "time", "TIME", "t", "X", "Elapsed Time"), self.unit, texts)
             )
-        elif how in ("dates", "of day"):
-            of_day = 45_000.25 + step * np.arange(rows)
+        elif self.how in ("dates", "of day"):
+            of_day = 45_000.25 + self.step * np.arange(self.rows)
             texts = []
             order = self.one("{y}-{m}-{d}", "{d}.{m}.{y}", "{m}/{d}/{y}")
             for t in of_day:
                 h, m = int(t // 3600), int(t // 60) % 60
                 clock = f"{h:02d}:{m:02d}:{t % 60:012.9f}"
                 date = order.format(y=2024, m="05", d="06") + self.one(" ")
-                texts.append(clock if how == "of day" else date + clock)
-            if separator == " " and how == "dates":
+                texts.append(clock if self.how == "of day" else date + clock)
+            if self.separator == " " and self.how == "dates":
                 texts = [t.replace(" ", "T") for t in texts]
-            true_s = np.array([round(t, 9) for t in of_day])
-            columns.append((self.one("Time", "Timestamp", "Date Time".replace(" ", "")), "", texts))
-        elif how == "start column":
-            columns.append(("X", "Sequence", [str(i) for i in range(rows)]))
+            self.true_s = np.array([round(t, 9) for t in of_day])
+            self.columns.append(
+                (self.one("Time", "Timestamp", "Date Time".replace(" ", "")), "", texts)
+            )
+        elif self.how == "start column":
+            self.columns.append(("X", "Sequence", [str(i) for i in range(self.rows)]))
 
-        # Values, with gaps.
+    def _values(self) -> None:
+        """Values, with gaps."""
+        g = self.g
         peak = float(self.one(0.4, 12.0, 88.0, 250.0))
-        shape = peak * np.exp(-(((np.arange(rows) - rows / 2) / (rows / 8)) ** 2))
-        force = shape + 0.01 * peak * g.normal(size=rows)
+        shape = peak * np.exp(-(((np.arange(self.rows) - self.rows / 2) / (self.rows / 8)) ** 2))
+        force = shape + 0.01 * peak * g.normal(size=self.rows)
         sensitive = self.some("volts", 0.25)
         f_unit = "V" if sensitive else self.one(*_FORCE_UNITS)
         factor = 0.01 if sensitive else 1.0 / _FORCE_UNITS[f_unit]
-        texts = [put(float(f"{v * factor:.7g}")) for v in force]
-        value = np.array([seen(t) for t in texts]) / (0.01 if sensitive else 1.0)
-        value = value * (1.0 if sensitive else _FORCE_UNITS[f_unit])
+        texts = [self.put(float(f"{v * factor:.7g}")) for v in force]
+        self.value = np.array([self.seen(t) for t in texts]) / (0.01 if sensitive else 1.0)
+        self.value = self.value * (1.0 if sensitive else _FORCE_UNITS[f_unit])
         if self.some("gaps", 0.3):
-            for i in g.choice(rows, size=int(g.integers(1, 4)), replace=False):
-                gap = self.one(*(w for w in _GAPS if w or separator != " "))
-                texts[i] = gap.replace(".", ",") if comma else gap
-                value[i] = np.nan
-        name = self.one(
+            for i in g.choice(self.rows, size=int(g.integers(1, 4)), replace=False):
+                gap = self.one(*(w for w in _GAPS if w or self.separator != " "))
+                texts[i] = gap.replace(".", ",") if self.comma else gap
+                self.value[i] = np.nan
+        self.name = self.one(
             "Force", "contact_force", "CH1", "Channel A", "Kraft", "Excitation (Trigger)"
         )
-        names_units = self.one("bracket", "bracket", "row", "row", "slash", "none")
-        if separator == " ":
-            name, names_units = self.one("force", "CH1"), self.one("underscore", "row", "none")
+        self.names_units = self.one("bracket", "bracket", "row", "row", "slash", "none")
+        if self.separator == " ":
+            self.name = self.one("force", "CH1")
+            self.names_units = self.one("underscore", "row", "none")
         wrong = self.some("unknown unit", 0.06)
         size = 1.0 if sensitive else _FORCE_UNITS[f_unit]
         if wrong:
             f_unit, self.must_refuse = self.one(*_UNKNOWN), True
-        if wrong and names_units == "underscore":  # any other word may be part of the name
+        if wrong and self.names_units == "underscore":  # any other word may be part of the name
             f_unit = self.one("lb", "counts", "kg")
-        if name == "Excitation (Trigger)" and names_units != "row":
-            name = "Excitation"
-        if names_units == "none":
-            value = value / size  # without a unit, SI units count
+        if self.name == "Excitation (Trigger)" and self.names_units != "row":
+            self.name = "Excitation"
+        if self.names_units == "none":
+            self.value = self.value / size  # without a unit, SI units count
             self.must_refuse = False
-            if how == "column" and unit not in ("s", "seconds"):
-                self.given["time_unit"] = {"\u00b5s": "us"}.get(unit, unit)
+            if self.how == "column" and self.unit not in ("s", "seconds"):
+                self.given["time_unit"] = {"\u00b5s": "us"}.get(self.unit, self.unit)
         if sensitive:
             self.given["sensitivity"] = 0.01
-            if wrong and names_units != "none":
+            if wrong and self.names_units != "none":
                 self.must_refuse = False
-        columns.append((name, f_unit, texts))
+        self.columns.append((self.name, f_unit, texts))
         self.given["quantity"] = "contact_force"
 
-        # Other columns.
+    def _other_columns(self) -> None:
+        """Columns that are not the record, and whether there is a heading."""
+        g = self.g
         if self.some("second channel", 0.25):
-            other = [put(float(f"{v:.6g}")) for v in g.normal(size=rows)]
-            columns.append(("CH2" if name != "CH2" else "CH3", "V", other))
-            self.given["column"] = name
-        if separator != " " and self.some("column of text", 0.08):
-            columns.append(("Status", "", [self.one("OK", "OK", "valid") for _ in range(rows)]))
-            self.given.setdefault("column", name)
-        if self.some("sample numbers", 0.1) and how != "start column":
-            columns.insert(
+            other = [self.put(float(f"{v:.6g}")) for v in g.normal(size=self.rows)]
+            self.columns.append(("CH2" if self.name != "CH2" else "CH3", "V", other))
+            self.given["column"] = self.name
+        if self.separator != " " and self.some("column of text", 0.08):
+            self.columns.append(
+                ("Status", "", [self.one("OK", "OK", "valid") for _ in range(self.rows)])
+            )
+            self.given.setdefault("column", self.name)
+        if self.some("sample numbers", 0.1) and self.how != "start column":
+            self.columns.insert(
                 0,
                 (
-                    "Index" if separator == " " else self.one("Index", "Sample", ""),
+                    "Index" if self.separator == " " else self.one("Index", "Sample", ""),
                     "",
-                    [str(i) for i in range(rows)],
+                    [str(i) for i in range(self.rows)],
                 ),
             )
-        headless = names_units == "none" and separator != " " and self.some("no heading", 0.4)
-        if headless:
-            place = next(i for i, c in enumerate(columns) if c[0] == name)
-            if len(columns) > 2 or "column" in self.given:
+        self.headless = (
+            self.names_units == "none" and self.separator != " " and self.some("no heading", 0.4)
+        )
+        if self.headless:
+            place = next(i for i, c in enumerate(self.columns) if c[0] == self.name)
+            if len(self.columns) > 2 or "column" in self.given:
                 self.given["column"] = place + 1
-            if how == "start column" or columns[0][2][0] == "0" == columns[0][2][0]:
-                headless = columns[0][2][:2] != ["0", "1"]
-        if not headless and separator != " " and self.some("tables side by side", 0.08):
-            place = next(i for i, c in enumerate(columns) if c[0] == name)
+            if self.how == "start column" or self.columns[0][2][0] == "0" == self.columns[0][2][0]:
+                self.headless = self.columns[0][2][:2] != ["0", "1"]
+        if not self.headless and self.separator != " " and self.some("tables side by side", 0.08):
+            place = next(i for i, c in enumerate(self.columns) if c[0] == self.name)
             self.given["column"] = place + 1
-            short = rows - int(g.integers(0, 6))
-            for head, beside in (("Time", 3e-7 * np.arange(rows)), (name, g.normal(size=rows))):
-                cells = [put(float(f"{v:.8g}")) for v in beside[:short]] + [""] * (rows - short)
-                columns.append((head, "s" if head == "Time" else "N", cells))
-        lines = [separator.join(c[2][i] for c in columns) for i in range(rows)]
-        if headless and separator in ",;\t" and rows > 40 and self.some("facts beside", 0.5):
-            facts = [f"Model{separator}TX 1", f"Vertical Scale{separator}0.2"]
-            facts += [separator] * (rows - 2)
-            lines = [fact + separator + line for fact, line in zip(facts, lines, strict=True)]
+            short = self.rows - int(g.integers(0, 6))
+            for head, beside in (
+                ("Time", 3e-7 * np.arange(self.rows)),
+                (self.name, g.normal(size=self.rows)),
+            ):
+                cells = [self.put(float(f"{v:.8g}")) for v in beside[:short]] + [""] * (
+                    self.rows - short
+                )
+                self.columns.append((head, "s" if head == "Time" else "N", cells))
+
+    def _lines(self) -> list[str]:
+        """All lines of the file."""
+        lines = [self.separator.join(c[2][i] for c in self.columns) for i in range(self.rows)]
+        if (
+            self.headless
+            and self.separator in ",;\t"
+            and self.rows > 40
+            and self.some("facts beside", 0.5)
+        ):
+            facts = [f"Model{self.separator}TX 1", f"Vertical Scale{self.separator}0.2"]
+            facts += [self.separator] * (self.rows - 2)
+            lines = [fact + self.separator + line for fact, line in zip(facts, lines, strict=True)]
             if "column" in self.given:
                 self.given["column"] += 2
-        if separator in ",;" and self.some("separators at the ends", 0.1):
-            lines = [line + separator for line in lines]
-        pad = " " if separator in ",;" and self.some("spaces beside separators", 0.15) else ""
-        if pad and not quoted:
-            lines = [line.replace(separator, separator + "  ") for line in lines]
-        above = self._above(columns, separator, names_units, headless, how, step, zero)
-        lines = self._spoilt(lines, separator, comma, columns, name)
+        if self.separator in ",;" and self.some("separators at the ends", 0.1):
+            lines = [line + self.separator for line in lines]
+        pad = " " if self.separator in ",;" and self.some("spaces beside separators", 0.15) else ""
+        if pad and not self.quoted:
+            lines = [line.replace(self.separator, self.separator + "  ") for line in lines]
+        above = self._above()
+        lines = self._spoilt(lines)
         if self.some("comments in the table", 0.05):
             lines.insert(len(lines) // 2, "# a remark, 1 of 2")
         if self.some("lines below", 0.12):
             lines += self.one(["END"], ["", "End of data"], ["# done"], ["*** end ***", ""])
-        text = self._ended(above + lines)
-        raw = self._encoded(text)
-        return TextCase(raw, self.given, true_s, value, self.features, self.must_refuse)
+        return above + lines
 
-    def _above(
-        self,
-        columns: list[tuple[str, str, list[str]]],
-        separator: str,
-        names_units: str,
-        headless: bool,
-        how: str,
-        step: float,
-        zero: float,
-    ) -> list[str]:
+    def _above(self) -> list[str]:
         """Lines above the table: facts, names, units."""
         g, found = self.g, []
-        sep = separator if separator != " " else "\t"
-        if separator in ";,|" and self.some("sep line", 0.05):
-            found.append(f"sep={separator}")
+        sep = self.separator if self.separator != " " else "\t"
+        if self.separator in ";,|" and self.some("sep line", 0.05):
+            found.append(f"sep={self.separator}")
         kind = self.one("none", "none", "facts", "facts", "comments", "text", "long")
         self.features.append(f"above: {kind}")
         count = {"none": 0, "long": int(g.integers(40, 400))}.get(kind, int(g.integers(1, 25)))
@@ -277,24 +306,25 @@ class _Draw:
             body.append(("# " if kind == "comments" else "") + line)
         fact = {
             "interval": self.one(
-                f"Sample Interval{sep}{step!r}",
-                f"Delta_X{sep}{step!r}",
-                f"Sampling Interval{sep}{1e6 * step:.9g} us",
+                f"Sample Interval{sep}{self.step!r}",
+                f"Delta_X{sep}{self.step!r}",
+                f"Sampling Interval{sep}{1e6 * self.step:.9g} us",
             ),
             "rate": self.one(
-                f"Sample Rate{sep}{1 / step:.9g}", f"Sample Rate{sep}{1e-6 / step:.9g} MHz"
+                f"Sample Rate{sep}{1 / self.step:.9g}",
+                f"Sample Rate{sep}{1e-6 / self.step:.9g} MHz",
             ),
-        }.get(how)
+        }.get(self.how)
         if fact:
             body.insert(int(g.integers(len(body) + 1)), fact)
         found += body
         if count and self.some("empty line above", 0.3):
             found.append("")
-        if headless:
+        if self.headless:
             return found
         names, units = [], []
-        for name, unit, _ in columns:
-            stated = unit if names_units != "none" else ""
+        for name, unit, _ in self.columns:
+            stated = unit if self.names_units != "none" else ""
             if unit == "Sequence":
                 stated = ""
             names.append(
@@ -304,63 +334,60 @@ class _Draw:
                     else name,
                     "slash": f"{name} / {stated}" if stated else name,
                     "underscore": f"{name}_{stated}" if stated else name,
-                }.get(names_units, name)
+                }.get(self.names_units, name)
             )
             units.append(unit and self.one(unit, f"({unit})"))
-            if names_units == "none" and unit != "Sequence":
+            if self.names_units == "none" and unit != "Sequence":
                 units[-1] = ""
-        if how == "start column":
+        if self.how == "start column":
             names += ["Start", "Increment"]
-            units += [repr(zero), repr(step)]
-        row = [u or ("-" if separator == " " else "") for u in units]
-        if separator == " ":
+            units += [repr(self.zero), repr(self.step)]
+        row = [u or ("-" if self.separator == " " else "") for u in units]
+        if self.separator == " ":
             names = [n.replace(" ", "_") or "Index" for n in names]
-        commented = kind != "comments" and names_units != "row" and self.some("# heading", 0.05)
-        found.append(("# " if commented else "") + separator.join(names))
-        if names_units == "row" or how == "start column":
-            found.append(separator.join(row))
+        commented = (
+            kind != "comments" and self.names_units != "row" and self.some("# heading", 0.05)
+        )
+        found.append(("# " if commented else "") + self.separator.join(names))
+        if self.names_units == "row" or self.how == "start column":
+            found.append(self.separator.join(row))
         if self.some("empty line below the heading", 0.08):
             found.append("")
         return found
 
-    def _spoilt(
-        self,
-        lines: list[str],
-        separator: str,
-        comma: bool,
-        columns: list[tuple[str, str, list[str]]],
-        name: str,
-    ) -> list[str]:
+    def _spoilt(self, lines: list[str]) -> list[str]:
         """The table with something that cannot be read in one way, in a part of the cases."""
         if self.g.random() > 0.12 or "facts beside" in self.features:
             return lines
         kind = self.one("thousands", "unit in cell", "two signs", "two tables", "cut row", "words")
         at = len(lines) // 2
-        place = next(i for i, c in enumerate(columns) if c[0] == name)
-        if separator == " " or '"' in lines[at]:
+        place = next(i for i, c in enumerate(self.columns) if c[0] == self.name)
+        if self.separator == " " or '"' in lines[at]:
             return lines
-        cells = lines[at].split(separator)
+        cells = lines[at].split(self.separator)
         if kind == "thousands":
-            if separator == ",":
+            if self.separator == ",":
                 return lines
-            cells[place] = "1.234,5" if comma else "1,234.5"
+            cells[place] = "1.234,5" if self.comma else "1,234.5"
         elif kind == "unit in cell":
             cells[place] = "3 N"
         elif kind == "two signs":
-            cells[place] = "0.5" if comma else "0,5"
-            if separator == "," or not any(("," if comma else ".") in c for c in columns[place][2]):
+            cells[place] = "0.5" if self.comma else "0,5"
+            if self.separator == "," or not any(
+                ("," if self.comma else ".") in c for c in self.columns[place][2]
+            ):
                 return lines
         elif kind == "two tables":
             self.features.append("spoilt: two tables")
             self.must_refuse = True
-            return [*lines, "Time" + separator + "Force", *lines]
+            return [*lines, "Time" + self.separator + "Force", *lines]
         elif kind == "cut row":
             cells += ["0.25", "7"]
         else:
             cells[place] = "12abc"
         self.features.append(f"spoilt: {kind}")
         self.must_refuse = True
-        return [*lines[:at], separator.join(cells), *lines[at + 1 :]]
+        return [*lines[:at], self.separator.join(cells), *lines[at + 1 :]]
 
     def _ended(self, lines: list[str]) -> str:
         end = self.one("\n", "\n", "\r\n", "\r\n", "\r", "\r\r\n")

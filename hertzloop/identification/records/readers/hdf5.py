@@ -5,7 +5,7 @@ from typing import Any
 
 from hertzloop.identification.records.contents import FileContents
 from hertzloop.identification.records.readers.arrays import contents_of_arrays
-from hertzloop.identification.records.toml_tables import tables_in_comments
+from hertzloop.identification.records.record_tables import tables_in_comments
 
 
 def read_hdf5(path: Path) -> FileContents:

@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.identification.records.contents import FileContents
 from hertzloop.identification.records.readers.arrays import contents_of_arrays
-from hertzloop.identification.records.toml_tables import tables_in_comments
+from hertzloop.identification.records.record_tables import tables_in_comments
 
 
 def read_npz(path: Path) -> FileContents:

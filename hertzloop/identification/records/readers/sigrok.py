@@ -14,9 +14,10 @@ import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
 from hertzloop.identification.records.errors import TableError, shorten
+from hertzloop.identification.records.record_tables import tables_in_comments
 from hertzloop.identification.records.spacing import StatedSpacing, stated_spacing
+from hertzloop.identification.records.text.cells import line_kinds, split_cells
 from hertzloop.identification.records.text.facts import comment_text
-from hertzloop.identification.records.toml_tables import tables_in_comments
 from hertzloop.identification.records.units import unit_of
 
 _BEGINNING = (
@@ -108,21 +109,12 @@ def _labels(frames: list[list[str]], separator: str) -> list[str]:
     """Take the row of labels away from the first frame, and return it; empty without one."""
     if not frames:
         return []
-    labels = [cell.strip() for cell in frames[0][0].split(separator)]
-    if all(_is_number(cell) for cell in labels):
+    if "t" not in line_kinds(frames[0][0], separator):
         return []
-    del frames[0][0]
+    labels = split_cells(frames[0].pop(0), separator)
     if not frames[0]:
         del frames[0]
     return labels
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _extra_columns(labels: list[str], extra: int) -> tuple[int, int]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from hertzloop.identification.records.contents import FileContents, Series
 from hertzloop.identification.records.errors import TableError
+from hertzloop.identification.records.record_tables import tables_in_comments
 from hertzloop.identification.records.spacing import stated_spacing
 from hertzloop.identification.records.text.column_names import SAMPLE_NUMBERS, is_time
 from hertzloop.identification.records.text.fact_names import (
@@ -18,7 +19,6 @@ from hertzloop.identification.records.text.fact_names import (
 )
 from hertzloop.identification.records.text.reading import decode_text, read_table, read_text
 from hertzloop.identification.records.text.table import TextColumn, TextTable
-from hertzloop.identification.records.toml_tables import tables_in_comments
 from hertzloop.identification.records.units import name_and_unit, plain_name, unit_of
 
 
@@ -114,7 +114,6 @@ def _rising_column(columns: list[TextColumn]) -> TextColumn | None:
         return None
     if len(columns) > 2 and _counts_samples(columns[0]):
         return _rising_column(columns[1:])
-    rising = [c for c in columns if np.all(np.diff(c.values[np.isfinite(c.values)]) > 0.0)]
-    if rising[:1] == columns[:1] and _counts_samples(columns[0]) and not columns[0].unit:
-        return None
-    return columns[0] if rising and rising[0] is columns[0] else None
+    first = columns[0]
+    rises = np.all(np.diff(first.values[np.isfinite(first.values)]) > 0.0)
+    return first if rises and (first.unit or not _counts_samples(first)) else None

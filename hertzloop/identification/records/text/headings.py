@@ -31,7 +31,7 @@ _SIGNS = re.compile("[:=]")  # of a fact and its value
 def read_headings(
     lines: list[str], layout: TableLayout, table: TextTable
 ) -> tuple[list[str], list[str]]:
-    """Return names and units of the columns, from the lines just above the table.
+    """Return names and units of all columns, "" without any, from the lines just above the table.
 
     Facts in these lines and notes on columns of text are added to the table.
 
@@ -45,19 +45,17 @@ def read_headings(
     """
     above = _LinesAbove(lines, layout)
     heading, unit_row = above.heading_and_units()
-    for place in range(layout.width, max(len(heading), len(unit_row))):
-        name = heading[place] if place < len(heading) else ""
-        if name and place < len(unit_row) and unit_row[place]:
-            table.facts.setdefault(plain_name(name), []).append(unit_row[place])
+    ends = (place + 1 for place in (*layout.places, *layout.texts))
+    count = max(len(heading), len(unit_row), *ends)
+    heading, unit_row = (row + [""] * (count - len(row)) for row in (heading, unit_row))
+    for name, unit in list(zip(heading, unit_row, strict=True))[layout.width :]:
+        if name and unit:
+            table.facts.setdefault(plain_name(name), []).append(unit)
     for row in above.rows:
         if any(_FACTOR.fullmatch(cell) for cell in row):
             table.facts.setdefault("multiplier", [", ".join(row)])
-    unit_row = unit_row + [""] * (layout.width - len(unit_row))
     unused = _units_in_columns(lines, layout, unit_row)
-    texts = [
-        heading[place] if place < len(heading) and heading[place] else str(place + 1)
-        for place in unused
-    ]
+    texts = [heading[place] or str(place + 1) for place in unused]
     if texts:
         table.notes.append(f"text is not used: column {', '.join(texts)}.")
     return heading, unit_row

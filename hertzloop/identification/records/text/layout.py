@@ -1,7 +1,7 @@
 """Find the table in the lines of a text: its first line, its separator and its columns."""
 
 import re
-from collections import Counter
+import statistics
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -131,19 +131,14 @@ def _find_by_separator(
             for i in rows
         )
     }
-    counts = Counter(j for i in rows for j, c in enumerate(kinds[i]) if c in "nd")
     texts = {j for i in rows for j in text_places(kinds[i])} - sure
-    kept = tuple(sorted(j for j in places - texts if counts[j]))
+    kept = tuple(sorted(places - texts))
     if not kept:
         return None
-    dates = frozenset(
-        j
-        for j in kept
-        if 2 * sum(1 for i in rows if j < len(kinds[i]) and kinds[i][j] == "d") > counts[j]
-    )
-    lengths = sorted(len(kinds[i]) for i in rows)
-    cells = lengths[len(lengths) // 2]
-    many = {j for j in texts if 2 * sum(kinds[i][j : j + 1] == "t" for i in rows) > len(rows)}
+    columns = {j: "".join(kinds[i][j : j + 1] for i in rows) for j in places | texts}
+    dates = frozenset(j for j in kept if columns[j].count("d") > columns[j].count("n"))
+    cells = statistics.median_high(len(kinds[i]) for i in rows)
+    many = {j for j in texts if 2 * columns[j].count("t") > len(rows)}
     for j in many:
         texts_there = [split_cells(lines[i], separator)[j] for i in rows if j < len(kinds[i])]
         if not _can_be_text_column(texts_there, separator, left=j < kept[0]):

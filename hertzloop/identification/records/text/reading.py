@@ -53,8 +53,7 @@ def read_text(text: str) -> TextTable:
     rows = RowReader(text, lines, layout, table.notes)
     values = rows.read()
     for place, found in zip(layout.places, values, strict=True):
-        heading = headings[place] if place < len(headings) else ""
-        unit = units[place] if place < len(units) else ""
+        heading, unit = headings[place], units[place]
         unit = inside.pop() if place == 0 and len(inside) == 1 else unit
         if not unit and len(heading) > 3 and unit_of(heading):  # such as "Second"
             unit = heading
