@@ -1,7 +1,7 @@
 """Simulate the impact of a scene with other values of its keys, on frozen modes of the plate.
 
-A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
-the way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
+A fit changes keys by a ten-thousandth and compares. The choice of the modes must not change on the
+way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
 those of the starting point; only the frequencies move.
 """
 
@@ -153,7 +153,7 @@ class ImpactSimulator:
         return self.spec_with(self.setup.vary(own).mechanics if own else self.setup.mechanics)
 
     def spec_with(self, bodies: Mechanics) -> PlantSpec:
-        """Return the plant with other bodies, at the frozen model of the plate."""
+        """Return the plant with other bodies, with the frozen modes of the plate."""
         spec = replace(
             self.spec,
             sphere=bodies.sphere,

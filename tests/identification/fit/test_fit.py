@@ -217,9 +217,9 @@ def test_a_second_impact_is_part_of_the_simulation() -> None:
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact(
     point: tuple[float, float], duration_s: float, chain: dict[str, float], start_s: float
 ) -> None:
-    model = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
+    simulator = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, duration_s - 1e-5, 1e-6)
-    value = observe(model.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
+    value = observe(simulator.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
     # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
     early = (tau > 0.0) & (tau < 8e-6)
     assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
