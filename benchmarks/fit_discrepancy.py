@@ -99,12 +99,12 @@ def _truth(setup: Setup, quantity: str, kind: str) -> ObservedSignal:
     if kind != "extra mode":
         accuracy = 1e-4 if kind in ("3-D", "other edges") else 1e-5
         return truth(setup, quantity, lasts_s, chain, accuracy)
-    model = ImpactSimulator(setup, lasts_s, 1e-5, step_ns=125)
+    simulator = ImpactSimulator(setup, lasts_s, 1e-5, step_ns=125)
     plate = setup.structure.local_plate
     assert plate is not None
     extra = WithExtraMode(plate.material, plate.size_m, plate.thickness_m, plate.loss_factor)
-    spec = replace(model.spec, plate=extra)
-    return observe(model.run_spec(spec, lasts_s), quantity, chain, False)
+    spec = replace(simulator.spec, plate=extra)
+    return observe(simulator.run_spec(spec, lasts_s), quantity, chain, False)
 
 
 def run(kind: str, seed: int, exact: bool = False) -> tuple[FitResult, dict[str, float]]:

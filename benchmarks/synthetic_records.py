@@ -45,8 +45,8 @@ def truth(
             looped.run({}, duration_s, phase), quantity, chain or MeasuringChain(), False
         )
     step_ns = _OTHER_STEP_NS["long" if duration_s > _LONG_S else "short"]
-    model = ImpactSimulator(setup, duration_s, accuracy, step_ns=step_ns)
-    return observe(model.run({}, duration_s), quantity, chain or MeasuringChain(), False)
+    simulator = ImpactSimulator(setup, duration_s, accuracy, step_ns=step_ns)
+    return observe(simulator.run({}, duration_s), quantity, chain or MeasuringChain(), False)
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
     else:
         setup = load("aluminium-3mm", [*settings, SENSOR])
     point = with_measuring_point(velocity_record(), setup).measurement.point_m
-    frozen = ImpactSimulator(setup, 5e-4, 1e-3, point)
+    simulator = ImpactSimulator(setup, 5e-4, 1e-3, point)
     plant = build_plant(setup)
     seen_m_s = after_steps(plant, np.zeros(setup.steps), V_S)
     after_s = np.linspace(2e-5, 4e-4, 30)
@@ -215,7 +215,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
     lead_s = 2.0 * height / (setup.sphere.impact_speed_m_s - speed)  # the mean of both speeds
     at = (after_s + lead_s) / setup.step_s - 1.0  # a value is that at the end of a step
     expected = np.interp(at, np.arange(setup.steps), seen_m_s)
-    found = frozen.run({}, 4.5e-4).value("v_p", after_s, away_from_contact=True)
+    found = simulator.run({}, 4.5e-4).value("v_p", after_s, away_from_contact=True)
     assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
 
 

@@ -46,7 +46,7 @@ class Channel:
             of a converter with steps below the noise.
         weight: of each sample in a fit, (samples,); None if all are one.
         least_noise: noise that the record has at least, by its converter and the simulation.
-        discrepancy: error of the model; None if the noise explains the residual.
+        discrepancy: of the model; None if the noise explains the residual.
     """
 
     record: Record
@@ -135,7 +135,7 @@ class Channel:
 
     def prior_sds(self, exact: bool = False) -> tuple[float, float]:
         """Standard deviations of the priors of gain and clock (ppm); unless the model is `exact`,
-        with the errors of the model that a whole record shares."""
+        with the discrepancy that a whole record shares."""
         m = self.record.measurement
         common = 0.0 if exact or self.discrepancy is None else self.discrepancy.overall
         return (

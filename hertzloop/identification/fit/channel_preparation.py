@@ -79,16 +79,12 @@ def prepare_channel(record: Record) -> Channel:
         ar=noise.ar,
         innovation=noise.innovation,
         onset_s=float(record.time_s[impact.onset]),
-        has_quiet_start=impact.quiet_start or _is_gap(record),
+        has_quiet_start=impact.quiet_start or record.quantity in GAP_QUANTITIES,
         notes=notes,
         limited_by_simulation=limited,
         equivalent_samples=noise.equivalent_samples,
         least_noise=math.hypot(impact.step / math.sqrt(12.0), error),
     )
-
-
-def _is_gap(record: Record) -> bool:
-    return record.quantity in GAP_QUANTITIES
 
 
 @dataclass
@@ -118,7 +114,7 @@ def _estimate_noise(record: Record, impact: RecordedImpact, good: np.ndarray) ->
     """Return the noise of a record by its samples before the impact and, of a force, after it."""
     found, onset, step = _Noise(), impact.onset, impact.step
     if not impact.quiet_start:
-        if _is_gap(record):
+        if record.quantity in GAP_QUANTITIES:
             third = np.diff(record.value[good], 3)
             found.size = float(np.std(third)) / math.sqrt(THIRD_DIFFERENCE)
             found.source, found.quiet = "differences", len(third) // 4

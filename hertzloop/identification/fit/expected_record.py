@@ -1,8 +1,6 @@
 """A made-up record of a scene, for a check before an experiment."""
 
-import math
 import re
-from contextlib import suppress
 
 import numpy as np
 
@@ -19,9 +17,8 @@ from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _MOST_EXPECTED = 10_000_000  # samples of an expected record
-_EXPECTED = re.compile(
-    r"(?P<quantity>[a-z_]+):(?P<us>[0-9.eE+]+)us:(?P<noise>[0-9.eE+-]+)%(?::(?P<mhz>[0-9.eE+-]+)MHz)?"
-)
+_NUMBER = r"((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_EXPECTED = re.compile(rf"([a-z_]+):{_NUMBER}us:{_NUMBER}%(?::{_NUMBER}MHz)?")
 
 
 def expected_record(
@@ -40,14 +37,14 @@ def expected_record(
         FitError: the text is not of this form.
     """
     match = _EXPECTED.fullmatch(text.strip())
-    if match is None or match["quantity"] not in QUANTITIES:
+    numbers = [float(number) for number in match.groups("2")[1:]] if match else []
+    if match is None or match[1] not in QUANTITIES or min(numbers) <= 0.0:
         raise FitError(
-            f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz], such as "
-            f"contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."
+            f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz] with positive numbers, "
+            f"such as contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."
         )
-    duration_s = 1e-6 * _positive_number(text, match["us"])
-    share = 0.01 * _positive_number(text, match["noise"])
-    step_s = 1e-6 / _positive_number(text, match["mhz"] or "2")
+    quantity, (duration_us, percent, rate_mhz) = match[1], numbers
+    duration_s, step_s = 1e-6 * duration_us, 1e-6 / rate_mhz
     quiet_s = max(250 * step_s, 0.2e-3)
     samples = (duration_s + quiet_s) / step_s
     if duration_s > LASTING_S or samples > _MOST_EXPECTED:
@@ -55,7 +52,6 @@ def expected_record(
             f"--expect {text}: is a record of {1e3 * duration_s:.3g} ms with {samples:.3g} "
             f"samples. Suppose at most {1e3 * LASTING_S:g} ms and {_MOST_EXPECTED:g} samples."
         )
-    quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control
     table = Measurement(quantity=quantity, control=under)
     simulator: ImpactSimulator
@@ -67,15 +63,7 @@ def expected_record(
         simulator = ImpactSimulator(setup, duration_s, 1e-4)
     time_s = np.arange(-quiet_s, duration_s, step_s)
     clean = observe(simulator.run({}, duration_s), quantity, MeasuringChain(), False).value(time_s)
-    noise = share * float(np.max(np.abs(clean)))
+    noise = 0.01 * percent * float(np.max(np.abs(clean)))
     # The noise has a known size and no influence on the answer; its seed makes it repeatable.
     noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
     return Record(name, time_s, noisy, quantity, table)
-
-
-def _positive_number(text: str, part: str) -> float:
-    """Return a positive number in the text of an expected record. Raises FitError."""
-    with suppress(ValueError):
-        if 0.0 < float(part) < math.inf:
-            return float(part)
-    raise FitError(f"--expect {text}: '{part}' is not a positive number. Give one.")

@@ -1,9 +1,8 @@
 """Describe a file of records: what was understood, its first samples, and its hits."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,18 +14,17 @@ from hertzloop.identification.records.record import Record
 
 # Without a scene the striker is unknown: a second contact may be a bounce.
 _ANY_STRIKER = replace(HAMMER, one_contact=False)
+_SHOWN = 5  # samples
 
 
-def describe_file(
-    path: Path, given: Mapping[str, Any] | None = None, samples: int = 5
-) -> list[str]:
+def describe_file(path: Path) -> list[str]:
     """Return sentences on a file: what was understood, its first samples, and what is not used.
 
     Raises:
         RecordError: the file cannot be read, or does not say which series are its records.
     """
-    records = read_records(path, given)
-    found = [line for one in records for line in _describe_record(one, samples)]
+    records = read_records(path)
+    found = [line for one in records for line in _describe_record(one)]
     for force in (one for one in records if one.quantity == "contact_force"):
         others = [one for one in records if one is not force and one.time_s is force.time_s]
         found += _describe_hits(force, others)
@@ -48,11 +46,11 @@ def _describe_hits(force: Record, others: Sequence[Record]) -> list[str]:
     return found
 
 
-def _describe_record(one: Record, samples: int) -> list[str]:
+def _describe_record(one: Record) -> list[str]:
     unit = QUANTITIES[one.quantity].unit
     rows = [
         f"  {t:.9g} s  {v:.6g} {unit}"
-        for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)
+        for t, v in zip(one.time_s[:_SHOWN], one.value[:_SHOWN], strict=True)
     ]
     peak = int(np.nanargmax(np.abs(one.value)))
     return [

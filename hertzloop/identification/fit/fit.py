@@ -91,7 +91,7 @@ def fit(
     estimates, one_sided = estimate_keys(problem, iterate, known)
     estimates = add_discrete_estimate(problem, estimates, known, solution.profile)
     unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
-    plain = problem.evaluate(iterate.x, iterate.until_s, jacobian=False, exact=True)
+    plain = solution.exact_iterate()
     values = problem.key_values(iterate.x)
     fitted = _fitted_setup(setup, values, records[0])
     held, held_over_noise = None, 0.0

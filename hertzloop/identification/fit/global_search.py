@@ -70,15 +70,15 @@ def search_lower_minimum(
         axis = covariance[:, :keys] @ direction / sd  # of all parameters
         reach = min(_REACH_SD, _FARTHEST / sd)
         count = min(math.ceil(reach * sd / (_STEP_SD * apart)), _MOST_STEPS)
-        trials = []
+        chi, trials = [], []
         for t in np.linspace(-reach, reach, 2 * count + 1):
             with suppress(SceneError):  # a value that the scene refuses
                 x = iterate.x + t * axis
-                trials.append(problem.evaluate(x, until_s, jacobian=False))
-        chi = [trial.chi_square for trial in trials]
+                chi.append(problem.evaluate(x, until_s, jacobian=False).chi_square)
+                trials.append(x)
         minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
         for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
-            found = minimise(problem, trials[i].x, until_s, steps=15, tolerance=1e-3)
+            found = minimise(problem, trials[i], until_s, steps=15, tolerance=1e-3)
             if found.chi_square < iterate.chi_square - _LOWER:
                 iterate = found
         break

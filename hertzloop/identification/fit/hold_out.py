@@ -51,8 +51,7 @@ def compare_hold_out(
     until_s = problem.windows_s()[-1]
     iterate = minimise(problem, problem.start_vector(), until_s)
     found = solve(problem, iterate.x, [], exact)
-    problem = found.problem
-    plain = problem.evaluate(found.iterate.x, until_s, jacobian=False, exact=True)
+    problem, plain = found.problem, found.exact_iterate()
     rows = np.concatenate([plain.residual[one.rows] for one in plain.channels])
     samples = sum(map(independent_samples, problem.channels, plain.channels))
     ratio = math.sqrt(float(rows @ rows) / max(samples - len(plain.x), 1.0))

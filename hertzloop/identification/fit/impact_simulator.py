@@ -1,12 +1,12 @@
 """Simulate the impact of a scene with other values of its keys, on frozen modes of the plate.
 
-A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
-the way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
+A fit changes keys by a ten-thousandth and compares. The choice of the modes must not change on the
+way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
 those of the starting point; only the frequencies move.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -149,11 +149,11 @@ class ImpactSimulator:
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
-        own = drop_values(values)
+        own = self._relevant(values)
         return self.spec_with(self.setup.vary(own).mechanics if own else self.setup.mechanics)
 
     def spec_with(self, bodies: Mechanics) -> PlantSpec:
-        """Return the plant with other bodies, at the frozen model of the plate."""
+        """Return the plant with other bodies, with the frozen modes of the plate."""
         spec = replace(
             self.spec,
             sphere=bodies.sphere,
@@ -177,33 +177,35 @@ class ImpactSimulator:
         """Simulate the drop with other values of some keys until `until_s` after the touch.
 
         Args:
-            values: scene keys; those that a drop without a law does not depend on have no effect.
+            values: scene keys; those that the simulation does not depend on have no effect.
             until_s: end of the simulation after the touch, s.
             phase: from the last sample of a law to the touch, in steps; no effect without a law.
 
         Raises:
-            SceneError: a value that the scene refuses.
+            SceneError: a value that the scene refuses, or a law that fails.
         """
-        steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
-        key = (tuple(sorted(drop_values(values).items())), steps)
-        return self.cached(key, lambda: self._simulated(self.spec_of(values), steps))
-
-    def run_spec(self, spec: PlantSpec, until_s: float) -> SimulatedImpact:
-        """Simulate the drop of another plant until `until_s` after the touch."""
-        return self._simulated(spec, 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns))
-
-    def cached(self, key: Any, simulate: Callable[[], SimulatedImpact]) -> SimulatedImpact:
-        """Return a simulation, which is made once for a key."""
-        found = self._runs.get(key)
-        if found is None:
-            found = simulate()
+        values, phase = self._relevant(values), phase % self.phase_period
+        key = tuple(sorted(values.items())), until_s, round(phase, 9)
+        if key not in self._runs:
+            self.simulations += 1
+            found = self._simulate(values, until_s, phase)
             if len(self._runs) >= _KEPT_RUNS:
                 self._runs.pop(next(iter(self._runs)))
             self._runs[key] = found
-        return found
+        return self._runs[key]
 
-    def _simulated(self, spec: PlantSpec, steps: int) -> SimulatedImpact:
-        self.simulations += 1
+    def _relevant(self, values: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the scene keys that the simulation depends on."""
+        return drop_values(values)
+
+    def _simulate(
+        self, values: Mapping[str, float], until_s: float, phase: float
+    ) -> SimulatedImpact:
+        return self.run_spec(self.spec_of(values), until_s)
+
+    def run_spec(self, spec: PlantSpec, until_s: float) -> SimulatedImpact:
+        """Simulate the drop of another plant until `until_s` after the touch."""
+        steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
         plant = self.plant_of(spec)
         truth = ts.series_under(plant, np.zeros(steps))
         time_s = np.arange(steps) * spec.step_s - _lead_s(spec)

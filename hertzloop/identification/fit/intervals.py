@@ -14,7 +14,7 @@ from hertzloop.identification.fit.minimise import minimise
 from hertzloop.identification.fit.priors import prior_pulls
 from hertzloop.identification.fit.problem import FitProblem
 from hertzloop.identification.fit.results import Estimate
-from hertzloop.identification.fit.verdicts import NO_BOUND, NORMAL, WIDEST, KeyVerdict
+from hertzloop.identification.fit.verdicts import NORMAL, WIDEST, KeyVerdict, half_width
 from hertzloop.scene.errors import SceneError
 
 _STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
@@ -35,12 +35,12 @@ def estimate_from_covariance(
         alone: the same if all other keys were known.
         pull: distance from the prior in its standard deviations; None without a prior.
     """
-    known = math.isfinite(sd) and NORMAL * sd < NO_BOUND
+    half, half_alone = half_width(sd), half_width(alone)
+    known = half < math.inf
     low = value * math.exp(-NORMAL * sd) if known else None
     high = value * math.exp(NORMAL * sd) if known else None
-    half = math.expm1(NORMAL * sd) if known else math.inf
     verdict = KeyVerdict.IDENTIFIED if half <= WIDEST else KeyVerdict.NOT_IDENTIFIABLE
-    percent = 100.0 * math.expm1(NORMAL * alone) if NORMAL * alone < NO_BOUND else None
+    percent = 100.0 * half_alone if half_alone < math.inf else None
     return Estimate(f.key, value, low, high, verdict, f.start, sd if known else None, pull, percent)
 
 
@@ -58,7 +58,7 @@ def estimate_keys(
         at_bound = f.at_bound(iterate.x[j])
         doubtful = at_bound or estimate.verdict is not KeyVerdict.IDENTIFIED
         # Where a key is unknown even with all others known, no combination is to blame.
-        flat = at_bound or not math.expm1(min(NORMAL * alone, 50.0)) <= WIDEST
+        flat = at_bound or half_width(alone) > WIDEST
         if f.prior is None and (f.key == PRESSURE_KEY or (doubtful and flat)):
             rise = _chi_square_rise(problem, iterate, j, known.wider)
             profiled = _open_end(f, estimate, rise)

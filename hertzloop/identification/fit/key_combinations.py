@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.identification.fit.verdicts import NO_BOUND, NORMAL
+from hertzloop.identification.fit.verdicts import half_width
 
 _SHOWN = 0.05  # exponents of a combination below this are left away
 
@@ -44,6 +44,5 @@ def key_combinations(keys: list[str], covariance: np.ndarray) -> list[KeyCombina
         # The product with these exponents changes by |exponents|^2 along the direction.
         length = math.sqrt(sum(p * p for p in powers.values()))
         sd = math.sqrt(max(float(value), 0.0)) * length
-        wide = NORMAL * sd > NO_BOUND
-        found.append(KeyCombination(powers, math.inf if wide else 100.0 * math.expm1(NORMAL * sd)))
+        found.append(KeyCombination(powers, 100.0 * half_width(sd)))
     return found

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hertzloop.identification.fit.impact_simulator import PHASE, ImpactSimulator
+from hertzloop.identification.fit.impact_simulator import ImpactSimulator
 from hertzloop.identification.fit.simulated_impact import SimulatedImpact
 from hertzloop.loop.simulate import finer_loop
 from hertzloop.plant.plant import PlantSpec
@@ -73,16 +73,12 @@ class LoopSimulator(ImpactSimulator):
         """Return the plant with other values of some scene keys. Raises SceneError."""
         return self.spec_with(self.loop.vary(values).mechanics if values else self.loop.mechanics)
 
-    def run(
-        self, values: Mapping[str, float], until_s: float, phase: float = PHASE
-    ) -> SimulatedImpact:
-        """Simulate the drop as without a law. Raises SceneError of a law that fails, too."""
-        phase %= self.phase_period
-        key = (tuple(sorted(values.items())), until_s, round(phase, 9))
-        return self.cached(key, lambda: self._looped(values, until_s, phase))
+    def _relevant(self, values: Mapping[str, float]) -> Mapping[str, float]:
+        return values
 
-    def _looped(self, values: Mapping[str, float], until_s: float, phase: float) -> SimulatedImpact:
-        self.simulations += 1
+    def _simulate(
+        self, values: Mapping[str, float], until_s: float, phase: float
+    ) -> SimulatedImpact:
         loop = self.loop.vary(values) if values else self.loop
         spec = self.spec_with(loop.mechanics)
         horizon = 1 + loop.line.latency_steps + loop.line.most_added_steps

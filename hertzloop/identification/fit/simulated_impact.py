@@ -68,28 +68,23 @@ class SimulatedImpact:
         moved = self._spline(ts.XI_P)
         return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
 
-    def _velocity_m_s(self, time_s: np.ndarray) -> np.ndarray:
-        found = self._velocity(time_s)
-        if self.mobility_m_ns:
-            found = found - self.mobility_m_ns * self.force_n(time_s)
-        if self.pushed_m_ns:
-            found = found + self.pushed_m_ns * self.actuator_n(time_s)
-        return np.asarray(found)
-
-    def _acceleration_m_s2(self, time_s: np.ndarray) -> np.ndarray:
-        found = self._velocity(time_s, 1)
-        if self.mobility_m_ns:
-            rise = self.force_n(time_s + _RATE_S) - self.force_n(time_s - _RATE_S)
-            found = found - self.mobility_m_ns * rise / (2.0 * _RATE_S)
-        if self.pushed_m_ns:
-            rise = self.actuator_n(time_s + _RATE_S) - self.actuator_n(time_s - _RATE_S)
-            found = found + self.pushed_m_ns * rise / (2.0 * _RATE_S)
+    def _contact_velocity(self, time_s: np.ndarray, order: int = 0) -> np.ndarray:
+        """Velocity of the plate at the contact point, or its derivative by time of order 1."""
+        found = self._velocity(time_s, order)
+        forces = (-self.mobility_m_ns, self.force_n), (self.pushed_m_ns, self.actuator_n)
+        for mobility, force in forces:
+            if mobility and order:
+                rise = force(time_s + _RATE_S) - force(time_s - _RATE_S)
+                found = found + mobility * rise / (2.0 * _RATE_S)
+            elif mobility:
+                found = found + mobility * force(time_s)
         return np.asarray(found)
 
     @cached_property
-    def _at_point(self) -> tuple[Any, Any]:
+    def _measured_velocity(self) -> Any:
+        """Velocity of the plate at the measuring point."""
         moved = self._spline(ts.XI_A)
-        return moved, scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
+        return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
 
     def force_n(self, time_s: np.ndarray) -> np.ndarray:
         """Contact force at times after the touch (s, any shape): the contact law of the gap's
@@ -156,15 +151,11 @@ class SimulatedImpact:
         if quantity in ("xi", "xi_s"):
             column = self._spline(ts.XI if quantity == "xi" else ts.XI_S)
             return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
-        moved, velocity = self._at_point if away_from_contact else (None, None)
-        if quantity == "v_p":
-            found = self._velocity_m_s(inside) if velocity is None else velocity(inside)
-        elif quantity == "acceleration":
-            found = self._acceleration_m_s2(inside) if velocity is None else velocity(inside, 1)
-        elif quantity == "xi_p":
-            found = (moved or self._spline(ts.XI_P))(inside)
+        if quantity == "xi_p":
+            found = self._spline(ts.XI_A if away_from_contact else ts.XI_P)(inside)
         else:
-            raise ValueError(f"quantity = '{quantity}': not known. Give one of the quantities.")
+            velocity = self._measured_velocity if away_from_contact else self._contact_velocity
+            found = velocity(inside, {"v_p": 0, "acceleration": 1}[quantity])
         return np.asarray(np.where(time_s > self.time_s[0], found, 0.0))
 
     def _flight(self, time_s: np.ndarray) -> np.ndarray:

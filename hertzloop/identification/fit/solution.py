@@ -47,6 +47,11 @@ class Solution:
     cost: float = math.inf
     shifts: Sequence[np.ndarray] = ()
 
+    def exact_iterate(self) -> Iterate:
+        """Return the residuals with the model taken as exact, without derivatives."""
+        x, until_s = self.iterate.x, self.iterate.until_s
+        return self.problem.evaluate(x, until_s, jacobian=False, exact=True)
+
 
 def solve(problem: FitProblem, x: np.ndarray, shorter: Sequence[Iterate], exact: bool) -> Solution:
     """Return the solution of the whole records.

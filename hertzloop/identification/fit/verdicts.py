@@ -1,11 +1,18 @@
 """Verdicts on keys and on the model, and the limits behind them."""
 
+import math
 from enum import StrEnum
 
 WIDEST = 0.30  # relative half-width of an identified key
 NORMAL = 1.959963984540054  # 95 %
 OPEN = "open"  # an end of an interval that is open, in text
-NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
+_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
+
+
+def half_width(sd: float) -> float:
+    """Return the relative 95 % half-width by the standard deviation of a logarithm; inf if nothing
+    is known."""
+    return math.expm1(NORMAL * sd) if NORMAL * sd < _NO_BOUND else math.inf
 
 
 class KeyVerdict(StrEnum):

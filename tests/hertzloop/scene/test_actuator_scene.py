@@ -177,6 +177,6 @@ def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on()
 
 
 def test_a_fit_refuses_a_preload() -> None:
-    model = ImpactSimulator(aluminium_3mm("actuator.preload_n=5"), 1e-4, 1e-3)
+    simulator = ImpactSimulator(aluminium_3mm("actuator.preload_n=5"), 1e-4, 1e-3)
     with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
-        model.run({}, 1e-4)
+        simulator.run({}, 1e-4)

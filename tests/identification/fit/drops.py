@@ -12,6 +12,19 @@ import numpy as np
 from hertzloop.scene.setup import Setup, load
 
 GRAVITY = 9.81
+# Young's modulus (Pa), density (kg/m^3) and Poisson's ratio.
+BALLS = {
+    "steel": (210e9, 7800.0, 0.31),
+    "glass": (64e9, 2500.0, 0.22),
+    "tungsten carbide": (600e9, 15000.0, 0.22),
+    "alumina": (370e9, 3900.0, 0.22),
+}
+PLATES = {
+    "aluminium": (7.2e10, 2700.0, 0.34),
+    "steel": (2.0e11, 7850.0, 0.29),
+    "glass": (6.4e10, 2480.0, 0.23),
+    "brass": (1.0e11, 8500.0, 0.33),
+}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """`hertzloop fit` of records under a law: latency, gains and actuator of a closed loop."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,37 +188,12 @@ def test_a_force_that_jumps_needs_a_bandwidth() -> None:
             fitted(start, [one], key)
 
 
-def test_free_keys_of_a_law_are_read_from_their_text() -> None:
-    setup = scene(f"{LATENCY}=2")
-    one = parse_free_key(setup, LATENCY)
-    assert (one.low, one.high, one.resolution) == (0.0, 20.0, 1.0)
-    assert parse_free_key(setup, f"{LATENCY}=0:40").start == 2.0
-    assert parse_free_key(setup, "actuator.dead_time_us").start == 0.0
-    assert parse_free_key(setup, f"{KAPPA}±5%").prior == pytest.approx(0.05)
-    for text, words in (
-        (f"{LATENCY}±1", "has no prior"), ("controller.jitter_us", "one run cannot tell"),
-        ("controller.clock_phase", "one run cannot tell"),
-        ("controller.v_thr_m_s", "one positive number"), ("controller.law", "one positive"),
-        ("controller.kapa", "Did you mean controller.kappa"),
-        ("actuator.stuck_from_s", "of the actuator only"),
-    ):  # fmt: skip
-        with pytest.raises(FitError, match=words):
-            parse_free_key(setup, text)
-
-
 def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
-    one = record(scene(f"{LATENCY}=6"))
     path, out = tmp_path / "r.csv", tmp_path / "fitted.toml"
-    write_csv(path, one)
+    write_csv(path, record(scene(f"{LATENCY}=6")))
     path.write_text(f"# [record]\n# control = true\n{path.read_text()}")
-    data, page = tmp_path / "fit.json", tmp_path / "fit.html"
-    words = ["fit", "aluminium-3mm", str(path), "--free", f"{LATENCY}=0:12", "--out", str(out)]
-    result = invoke([*words, "--json", str(data), "--report", str(page)])
-    assert result.exit_code == 0
-    estimate = json.loads(data.read_text())["parameters"][LATENCY]
-    assert estimate["low"] <= 6.0 <= estimate["high"]
-    assert load(str(out)).latency_us == estimate["value"]
-    assert LATENCY in page.read_text()
-    expects = ["fit", "aluminium-3mm", "--check", "--expect", "contact_force:90us:0.3%", "--free"]
-    assert invoke([*expects, LATENCY, "--set", f"{LATENCY}=6"]).exit_code == 0
-    assert sentences(check(scene(), [one], [parse_free_key(scene(), LATENCY)]))
+    words = ["fit", "aluminium-3mm", "--free", f"{LATENCY}=0:12"]
+    assert invoke([*words, str(path), "--out", str(out)]).exit_code == 0
+    assert load(str(out)).latency_us == pytest.approx(6.0, abs=1.0)
+    supposed = ["--check", "--expect", "contact_force:90us:0.3%", "--set", f"{LATENCY}=6"]
+    assert invoke([*words, *supposed]).exit_code == 0

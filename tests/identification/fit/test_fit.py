@@ -160,25 +160,23 @@ def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
     setup = scene()
     parts = [record(setup, gain=1.02), record(setup, "v_p", noise=0.01)]
     columns = [parts[0].time_s, 1e-3 * parts[0].value, 1e3 * parts[1].value]
-    drop, rig = tmp_path / "drop.csv", tmp_path / "rig.toml"
-    np.savetxt(drop, np.stack(columns, 1), delimiter=",", header="time_s,one [kN],two [mm/s]",
-               comments="", fmt="%.12g")  # fmt: skip
+    drop = tmp_path / "drop.csv"
+    header = "time_s,one [kN],two [mm/s]"
+    np.savetxt(drop, np.stack(columns, 1), "%.12g", delimiter=",", header=header, comments="")
     tables = 'quantity = "contact_force"\ncolumn = "one"', 'quantity = "v_p"\ncolumn = 3'
     text = "\n".join(f"[[record]]\n{table}\n" for table in tables)
     drop.with_suffix(".toml").write_text(text)
     several = read_records(drop)
-    assert [one.name for one in several] == ["drop.csv, contact_force", "drop.csv, v_p"]
-    for one, part in zip(several, parts, strict=True):
-        np.testing.assert_allclose(one.value, part.value, rtol=1e-9)
-        assert one.measurement.clock == "drop.csv"
     with pytest.raises(RecordError, match="holds 2 records"):
         read_record(drop)
     found = fitted(setup, several, RADIUS)
     assert found.model is ModelVerdict.FITS
     one, other = found.nuisances
+    assert [one.record, other.record] == ["drop.csv, contact_force", "drop.csv, v_p"]
     assert one.time_shift_s == other.time_shift_s
     assert (one.gain, other.gain) == (pytest.approx(1.02, abs=0.01), pytest.approx(1, abs=0.01))
     drop.with_suffix(".toml").unlink()
+    rig = tmp_path / "rig.toml"
     rig.write_text("".join(f"[[record]]\nfile = 'drop.csv'\n{table}\n" for table in tables))
     assert [one.sha256 for one in read_records(rig)] == [one.sha256 for one in several]
     drop.write_text("".join(f"# {line}\n" for line in text.splitlines()) + drop.read_text())
@@ -219,9 +217,9 @@ def test_a_second_impact_is_part_of_the_simulation() -> None:
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact(
     point: tuple[float, float], duration_s: float, chain: dict[str, float], start_s: float
 ) -> None:
-    model = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
+    simulator = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, duration_s - 1e-5, 1e-6)
-    value = observe(model.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
+    value = observe(simulator.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
     # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
     early = (tau > 0.0) & (tau < 8e-6)
     assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))

@@ -1,10 +1,22 @@
 """Keys that a fit frees: their text, ranges and priors."""
 
+from collections.abc import Iterable
+
 import pytest
 
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.scene.setup import Setup, load
 from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene
+
+LATENCY = "controller.latency_us"
+
+
+def refused(setup: Setup, cases: Iterable[tuple[str, str]]) -> None:
+    """Each text is refused with its words."""
+    for text, words in cases:
+        with pytest.raises(FitError, match=words):
+            parse_free_key(setup, text)
 
 
 def test_free_keys_are_read_from_their_text() -> None:
@@ -12,7 +24,7 @@ def test_free_keys_are_read_from_their_text() -> None:
     one = parse_free_key(setup, "sphere.drop_height_m=0.04:0.06±2%")
     assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
     assert parse_free_key(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
-    for text, words in (
+    refused(setup, (
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
@@ -24,9 +36,23 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-05"),
         ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
         ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
-    ):  # fmt: skip
-        with pytest.raises(FitError, match=words):
-            parse_free_key(setup, text)
+    ))  # fmt: skip
+
+
+def test_free_keys_of_a_law_are_read_from_their_text() -> None:
+    setup = load("aluminium-3mm", [f"{LATENCY}=2"])
+    one = parse_free_key(setup, LATENCY)
+    assert (one.low, one.high, one.resolution) == (0.0, 20.0, 1.0)
+    assert parse_free_key(setup, f"{LATENCY}=0:40").start == 2.0
+    assert parse_free_key(setup, "actuator.dead_time_us").start == 0.0
+    assert parse_free_key(setup, "controller.kappa±5%").prior == pytest.approx(0.05)
+    refused(setup, (
+        (f"{LATENCY}±1", "has no prior"), ("controller.jitter_us", "one run cannot tell"),
+        ("controller.clock_phase", "one run cannot tell"),
+        ("controller.v_thr_m_s", "one positive number"), ("controller.law", "one positive"),
+        ("controller.kapa", "Did you mean controller.kappa"),
+        ("actuator.stuck_from_s", "of the actuator only"),
+    ))  # fmt: skip
 
 
 def test_a_default_range_ends_where_the_scene_does() -> None:

@@ -86,9 +86,9 @@ def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
     values = simulate(setup).values
     # The touch lies in the middle of a step.
     time_s = 100e-9 * (np.arange(len(values)) - 0.5) - 1e-4
-    model = ImpactSimulator(setup, 2.5e-4, 1e-4)
+    simulator = ImpactSimulator(setup, 2.5e-4, 1e-4)
     chain = MeasuringChain(150e3, 0.1, 2e3, 80e3, low_pass_order=4)
-    seen = observe(model.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
+    seen = observe(simulator.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
     inside = time_s < 1.9e-4
     peak = np.max(np.abs(values))
     assert np.max(np.abs(seen - values)[inside]) < 2e-4 * peak

@@ -13,19 +13,19 @@ from tests.identification.fitting import HEIGHT, RADIUS, THICKNESS, YIELDS, fitt
 
 
 def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
-    model = ImpactSimulator(scene(), 1e-4, 1e-4)
+    simulator = ImpactSimulator(scene(), 1e-4, 1e-4)
     counts = {
-        model.plant_of(model.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
+        simulator.plant_of(simulator.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
         for change in np.linspace(-1e-3, 1e-3, 9)
     }
     assert len(counts) == 1
 
 
 def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
-    model = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4)
+    simulator = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4)
     values = {RADIUS: 0.0031, HEIGHT: 0.06, "contact.stiffness_factor": 1.1}
-    model.run({}, 1e-4)
-    shared = model.run(values, 1e-4)
+    simulator.run({}, 1e-4)
+    shared = simulator.run(values, 1e-4)
     fresh = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4).run(values, 1e-4)
     assert np.array_equal(shared.truth, fresh.truth)
 
