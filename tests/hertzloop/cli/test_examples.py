@@ -14,7 +14,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import load, parse
-from tests.commands import as_options, refused, succeed
+from tests.commands import succeed
 from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.scenes import json_in
 
@@ -119,16 +119,3 @@ def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
         [sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, timeout=280
     )
     assert found.stdout == "agrees\n", found.stderr
-
-
-@pytest.mark.full
-def test_modes_of_a_scene_run_again(here: Path) -> None:
-    run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.003", "--transport", "compiled"]
-    edges = as_options(["plate.edges=cfsc", "run.accuracy=0.1"])
-    succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.csv")
-    succeed(*run, *edges, "--out", "plate.mcap")
-    succeed(*run, "--set", "plate.modes=modes.csv", "--out", "file.mcap")
-    succeed("compare", "plate.mcap", "file.mcap")
-    refused("error: ", "scene", "modes", "-o", "modes.txt")
-    refused("modes.csv exists", "scene", "modes", "-o", "modes.csv")
-    refused("Use an .npz", "scene", "modes", "-o", "other.csv", "--grid")

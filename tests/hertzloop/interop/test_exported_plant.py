@@ -22,7 +22,13 @@ from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, InC, exported, scen
 from tests.hertzloop.own_laws import needs_cc
 
 pytestmark = needs_cc
-PRELOADED = (*SHORT, "actuator.preload_n=5")
+SETTINGS = {
+    "short": SHORT,
+    "noisy": NOISY,
+    "preloaded": (*SHORT, "actuator.preload_n=5"),
+    "sensor mass": (*SHORT, "sensors.point_m=[0.31, 0.22]", "sensors.mass_kg=0.002",
+                    "sensors.quantity=v_p", "controller.law=velocity_feedback"),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +49,7 @@ def plant(short: Path) -> Iterator[InC]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("settings", [SHORT, NOISY, PRELOADED], ids=["short", "noisy", "preloaded"])
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
 def test_a_program_in_c_gets_the_bytes_of_the_loop(
     settings: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -17,7 +17,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
-from tests.hertzloop.commands import Bus, finish, grown_to, killed_at_the_end, wait_for
+from tests.hertzloop.commands import Bus, ended, finish, grown_to, killed_at_the_end, wait_for
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, needs_cc
 from tests.hertzloop.scenes import aluminium_3mm
 from tests.tiers import default
@@ -61,8 +61,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
     more = ["run.duration_s=0.0055", f"sensors.every_steps={every}"]
     with run(example, tmp_path / "c.mcap", *more) as processes:
         for process in processes:
-            code, err, _ = finish(process)
-            assert code == 0, err
+            ended(process, 0)
     ours = aluminium_3mm(*SETTINGS, *more)
     record_in_process(ours, tmp_path / "ours.mcap", compiled=True)
     found, expected = read(tmp_path / "c.mcap"), read(tmp_path / "ours.mcap")
@@ -83,9 +82,7 @@ def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Pa
         wait_for(grown_to(recording, 500_000))
         [program] = psutil.Process(controller.pid).children()
         program.send_signal(signal.SIGKILL)
-        code, err, _ = finish(plant)
-        assert code == 1
-        assert "the controller in C ended with -9" in err
+        ended(plant, 1, "the controller in C ended with -9")
         for process in (recorder, controller):
             finish(process)
         assert not program.is_running()
