@@ -19,25 +19,6 @@ def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap").is_file()
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("scene", "settings", "words"),
-    [
-        ("aluminium-3mm", ["plate.contact_point_m=[0.25, 1e-10]"], "plate.contact_point_m"),
-        ("aluminium-3mm", ["plate.thickness_m=1.0", "plate.size_m=[0.01, 0.01]",
-                           "plate.contact_point_m=[0.005, 0.005]"], "lowest mode"),
-        ("thesis-aluminium", ["contact.viscous_n_s_m=1e9"], "contact.viscous_n_s_m"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_run_leaves_no_file(
-    scene: str, settings: list[str], words: str, tmp_path: Path
-) -> None:
-    file = tmp_path / "a.mcap"
-    sets = as_options(settings)
-    refused(words, "run", scene, *sets, "--out", str(file))
-    assert not file.exists()
-
-
 def test_a_force_that_cannot_be_known_leaves_no_file(tmp_path: Path) -> None:
     """The contact without control does not end; only building the controller shows it."""
     keys = ["controller.law=precomputed", "sphere.radius_m=0.2", "run.accuracy=0.3"]

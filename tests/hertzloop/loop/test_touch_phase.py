@@ -9,7 +9,6 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import XI
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from tests.hertzloop.scenes import aluminium_3mm
 
@@ -76,20 +75,3 @@ def test_random_is_drawn_by_the_seed() -> None:
     assert 0.0 <= min(drawn) < 0.2 < 0.8 < max(drawn) < 1.0
     again = load("aluminium-3mm", ["run.touch_phase=random"], seed=7).touch_phase
     assert again == drawn[7]
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["run.touch_phase=1.5"], "run.touch_phase = 1.5: must be"),
-        (["run.touch_phase=late"], "run.touch_phase = 'late': must be"),
-        (["run.touch_phase=0.2", "run.lead_in_s=0"], "the run must begin in flight"),
-        (["run.touch_phase=random", "run.lead_in_s=0.3"],
-         "less than the time to the contact, 0.101 s"),
-        (["run.touch_phase=0.2", "run.scheme=thesis2008", "run.duration_s=0.01"],
-         "not supported by run.scheme = 'thesis2008'"),
-    ],
-)  # fmt: skip
-def test_what_is_refused(settings: list[str], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        aluminium_3mm(*settings)

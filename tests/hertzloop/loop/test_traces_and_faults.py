@@ -193,19 +193,6 @@ def test_the_delay_of_the_loop_counts_a_dead_time() -> None:
     assert delays[0] - delays[2] == pytest.approx(3e-6, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("settings", "word"),
-    [
-        (("sensors.fault=offset",), "needs sensors.fault_size"),
-        (("sensors.fault_size=1",), "sensors.fault: is missing"),
-        (("actuator.dead_time_us=0.5",), "whole number of steps"),
-    ],
-)
-def test_a_fault_that_makes_no_sense_is_refused(settings, word):
-    with pytest.raises(SceneError, match=word):
-        aluminium_3mm(*SHORT, *settings)
-
-
 def test_latencies_are_drawn_from_a_distribution_with_memory():
     table = "{median_us = 5, sigma = 0.5, autocorrelation = 0.9, least_us = 1, samples = 20000}"
     scene = aluminium_3mm(*SHORT, f"controller.latency_trace={table}")
@@ -215,16 +202,3 @@ def test_latencies_are_drawn_from_a_distribution_with_memory():
     assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(0.9, abs=0.02)
     other = aluminium_3mm(*SHORT, f"controller.latency_trace={table[:-1]}, seed = 2}}")
     assert other.scene.controller.latency_trace != scene.scene.controller.latency_trace
-
-
-@pytest.mark.parametrize(
-    ("table", "said"),
-    [
-        ("{median_us = 3, sigma = 0.1}", "autocorrelation = None: must be a number from 0"),
-        ("{median = 3}", "latency_trace.median: unknown key"),
-        ("{median_us = 3, sigma = 0.1, autocorrelation = 0, samples = 1.5}", "a whole number"),
-    ],
-)
-def test_a_distribution_of_latencies_that_cannot_be_is_refused(table, said):
-    with pytest.raises(SceneError, match=said):
-        aluminium_3mm(*SHORT, f"controller.latency_trace={table}")

@@ -32,8 +32,7 @@ def check(scene: Setup) -> Verification | None:
 
 def checked(*settings: str) -> Verification:
     scene = aluminium_3mm(*SHORT, *settings)
-    found = check(scene)
-    return found
+    return check(scene)
 
 
 def test_a_run_that_meets_its_accuracy() -> None:

@@ -143,23 +143,6 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
     assert forgotten > 0.3 * abs(recorded).max()
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["run.scheme=thesis2008", "actuator.mass_kg=0.001"], "use the scheme 'modal'"),
-        (["run.scheme=thesis2008", "actuator.preload_n=5"], r"preload_n = 5.* the scheme 'modal'"),
-        (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model = 'auto'"),
-        (["run.plate_model=infinite", "actuator.preload_n=5"], r"preload_n = 5.*'auto'"),
-        (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0: must be"),
-        (["actuator.mass_kg=-1"], "actuator.mass_kg = -1: must be"),
-        (["actuator.stroke_m=1"], "actuator.stroke_m: unknown scene key"),
-    ],
-)
-def test_what_is_refused(settings: list[str], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        aluminium_3mm(*settings)
-
-
 def test_an_actuator_keeps_the_modes() -> None:
     short = ["run.duration_s=0.0011"]
     assert aluminium_3mm(*short).plate_model == "infinite"
@@ -175,12 +158,8 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
     flexible = "# residual_flexibility_m_n = 1e-9"
     header = "frequency_hz,loss_factor,modal_mass_kg,shape_contact"
     (tmp_path / "m.csv").write_text("\n".join([flexible, flexible, header, *rows]))
-    for support, words in (
-        (f"plate.modes={tmp_path / 'm.csv'}", r"actuator\.mass_kg = 0\.001 needs one loss factor"),
-        ("plate.edges=ffff", r"is not supported for a free plate"),
-    ):
-        with pytest.raises(SceneError, match=words):
-            build_plant(aluminium_3mm(support, "actuator.mass_kg=0.001"))
+    with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
+        build_plant(aluminium_3mm(f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"))
 
 
 def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:

@@ -128,27 +128,6 @@ def test_the_law_in_three_dimensions() -> None:
         assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
 
 
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        ([*SOLID, *DAMPER], "contact.damping = 'hunt_crossley': not supported by plate.theory"),
-        ([*SOLID, "plate.edges=cccc"], "plate.edges = 'cccc': plate.theory"),
-        ([*SOLID, "run.scheme=thesis2008"], "plate.theory = '3d': not supported by run.scheme"),
-        (
-            [*SHORT, "plate.tail=damped", "actuator.mass_kg=1e-3"],
-            "plate.tail = 'damped': not supported with",
-        ),
-        (
-            [*SHORT, "plate.tail=damped", "run.scheme=thesis2008"],
-            "plate.tail = 'damped': not supported by",
-        ),
-    ],
-)
-def test_what_does_not_go_together(settings: list[str], sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        aluminium_3mm(*settings)
-
-
 @pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
 def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
     scene = aluminium_3mm(*settings)

@@ -6,8 +6,6 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
-from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
 from tests.hertzloop.scenes import aluminium_3mm
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -49,17 +47,3 @@ def test_air_damps_the_plate() -> None:
         taken.append(balance.air_dissipated_j)
         assert balance.modal_dissipated_j < 0.5 * balance.air_dissipated_j
     assert 100e-6 < taken[0] < taken[1] < 320e-6
-
-
-@pytest.mark.parametrize(
-    ("scene", "settings", "named"),
-    [
-        ("thesis-aluminium", [], "run.scheme"),
-        ("aluminium-3mm", ["run.plate_model=infinite"], "run.plate_model"),
-        ("aluminium-3mm", ["plate.edges=cccc"], "plate.edges"),
-    ],
-)
-def test_what_radiation_does_not_fit(scene: str, settings: list[str], named: str) -> None:
-    with pytest.raises(SceneError, match=r"plate\.radiation = 'one_face'") as caught:
-        load(scene, ["plate.radiation=one_face", *settings])
-    assert named in str(caught.value)

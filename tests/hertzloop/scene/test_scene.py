@@ -63,38 +63,6 @@ def test_any_text_and_number_survive_the_recording(
 
 
 @pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("sphere.radius_m=-1", ("sphere.radius_m = -1", "must be at least 1e-05")),
-        ("sphere.radius_m=3 mm", ("sphere.radius_m = '3 mm'", "number")),
-        ("plate.size_m=0.5", ("plate.size_m = 0.5",)),
-        ("plate.contact_point_m=[0.5, 0.25]", ("lies outside the plate", "[0.5, 0.25]")),
-        ("plate.actuator_point_m=[-0.1, 0.25]", ("plate.actuator_point_m", "outside")),
-        ("sensors.quantity=v_p", ("sensors.quantity = 'v_p'", "controller.law")),
-        ("sensors.full_scale=[1.0, -1.0]", ("sensors.full_scale", "lower")),
-        ("controller.law=pid", ("controller.law = 'pid'", "slope_threshold")),
-        ("controller.law=profile", ("controller.profile_n is empty",)),
-        ("controller.law=constant", ("controller.duration_us = 0",)),
-        ("controller.latency_us=1.5", ("controller.latency_us = 1.5", "multiple of 1 us")),
-        ("controller.bits=8", ("controller.full_scale_n",)),
-        ("controller.kapa=1", ("controller.kapa: unknown scene key", "Did you mean kappa?")),
-        ("contoller.kappa=1", ("contoller", "controller")),
-        ("run.duration_s=1e-10", ("run.duration_s", "0 steps")),
-        ("run.duration_s=1e9", ("run.duration_s", "steps")),
-        ("name=../../etc/passwd", ("name",)),
-        ("kappa", ("invalid setting", "table.key=value")),
-        ("sphere.radius_m.x=3", ("sphere.radius_m.x", "is a value, not a table")),
-    ],
-)
-def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
-    with pytest.raises(SceneError) as caught:
-        build_plant(resolve(load(DEFAULT, [setting])))
-    for word in words:
-        assert word in str(caught.value), str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("settings", "words"),
     [
         (["controller.law=off", "controller.kappa=3"], "law = 'off', whose keys are: none."),
@@ -146,20 +114,6 @@ def test_a_setting_drops_keys_of_the_file_that_lose_their_effect(tmp_path: Path)
 def test_a_recording_may_have_keys_without_effect() -> None:
     text = to_toml(load("offcentre-6mm")).replace('law = "slope_threshold"', 'law = "off"')
     assert parse(text, recorded=True) == load("offcentre-6mm", ["controller.law=off"])
-
-
-@pytest.mark.parametrize(
-    ("scene", "settings", "words"),
-    [
-        ("offcentre-6mm", [], "plate.actuator_point_m = [0.155, 0.09]"),
-        ("thesis-oak", ["contact.damping=none"], "Use the scheme 'modal'"),
-        ("aluminium-3mm", ["contact.damping=relaxation"], "relaxation"),
-    ],
-)
-def test_what_an_infinite_plate_does_not_know(scene: str, settings: list[str], words: str) -> None:
-    with pytest.raises(SceneError) as caught:
-        load(scene, [*settings, "run.plate_model=infinite"])
-    assert words in str(caught.value)
 
 
 def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:

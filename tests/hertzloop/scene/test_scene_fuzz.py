@@ -1,7 +1,6 @@
 """Scenes of arbitrary and of extreme values: a scene or one sentence, and parts that run."""
 
 import math
-import re
 from typing import Any, get_args
 
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
-from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError, _limits
 from hertzloop.scene.loading import load, parse, shipped
 from hertzloop.scene.scene import Scene
@@ -131,21 +129,3 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
         metrics_of(resolve(found), run.truth)
         return
     assert 0 < len(said) <= LONGEST_SENTENCE, said
-
-
-SOLID = ["plate.theory=3d", "run.accuracy=1e-9", "run.step_ns=100", "sphere.radius_m=0.002"]
-MASS = "actuator.mass_kg=0.01"
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        # Branches beyond bending have four fifths of the modes.
-        ([*SOLID, "plate.size_m=[2.6, 2.0]", "plate.thickness_m=0.02"], "about 2.4e+06 modes"),
-        (["plate.size_m=[7.6, 20.0]", "plate.thickness_m=0.017", MASS], "on about 3.5e+05 modes"),
-        (["plate.size_m=[20.0, 20.0]", "plate.thickness_m=1e-4"], "thicker plate"),
-    ],
-)
-def test_too_many_modes_are_refused(keys: list[str], words: str) -> None:
-    with pytest.raises(SceneError, match=re.escape(words)):
-        build_plant(resolve(load("aluminium-3mm", ["run.plate_model=modal", *keys])))

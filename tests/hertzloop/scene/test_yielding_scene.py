@@ -15,7 +15,6 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.model import limiting_pressure
 from hertzloop.results.recorded import truth_of
 from hertzloop.results.verification import verify
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.views.details import pressure_words
 from tests.commands import run_and_inspected
@@ -95,26 +94,6 @@ def test_verify_a_contact_that_yields() -> None:
     found = verify(scene, run.truth)
     assert found.rebound_speed < 1e-3
     assert found.penetration < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["contact.plasticity=thornton", "plate.material=sylomer_m"],
-         "the yield pressure of plate.material = 'sylomer_m' is unknown. Give "
-         "plate.material.yield_pa"),
-        (["contact.plasticity=thornton", "sphere.material=bearing_steel",
-          "plate.material={young_pa=7e10, density_kg_m3=2700, poisson=0.3}"],
-         "the yield pressure of the plate's material is unknown. Give"),
-        (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
-          "run.scheme=thesis2008"], "use the scheme 'modal'"),
-        (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
-          "run.plate_model=infinite"], "plate_model = 'auto'"),
-    ],
-)  # fmt: skip
-def test_what_is_refused(settings: list[str], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        aluminium_3mm(*settings)
 
 
 @pytest.mark.parametrize(

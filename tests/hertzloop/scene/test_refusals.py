@@ -1,0 +1,126 @@
+"""Keys that cannot be, and keys that exclude each other: one sentence, before anything runs. Pairs
+of features that the documentation lists are in test_combinations.
+"""
+
+import pytest
+
+from hertzloop.scene.controller import check_buildable
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+
+YIELDS = "contact.plasticity=thornton"
+HUGE = "run.plate_model=modal plate.size_m=[20.0,20.0]"
+SOLID = "run.plate_model=modal plate.theory=3d"
+OTHER = "plate.material={young_pa=7e10,density_kg_m3=2700,poisson=0.3}"
+
+# Settings of a scene, apart by spaces, and words of the sentence.
+REFUSED = {
+    "aluminium-20mm": {
+        "sphere.radius_m=-1": "sphere.radius_m = -1: must be at least 1e-05",
+        "sphere.radius_m=3mm": "sphere.radius_m = '3mm': must be",
+        "sphere.radius_m.x=3": "sphere.radius_m.x",
+        "plate.size_m=0.5": "plate.size_m = 0.5",
+        "plate.contact_point_m=[0.5,0.25]": "plate.contact_point_m = [0.5, 0.25] lies outside",
+        "plate.actuator_point_m=[-0.1,0.25]": "plate.actuator_point_m = [-0.1, 0.25] lies outside",
+        "sensors.quantity=v_p": "sensors.quantity = 'v_p'",
+        "sensors.full_scale=[1.0,-1.0]": "sensors.full_scale",
+        "controller.law=pid": "controller.law = 'pid'",
+        "controller.law=profile": "controller.profile_n is empty",
+        "controller.law=constant": "controller.duration_us = 0",
+        "controller.latency_us=1.5": "controller.latency_us = 1.5",
+        "controller.bits=8": "controller.full_scale_n",
+        "controller.kapa=1": "controller.kapa: unknown scene key. Did you mean kappa?",
+        "contoller.kappa=1": "contoller",
+        "run.duration_s=1e-10": "0 steps",
+        "run.duration_s=1e9": "run.duration_s",
+        "name=../../etc/passwd": "name",
+        "kappa": "table.key=value",
+    },
+    "aluminium-3mm": {
+        "plate.material=cheese": "plate.material = 'cheese': unknown material. Use one of steel",
+        "sphere.material.density_kg_m3=-7800": "sphere.material.density_kg_m3 = -7800",
+        "plate.material.young_pa=nan": "plate.material.young_pa = nan: must be",
+        "plate.material.young_pa=72": "plate.material.young_pa = 72: must be 1e3",
+        "plate.material.young_pa=72000": "make a speed of sound of 5.16 m/s",
+        "plate.material.colour=3": "plate.material.colour is not a property of a material",
+        "plate.material={young_pa=1e11}": "plate.material.density_kg_m3 is missing",
+        "materials=none.toml": "materials = 'none.toml': cannot be read",
+        "plate.modes=none.csv": "plate.modes = 'none.csv': cannot be read: No such file",
+        "plate.modes=none.txt": "unknown format. Use a file that ends in .csv, .parquet, .npz",
+        "plate.residual_flexibility_m_n=1e-9": "needs plate.modes",
+        # Edges, theory, and the modes that are truncated.
+        "plate.edges=cfff plate.contact_point_m=[1e-6,0.2]": "lies on a supported edge",
+        "plate.edges=ssss plate.contact_point_m=[1e-6,0.2]": "lies on a supported edge",
+        f"{SOLID} contact.damping=hunt_crossley": "not supported by plate.theory",
+        f"{SOLID} plate.edges=cccc": "plate.edges = 'cccc': plate.theory",
+        f"{SOLID} run.scheme=thesis2008": "plate.theory = '3d': not supported by run.scheme",
+        "plate.tail=damped actuator.mass_kg=1e-3": "plate.tail = 'damped': not supported with",
+        "plate.tail=damped run.scheme=thesis2008": "plate.tail = 'damped': not supported by",
+        "plate.radiation=one_face run.plate_model=infinite": "run.plate_model",
+        "plate.radiation=one_face plate.edges=cccc": "plate.edges",
+        # Branches beyond bending have four fifths of the modes.
+        f"{SOLID} plate.size_m=[2.6,2.0] plate.thickness_m=0.02 sphere.radius_m=0.002 "
+        "run.accuracy=1e-9 run.step_ns=100": "about 2.4e+06 modes",
+        "run.plate_model=modal plate.size_m=[7.6,20.0] plate.thickness_m=0.017 "
+        "actuator.mass_kg=0.01": "on about 3.5e+05 modes",
+        f"{HUGE} plate.thickness_m=1e-4": "thicker plate",
+        "plate.contact_point_m=[0.25,1e-10]": "plate.contact_point_m",
+        "plate.thickness_m=1.0 plate.size_m=[0.01,0.01] plate.contact_point_m=[0.005,0.005]":
+        "lowest mode",
+        # The contact, the infinite plate and the published scheme.
+        "contact.damping=relaxation run.plate_model=infinite": "relaxation",
+        f"{YIELDS} plate.material=sylomer_m": "the yield pressure of plate.material = 'sylomer_m' "
+        "is unknown. Give plate.material.yield_pa",
+        f"{YIELDS} sphere.material=bearing_steel {OTHER}":
+        "the yield pressure of the plate's material is unknown. Give",
+        f"{YIELDS} run.scheme=thesis2008": "use the scheme 'modal'",
+        f"{YIELDS} run.plate_model=infinite": "plate_model = 'auto'",
+        "run.touch_phase=1.5": "run.touch_phase = 1.5: must be",
+        "run.touch_phase=late": "run.touch_phase = 'late': must be",
+        "run.touch_phase=0.2 run.lead_in_s=0": "the run must begin in flight",
+        "run.touch_phase=random run.lead_in_s=0.3": "less than the time to the contact, 0.101 s",
+        "run.touch_phase=0.2 run.scheme=thesis2008 run.duration_s=0.01":
+        "not supported by run.scheme = 'thesis2008'",
+        # Sensor, clock and actuator.
+        "sensors.fault=offset": "needs sensors.fault_size",
+        "sensors.fault_size=1": "sensors.fault: is missing",
+        "controller.clock_ppm=1e6": "controller.clock_ppm",
+        "controller.clock_phase=1": "controller.clock_phase",
+        "controller.clock_phase=-0.1": "controller.clock_phase",
+        "actuator.dead_time_us=0.5": "whole number of steps",
+        "actuator.bandwidth_hz=0": "actuator.bandwidth_hz = 0: must be",
+        "actuator.mass_kg=-1": "actuator.mass_kg = -1: must be",
+        "actuator.stroke_m=1": "actuator.stroke_m: unknown scene key",
+        "actuator.mass_kg=0.001 plate.edges=ffff": "is not supported for a free plate",
+        "actuator.mass_kg=0.001 run.scheme=thesis2008": "use the scheme 'modal'",
+        "actuator.preload_n=5 run.scheme=thesis2008": "preload_n = 5",
+        "actuator.bandwidth_hz=1e5 run.plate_model=infinite": "plate_model = 'auto'",
+        "actuator.preload_n=5 run.plate_model=infinite": "preload_n = 5",
+        "controller.latency_trace={median_us=3,sigma=0.1}":
+        "autocorrelation = None: must be a number from 0",
+        "controller.latency_trace={median=3}": "latency_trace.median: unknown key",
+        "controller.latency_trace={median_us=3,sigma=0.1,autocorrelation=0,samples=1.5}":
+        "a whole number",
+    },
+    "offcentre-6mm": {"run.plate_model=infinite": "plate.actuator_point_m = [0.155, 0.09]"},
+    "thesis-oak": {
+        "run.plate_model=infinite contact.damping=none": "Use the scheme 'modal'",
+    },
+    "thesis-aluminium": {
+        "plate.radiation=one_face": "run.scheme",
+        "contact.viscous_n_s_m=1e9": "contact.viscous_n_s_m",
+    },
+}  # fmt: skip
+
+
+CASES = [(name, *case) for name, cases in REFUSED.items() for case in cases.items()]
+
+
+@pytest.mark.parametrize(("name", "settings", "words"), CASES)
+def test_refused_with_a_sentence(name: str, settings: str, words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        check_buildable(load(name, settings.split()))
+    said = str(caught.value)
+    assert words in said
+    assert "\n" not in said
+    assert len(said) < 700
