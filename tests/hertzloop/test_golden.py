@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse
+from tests.hertzloop.scenes import recorded
 
 GOLDEN = Path(__file__).resolve().parents[2] / "recordings" / "golden"
 # Two processors may round differently in the exponentials of the model; over 4000 steps
@@ -19,8 +19,7 @@ TOLERANCE = 1e-9
 def test_the_same_run_today(name: str, tmp_path: Path) -> None:
     golden = read(GOLDEN / f"{name}.mcap")
     assert not golden.problems
-    record_in_process(parse(golden.scene_toml), tmp_path / "today.mcap", compiled=True)
-    today = read(tmp_path / "today.mcap")
+    today = recorded(parse(golden.scene_toml), tmp_path / "today.mcap")
     assert first_difference(golden, today, TOLERANCE) is None
 
 

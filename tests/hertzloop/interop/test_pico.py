@@ -9,15 +9,13 @@ from hertzloop.bus.messages_pb2 import LaneOffer
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.announcement import hello
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.recordings.reader import read
 from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 ROOT = Path(__file__).parents[3]
 WIRE = (ROOT / "docs" / "reference" / "wire.md").read_text()
@@ -70,8 +68,6 @@ def test_the_whole_scene_reaches_controller_and_recording(
     which: int, with_files: list[Setup], tmp_path: Path
 ) -> None:
     setup = with_files[which]
-    record_in_process(setup, tmp_path / "a.mcap", compiled=False)
-    recording = read(tmp_path / "a.mcap")
-    assert not recording.problems
+    recording = recorded(setup, tmp_path / "a.mcap", compiled=False)
     assert recording.scene_toml == to_toml(setup.scene)
     assert recording.ends[CONTROLLER].report.scene_toml == hello(setup, 1.0).scene_toml

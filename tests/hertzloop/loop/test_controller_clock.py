@@ -5,15 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
-from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.controller import latencies_us
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.views import provenance, replaying
 from tests.commands import as_options, call
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback", "sensors.every_steps=4"]
 DRIFT = ["controller.clock_ppm=20000", "controller.clock_phase=0.4"]
@@ -57,8 +55,7 @@ def test_the_latency_is_named_and_drawn(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     setup = aluminium_3mm(*SHORT, *DRIFT)
     assert "clock +20000 ppm, phase 0.4" in provenance.control(setup)
-    record_in_process(setup, Path("a.mcap"), compiled=True)
-    shown = replaying.prepare(read(Path("a.mcap")), alone=True)
+    shown = replaying.prepare(recorded(setup, Path("a.mcap")), alone=True)
     (curve,) = next(plot.curves for plot in shown.plots if plot.key == "latency")
     assert np.array_equal(curve.values, latencies_us(setup))
     assert curve.time_ns[1] == 4000

@@ -14,12 +14,11 @@ import pytest
 
 from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
 from tests.hertzloop.commands import Bus, ended, finish, grown_to, killed_at_the_end, wait_for
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, needs_cc
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.tiers import default
 
 SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller.latency_us=2"]
@@ -63,8 +62,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
         for process in processes:
             ended(process, 0)
     ours = aluminium_3mm(*SETTINGS, *more)
-    record_in_process(ours, tmp_path / "ours.mcap", compiled=True)
-    found, expected = read(tmp_path / "c.mcap"), read(tmp_path / "ours.mcap")
+    found, expected = read(tmp_path / "c.mcap"), recorded(ours, tmp_path / "ours.mcap")
     assert not found.problems
     for stream in ("daq", "force", "truth"):  # it publishes no events
         theirs, arrays = (getattr(one, stream).arrays for one in (found, expected))

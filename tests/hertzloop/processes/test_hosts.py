@@ -12,7 +12,6 @@ pytest.importorskip("cryptography")
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import common_name, secured
 from hertzloop.certificates import CertificateAuthority, in_base64
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
@@ -26,7 +25,7 @@ from tests.hertzloop.commands import (
     wait_for,
 )
 from tests.hertzloop.processes.networks import Network, network
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 pytestmark = [pytest.mark.timeout(600), pytest.mark.full]
 
@@ -85,10 +84,10 @@ def end_all(processes: dict[str, subprocess.Popen]) -> dict[str, tuple[int, str]
 
 def same_as_here(recording: Path, folder: Path) -> None:
     """The samples are those of the same scene within one process."""
-    record_in_process(aluminium_3mm(*SHORT), folder / "here.mcap", compiled=True)
     there = read(recording)
     assert not there.problems
-    assert first_difference(there, read(folder / "here.mcap")) is None
+    here = recorded(aluminium_3mm(*SHORT), folder / "here.mcap")
+    assert first_difference(there, here) is None
 
 
 def test_three_hosts_by_the_commands_of_the_documentation(

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import viewer
@@ -22,7 +21,7 @@ from tests.hertzloop.commands import (
     next_line,
     start,
 )
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.ports import free_ports
 
 RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
@@ -56,8 +55,8 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         hertzloop(*run, "--name", "mine", "--port", str(ports[0]))
     finally:
         watcher.send_signal(signal.SIGCONT)
-    record_in_process(aluminium_3mm(*keys), tmp_path / "b.mcap", compiled=True)
-    assert first_difference(read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")) is None
+    alone = recorded(aluminium_3mm(*keys), tmp_path / "b.mcap")
+    assert first_difference(read(tmp_path / "a.mcap"), alone) is None
     ended(watcher, 0)
     if not hangs:
         assert "/live/velocity/v_p" in shown_in(rrd)

@@ -17,7 +17,6 @@ import pytest
 
 from hertzloop.bus.streams import PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import _ids
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
@@ -37,7 +36,7 @@ from tests.hertzloop.commands import (
     start,
     wait_for,
 )
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.ports import free_ports
 
 
@@ -174,9 +173,7 @@ SECOND = ["run.duration_s=1"]
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A second that nobody disturbs."""
-    path = tmp_path_factory.mktemp("alone") / "alone.mcap"
-    record_in_process(aluminium_3mm(*SECOND), path, compiled=True)
-    return read(path)
+    return recorded(aluminium_3mm(*SECOND), tmp_path_factory.mktemp("alone") / "alone.mcap")
 
 
 @pytest.mark.full

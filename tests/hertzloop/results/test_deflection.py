@@ -5,24 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.plant.metrics.impacts import modal_displacement
-from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.contacts import contact_spans
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.results.deflection import deflection, frame_steps
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup, load
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SHORT = ["run.duration_s=0.002"]
 
 
 def replayed(folder: Path, scene: Setup) -> tuple[Recording, Deflection]:
-    file = folder / "run.mcap"
-    record_in_process(scene, file, compiled=True)
-    recording = read(file)
+    recording = recorded(scene, folder / "a.mcap")
     return recording, deflection(scene, recording)
 
 

@@ -5,16 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import read
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.predictability import horizon_step, known_impacts
 from hertzloop.views.digits import known_digits
 from tests.commands import invoke, succeed
-from tests.hertzloop.scenes import aluminium_3mm, json_in
+from tests.hertzloop.scenes import aluminium_3mm, json_in, recorded
 
 FOUR = aluminium_3mm("run.duration_s=0.35")
 
@@ -86,12 +84,11 @@ def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
     heights = ("0.005", "0.005000000000000005")
     scene, nudged = (aluminium_3mm(*keys, f"sphere.drop_height_m={h}") for h in heights)
     a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    record_in_process(scene, a, compiled=True)
-    record_in_process(nudged, b, compiled=True)
+    one, other = recorded(scene, a), recorded(nudged, b)
     horizon = horizon_step(scene, 1e-9)
     assert 0.03 < horizon * 1e-6 < 0.1
-    assert first_difference(read(a), read(b), 1e-9)
-    assert first_difference(read(a), read(b), 1e-9, horizon) is None
+    assert first_difference(one, other, 1e-9)
+    assert first_difference(one, other, 1e-9, horizon) is None
     assert "Compared up to" in succeed("compare", "--tolerance", "1e-9", str(a), str(b))
     exact = invoke(["compare", str(a), str(b)])
     assert exact.exit_code == 1

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from hertzloop.loop import events as loop_events
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
-from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.studies.cases.evaluate import not_run, older_state, run_case
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
 AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
@@ -46,8 +44,8 @@ def test_events_that_are_too_many_are_counted(
     told = []
     for compiled in (True, False):
         file = tmp_path / f"{compiled}.mcap"
-        record_in_process(scene, file, compiled=compiled)
-        told.append([(event.name, event.time_ns, event.message) for event in read(file).events])
+        events = recorded(scene, file, compiled).events
+        told.append([(event.name, event.time_ns, event.message) for event in events])
     assert sorted(told[0]) == sorted(told[1])
     for name in ("plant", "controller"):
         *listed, last = [event for event in told[0] if event[0] == name]

@@ -6,25 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
-from hertzloop.recordings.reader import read
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.results.deflection import deflection, modes_of_scene
-from hertzloop.results.recorded import truth_of
-from hertzloop.results.verification import verify
+from hertzloop.results.deflection import modes_of_scene
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import what_limits
-from tests.commands import invoke
-from tests.hertzloop.scenes import aluminium_3mm, json_in
+from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
@@ -126,37 +121,6 @@ def test_the_law_in_three_dimensions() -> None:
     for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
         scene = aluminium_3mm(*settings, "controller.v_thr_m_s=-0.6")
         assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
-
-
-@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
-def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
-    scene = aluminium_3mm(*settings)
-    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
-    recording = read(tmp_path / "a.mcap")
-    done = simulate(scene)
-    assert np.array_equal(truth_of(recording), done.truth)
-    assert recording.balance.truncated_dissipated_j == done.balance.truncated_dissipated_j
-    assert settings[-1].split("=")[1] in recording.scene_toml
-    moved = deflection(scene, recording, np.array([1040]))
-    at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
-    assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05
-    found = verify(scene, done.truth)
-    assert found.rebound_speed < 1e-3
-
-
-@pytest.mark.full
-def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for settings, words, key in (
-        (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
-        (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
-    ):
-        words_set = [x for s in [*SHORT, *settings] for x in ("--set", s)]
-        more = ["--transport", "compiled", "--json", "a.json", "--details", "--overwrite"]
-        done = invoke(["run", "aluminium-3mm", *words_set, *more])
-        assert done.exit_code == 0, done.output
-        assert words in " ".join(done.output.replace("│", " ").split())
-        assert json_in("a.json")[key]
 
 
 def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:

@@ -48,6 +48,9 @@ REFUSED = {
         "plate.modes=none.csv": "plate.modes = 'none.csv': cannot be read: No such file",
         "plate.modes=none.txt": "unknown format. Use a file that ends in .csv, .parquet, .npz",
         "plate.residual_flexibility_m_n=1e-9": "needs plate.modes",
+        "plate.edges=ccc": "plate.edges = 'ccc': must be four letters, for the edges",
+        "sensors.bits=12.5": "must be a whole number or 'ideal'. Give a value from",
+        "contact.damping=oil": "must be 'none', 'viscous', 'hunt_crossley' or 'relax",
         # Edges, theory, and the modes that are truncated.
         "plate.edges=cfff plate.contact_point_m=[1e-6,0.2]": "lies on a supported edge",
         "plate.edges=ssss plate.contact_point_m=[1e-6,0.2]": "lies on a supported edge",

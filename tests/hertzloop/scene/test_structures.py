@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.deflection import deflection, modes_of_scene
 from hertzloop.results.recorded import truth_of
@@ -26,19 +24,10 @@ from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.views.run_json import run_as_json
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
-
-
-def recorded(
-    folder: Path, scene: Setup, name: str = "run.mcap", compiled: bool = True
-) -> Recording:
-    record_in_process(scene, folder / name, RunOptions(overwrite=True), compiled=compiled)
-    found = read(folder / name)
-    assert not found.problems
-    return found
 
 
 @pytest.mark.parametrize(("name", "suffix"), zip(CONSISTENT, cycle(SUFFIXES), strict=False))
@@ -49,7 +38,7 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     file = tmp_path / f"modes{suffix}"
     file.write_bytes(write_modes(suffix, modes_of_scene(scene)))
     by_file = load(name, ["run.duration_s=0.012", f"plate.modes={file}"])
-    one, other = recorded(tmp_path, scene, "one.mcap"), recorded(tmp_path, by_file, "other.mcap")
+    one, other = (recorded(of, tmp_path / f"{of is scene}.mcap") for of in (scene, by_file))
     assert first_difference(one, other) is None
     assert truth_of(one)[4].max() > 0.0
 
@@ -95,7 +84,7 @@ def test_edges_keep_the_balance_and_move_as_drawn(tmp_path: Path) -> None:
     settings = ["plate.edges=cfsf", "plate.size_m=[0.4, 0.6]", "plate.contact_point_m=[0.21, 0.17]"]
     # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
     scene = aluminium_3mm(*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring")
-    recording = recorded(tmp_path, scene)
+    recording = recorded(scene, tmp_path / "a.mcap")
     balance = recording.balance
     assert abs(balance.energy_residual) < 1e-10
     assert abs(balance.momentum_residual) < 1e-12
@@ -117,7 +106,7 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
         "plate.size_m=[0.1, 0.08]",
         "plate.contact_point_m=[0.05, 0.04]",
     )
-    recording = recorded(tmp_path, scene)
+    recording = recorded(scene, tmp_path / "a.mcap")
     rows, h = truth_of(recording), scene.step_s
     plate = deflection(scene, recording, frames=np.array([1900, 1999]))
     weights = np.outer(np.gradient(plate.x_m), np.gradient(plate.y_m))

@@ -7,8 +7,6 @@ import pytest
 from rich.console import Console
 
 from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
-from hertzloop.loop.in_process import record_in_process
-from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.metrics import free_metrics
 from hertzloop.results.model import parts_of
@@ -19,7 +17,7 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.views import inspection
 from hertzloop.views.law_line import law_line
 from hertzloop.views.run import print_run
-from tests.hertzloop.scenes import aluminium_3mm
+from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SCENE = aluminium_3mm("run.duration_s=0.0012", "run.accuracy=0.1")
 
@@ -47,18 +45,16 @@ def test_what_is_said(law: str, line: str) -> None:
 
 def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     """A recording whose controller said so: neither `inspect` nor the report claims the scene's."""
-    path = tmp_path / "a.mcap"
-    record_in_process(SCENE, path, compiled=True)
-    recorded = read(path)
-    assert law_line(law_of(recorded)) == "slope_threshold"
-    foreign = recorded.ends["controller"].report
+    made = recorded(SCENE, tmp_path / "a.mcap")
+    assert law_line(law_of(made)) == "slope_threshold"
+    foreign = made.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    assessed = assess_recording(SCENE, recorded, free_metrics(SCENE))
-    about = recorded.balance, parts_of(SCENE, recorded.balance)
-    ran = RunReport(SCENE, recorded, assessed, *about, "zenoh", 1.0, 1)
+    assessed = assess_recording(SCENE, made, free_metrics(SCENE))
+    about = made.balance, parts_of(SCENE, made.balance)
+    ran = RunReport(SCENE, made, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
-        lambda console: inspection.show(console, inspection.inspected(recorded)),
+        lambda console: inspection.show(console, inspection.inspected(made)),
         lambda console: print_run(console, ran),
     ):
         printed = StringIO()

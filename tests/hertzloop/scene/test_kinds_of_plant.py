@@ -1,0 +1,53 @@
+"""Kinds of plant with kernels of their own: a recording, a verification and the views know each."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.loop.simulate import simulate
+from hertzloop.results.deflection import deflection
+from hertzloop.results.recorded import truth_of
+from hertzloop.results.verification import verify
+from tests.commands import run_and_inspected
+from tests.hertzloop.scenes import aluminium_3mm, recorded
+from tests.tiers import default
+
+SHORT = ("run.duration_s=0.0013", "run.plate_model=modal")
+# Settings, what `run --details` prints, and the key of the report that states it.
+KINDS = {
+    "damped": (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
+    "solid": (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost", "theory"),
+    "actuator": (
+        ["actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"], "its bandwidth adds 2.23", "demand",
+    ),
+    "yields": (
+        ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"],
+        "a dent of", "yield",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", default(KINDS, ["damped", "solid"]))
+def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind: str, tmp_path: Path) -> None:
+    scene = aluminium_3mm(*SHORT, *KINDS[kind][0])
+    recording, done = recorded(scene, tmp_path / "a.mcap"), simulate(scene)
+    assert np.array_equal(truth_of(recording), done.truth)
+    assert recording.balance.truncated_dissipated_j == done.balance.truncated_dissipated_j
+    found = verify(scene, done.truth)
+    assert found.rebound_speed < 1e-3
+    # The held force of a law makes waves in a solid that its modes do not carry.
+    assert kind == "solid" or max(found.penetration, found.plate_energy) < 1e-3
+    moved = deflection(scene, recording, np.array([1040]))
+    at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
+    assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", KINDS)
+def test_run_and_inspect_state_it(kind: str, tmp_path: Path) -> None:
+    settings, words, key = KINDS[kind]
+    (ran, written), (_, again) = run_and_inspected(tmp_path, *SHORT, *settings)
+    assert words in " ".join(ran.replace("│", " ").split())
+    assert written[key]
+    assert written[key] == again.get(key, written[key])
