@@ -23,13 +23,14 @@ WELL_UNDER_WAY = 2_000_000  # bytes
 EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may keep the cores busy
 
 
-def hertzloop(
-    *words: str, timeout_s: float = 2 * EVENTUALLY_S, **more: object
-) -> subprocess.CompletedProcess:
-    """Run a command to its end."""
-    return subprocess.run(
-        [*HERTZLOOP, *words], capture_output=True, text=True, timeout=timeout_s, **more
+def hertzloop(*words: str, code: int = 0, **more: object) -> subprocess.CompletedProcess:
+    """Run a command to its end, which must be an exit code."""
+    done = subprocess.run(
+        [*HERTZLOOP, *words], capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more
     )
+    assert done.returncode == code, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done
 
 
 def start(*words: str, **more: object) -> subprocess.Popen:
@@ -59,10 +60,9 @@ class Bus:
         return start("node", role, *words, *self.words(role, wait_s))
 
 
-def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str, float]:
-    """Exit code, standard error in one line, seconds it took. Raises AssertionError with the stacks
-    of a process that does not end."""
-    began = time.monotonic()
+def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str]:
+    """Exit code, and standard error in one line. Raises AssertionError with the stacks of a process
+    that does not end."""
     try:
         _, err = process.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
@@ -70,7 +70,17 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
         process.send_signal(signal.SIGCONT)  # one that is stopped prints no stacks
         _, err = process.communicate(timeout=EVENTUALLY_S)
         raise AssertionError(f"not ended within {timeout_s} s: {process.args}\n{err}") from None
-    return process.returncode, " ".join(err.split()), time.monotonic() - began
+    return process.returncode, " ".join(err.split())
+
+
+def ended(process: subprocess.Popen, code: int = 0, *words: str) -> str:
+    """Standard error, in one line, of a process that must end with an exit code and these words."""
+    found, err = finish(process)
+    assert found == code, err
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+    return err
 
 
 @contextmanager

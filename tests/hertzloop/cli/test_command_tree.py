@@ -22,7 +22,6 @@ def test_there_are_at_most_30_leaves_each_once() -> None:
 
 def test_the_help_fits_on_one_screen() -> None:
     done = hertzloop("--help")
-    assert done.returncode == 0
     assert len(done.stdout.splitlines()) <= 50
     for entry in all_commands():
         assert entry.words.split()[0] in done.stdout

@@ -91,8 +91,7 @@ def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.Monkey
         settings = ["--set", f"controller.law={law}"]
         settings += ["--set", "controller.kappa=0.5"] if law == "force_feedback" else []
         words += ["--out", f"{number}.mcap"]
-        done = hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
-        assert done.returncode == 0, done.stderr
+        hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
     for number in range(3):
         assert first_difference(read(here / f"{number}.mcap"), read(here / "3.mcap")) is None
 

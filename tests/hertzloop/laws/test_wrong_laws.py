@@ -247,12 +247,10 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
     words = ["run", "aluminium-3mm", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
-    done = hertzloop(*words, "--timeout", "5", cwd=here)
+    done = hertzloop(*words, "--timeout", "5", cwd=here, code=1)
     said = " ".join(done.stderr.split())
-    assert done.returncode == 1
     hangs = "perhaps in an endless loop of the law mine.py"
     assert f"controller does not respond, {hangs}; plant waited" in said
-    assert "Traceback" not in said
     assert read(here / "a.mcap").truth.samples > 2000
 
 

@@ -16,6 +16,7 @@ from tests.hertzloop.commands import (
     EVENTUALLY_S,
     LONG,
     child_of,
+    ended,
     finish,
     grown_to,
     start,
@@ -88,8 +89,7 @@ def test_another_user_gets_neither_samples_nor_a_say(
     assert as_user(NOBODY, endpoints, name) == (["PermissionError"] * 3, False)
     assert all(child.is_running() for child in children.values())
     assert as_user(0, endpoints, name) == ([], True)  # the same could be heard by its own user
-    code, err, _ = finish(run)
-    assert code == 1, err  # and end the run
+    ended(run, 1)  # and end the run
     assert read(tmp_path / "run.mcap").problems
 
 
