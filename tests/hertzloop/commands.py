@@ -25,11 +25,12 @@ EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may ke
 
 
 def hertzloop(*words: str, code: int = 0, **more: object) -> subprocess.CompletedProcess:
-    """Run a command to its end, with this exit code."""
+    """Run a command to its end, which must be an exit code."""
     done = subprocess.run(
         [*HERTZLOOP, *words], capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more
     )
     assert done.returncode == code, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
     return done
 
 
@@ -73,16 +74,13 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
     return process.returncode, " ".join(err.split())
 
 
-def ended(
-    process: subprocess.Popen, code: int, *words: str, timeout_s: float = EVENTUALLY_S
-) -> str:
-    """Standard error of a process that ends with this exit code, without a traceback, and says all
-    of `words`, which are regular expressions."""
-    found, err = finish(process, timeout_s)
-    assert found == code, (process.args, err)
+def ended(process: subprocess.Popen, code: int = 0, *words: str) -> str:
+    """Standard error, in one line, of a process that must end with an exit code and these words."""
+    found, err = finish(process)
+    assert found == code, err
     assert "Traceback" not in err
     for word in words:
-        assert re.search(word, err), (process.args, err)
+        assert word in err
     return err
 
 

@@ -16,6 +16,7 @@ from hertzloop.plant.time_series import F_C
 from hertzloop.scene.build import build_plant
 from hertzloop.studies.budget.quantities import quantities_of
 from tests.commands import as_options, succeed
+from tests.hertzloop.own_laws import write_law
 from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 HAMMER = "hammer.mass_kg=0.005 hammer.speed_m_s=0.5"
@@ -84,6 +85,19 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
     if "tip" in name:
         assert "hammer" in text
         assert not re.search(r"\bspheres?\b(?!\.)|\bball\b", text), text
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["soft tip", "sensor mass", "modes from a file"])
+def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> None:
+    settings = settings_of(name, modes)
+    if name == "soft tip":  # a law of one's own senses the gap
+        settings.append(f"controller.law={write_law(tmp_path)}")
+    files = [tmp_path / f"{kind}.mcap" for kind in ("zenoh", "compiled")]
+    for file in files:
+        run = ["run", "aluminium-3mm", *as_options(settings), "--transport", file.stem]
+        succeed(*run, "-o", file)
+    assert succeed("compare", *files).startswith("the same: ")
 
 
 @pytest.mark.full

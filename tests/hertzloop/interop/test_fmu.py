@@ -18,8 +18,9 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from tests.commands import as_options, refused, succeed
-from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, scene_of
+from tests.hertzloop.interop.plant_in_c import NOISY, SHORT
 from tests.hertzloop.own_laws import needs_cc
+from tests.hertzloop.scenes import aluminium_3mm
 
 fmpy = pytest.importorskip("fmpy")
 
@@ -33,13 +34,13 @@ STEP_S = 1e-6
 @pytest.fixture(scope="module", params=["2", "3"])
 def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("fmu") / "plant.fmu"
-    write_fmu(image(scene_of(NOISY)), HOST, request.param, out)
+    write_fmu(image(aluminium_3mm(*NOISY)), HOST, request.param, out)
     return out
 
 
 @pytest.fixture(scope="module")
 def loop() -> SimulatedRun:
-    return simulate(scene_of(NOISY))
+    return simulate(aluminium_3mm(*NOISY))
 
 
 class Master:
@@ -169,7 +170,7 @@ def test_it_starts_anew_with_other_parameters(master: Master) -> None:
         "drop_height is 0 m; 1e-7 to 100 is possible",
         "noise_seed is -1; it is 0 or more",
     ]
-    seed = simulate(scene_of((*NOISY, "run.seed=9")))
+    seed = simulate(aluminium_3mm(*NOISY, "run.seed=9"))
     assert master.start(noise_seed=9).get("gap", "sample") == [seed.truth[0, 0], seed.values[0]]
 
 

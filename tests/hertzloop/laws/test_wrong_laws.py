@@ -237,7 +237,6 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     said = " ".join(done.stderr.split())
     hangs = "perhaps in an endless loop of the law mine.py"
     assert f"controller does not respond, {hangs}; plant waited" in said
-    assert "Traceback" not in said
     assert read(here / "a.mcap").truth.samples > 2000
 
 

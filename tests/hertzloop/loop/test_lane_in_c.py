@@ -60,7 +60,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
     more = ["run.duration_s=0.0055", f"sensors.every_steps={every}"]
     with run(example, tmp_path / "c.mcap", *more) as processes:
         for process in processes:
-            ended(process, 0)
+            ended(process)
     ours = aluminium_3mm(*SETTINGS, *more)
     found, expected = read(tmp_path / "c.mcap"), recorded(ours, tmp_path / "ours.mcap")
     assert not found.problems

@@ -40,7 +40,7 @@ def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     thread.start()
     PlantNode(aluminium_3mm("run.duration_s=0.002"), ports[PLANT], timeout_s=60.0).run()
     thread.join(60)
-    ended(recorder, 0)
+    ended(recorder)
     for port in ports.values():
         port.close()
     assert not read(path).problems

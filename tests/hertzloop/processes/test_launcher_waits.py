@@ -6,7 +6,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -87,30 +86,3 @@ def test_one_that_does_not_end_is_named(
     finally:
         launcher._end_all()
     assert all(child.process.poll() is not None for child in launcher.children)
-
-
-class StopsWhoIsDone:
-    """Reports of a launcher; a role is stopped when it has said that it is done."""
-
-    def __init__(self, launcher: Launcher, role: str) -> None:
-        self._reports, self._role = launcher._reports, role
-        self.get, self.empty = self._reports.get, self._reports.empty
-        self.stopped = False
-
-    def put(self, item: Any) -> None:
-        if item and item[0].role == self._role and "done" in item[1]:
-            item[0].process.send_signal(signal.SIGSTOP)
-            self.stopped = True
-        self._reports.put(item)
-
-
-def test_a_role_that_is_stopped_when_it_is_done_keeps_nobody(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.5)
-    launcher = Launcher(scene(), tmp_path / "run.mcap", RunOptions(timeout_s=60.0))
-    reports = StopsWhoIsDone(launcher, RECORDER)
-    launcher._reports = reports  # type: ignore[assignment]
-    with launcher:
-        assert launcher.wait()["run_id"]
-    assert reports.stopped

@@ -57,7 +57,7 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         watcher.send_signal(signal.SIGCONT)
     alone = recorded(aluminium_3mm(*keys), tmp_path / "b.mcap")
     assert first_difference(read(tmp_path / "a.mcap"), alone) is None
-    ended(watcher, 0)
+    ended(watcher)
     if not hangs:
         assert "/live/velocity/v_p" in shown_in(rrd)
 
@@ -66,7 +66,8 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
 def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
     run, watcher, rrd = watched_run(tmp_path)
     watcher.send_signal(signal.SIGTERM)
-    assert finish(watcher) == (130, f"interrupted; what was seen until now is in {rrd}")
+    said = f"interrupted; what was seen until now is in {rrd}"
+    assert finish(watcher) == (130, said)
     assert "/live/velocity/v_p" in shown_in(rrd)
     run.send_signal(signal.SIGINT)
     ended(run, 130)
@@ -113,7 +114,6 @@ def shown_in(rrd: Path) -> str:
 @pytest.mark.full
 def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
     live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
-    done = hertzloop(*live, env=NO_SCREEN)
-    assert "no screen is available" in done.stderr
+    assert "no screen is available" in hertzloop(*live, env=NO_SCREEN).stderr
     assert read(tmp_path / "a.mcap").problems == []
     refused("--live: not available with --transport", "run", "--live", "--transport", "compiled")

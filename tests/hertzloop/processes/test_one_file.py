@@ -22,8 +22,9 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> Non
     try:
         wait_for(grown_to(out, 500_000), 120.0)
         size = out.stat().st_size
-        again = ["run", "aluminium-3mm", "--set", SHORT[0], "--out", str(out), "--overwrite"]
-        second = hertzloop(*again, code=1)
+        second = hertzloop(
+            "run", "aluminium-3mm", "--set", SHORT[0], "--out", str(out), "--overwrite", code=1
+        )
         assert f"another run is writing {out}" in " ".join(second.stderr.split())
         assert out.stat().st_size >= size
     finally:

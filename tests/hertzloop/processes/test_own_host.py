@@ -17,6 +17,7 @@ from tests.hertzloop.commands import (
     LONG,
     child_of,
     ended,
+    finish,
     grown_to,
     start,
     wait_for,

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import read
-from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.deflection import deflection, modes_of_scene
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.build import build_plant
@@ -21,9 +17,7 @@ from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load, parse
-from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.flight import margin_of
-from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SHORT = ["run.duration_s=0.002"]
@@ -79,23 +73,6 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
 
 
-@pytest.mark.full
-def test_edges_keep_the_balance_and_move_as_drawn(tmp_path: Path) -> None:
-    settings = ["plate.edges=cfsf", "plate.size_m=[0.4, 0.6]", "plate.contact_point_m=[0.21, 0.17]"]
-    # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
-    scene = aluminium_3mm(*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring")
-    recording = recorded(scene, tmp_path / "a.mcap")
-    balance = recording.balance
-    assert abs(balance.energy_residual) < 1e-10
-    assert abs(balance.momentum_residual) < 1e-12
-    plate = deflection(scene, recording)
-    moved = modal_displacement(scene.plant, truth_of(recording))
-    moved = moved[plate.times_ns // recording.truth.step_ns]
-    i, j = plate.contact_node
-    assert abs(moved).max() > 1e-6
-    assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * abs(moved).max()
-
-
 def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
     """What the forces give a free plate is momentum: m v of its mean deflection."""
     scene = aluminium_3mm(
@@ -116,30 +93,6 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
     speed = (mean[1] - mean[0]) / (99 * h)
     mass = 2700.0 * 0.003 * 0.1 * 0.08
     assert mass * speed == pytest.approx(-rows[4].sum() * h, rel=0.01)
-
-
-@pytest.mark.full
-def test_processes_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
-    plain = aluminium_3mm(*SHORT, "run.accuracy=0.05")
-    table = modes_of_scene(plain)
-    losses = np.linspace(1e-3, 5e-2, len(table.omega_rad_s))
-    table = type(table)(
-        table.omega_rad_s, losses, table.per_modal_mass_1_kg, table.shape_contact,
-        table.shape_actuator, table.residual_flexibility_m_n,
-    )  # fmt: skip
-    file = tmp_path / "lossy.csv"
-    file.write_bytes(write_modes(".csv", table))
-    scene = aluminium_3mm(*SHORT, f"plate.modes={file}")
-    assert parse(to_toml(scene.scene)) == scene
-    file.unlink()  # nobody needs it any more
-    recordings = []
-    for transport in (Transport.COMPILED, Transport.ZENOH):
-        path = tmp_path / f"{transport.value}.mcap"
-        report = run_as_json(run_and_assess(scene, path, RunOptions(transport, timeout_s=120.0)))
-        assert abs(report["residuals"]["energy"]) < 1e-10
-        assert "the modes of lossy.csv" in report["struck"]["name"]
-        recordings.append(read(path))
-    assert first_difference(*recordings) is None
 
 
 MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
