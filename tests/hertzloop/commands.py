@@ -1,7 +1,6 @@
 """Helpers that run hertzloop as a user does: as real processes."""
 
 import os
-import re
 import signal
 import subprocess
 import sys

@@ -50,12 +50,16 @@ def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def settings_of(name: str, modes: Path) -> list[str]:
+    return [*SHORT, *FEATURES[name].replace("MODES", str(modes)).split()]
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", FEATURES)
 def test_run_sweep_report_and_export_have_the_same_numbers(
     name: str, modes: Path, tmp_path: Path
 ) -> None:
-    settings = [*SHORT, *FEATURES[name].replace("MODES", str(modes)).split()]
+    settings = settings_of(name, modes)
     scene = ["aluminium-3mm", *as_options(settings)]
     file, sweep, metrics = tmp_path / "a.mcap", tmp_path / "s.csv", tmp_path / "a.json"
     over = ["--over", f"controller.latency_us={LATENCIES}", "--workers", "1"]

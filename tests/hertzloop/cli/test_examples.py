@@ -10,7 +10,7 @@ import pytest
 
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.scene.setup import load
-from tests.commands import as_options, refused, succeed
+from tests.commands import succeed
 from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.scenes import json_in
 

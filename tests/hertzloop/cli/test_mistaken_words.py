@@ -1,5 +1,6 @@
 """What a user types by mistake is answered with what is wrong and what to do, and exit code 2."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,8 @@ ANSWERS = {
     "controller.latency_us = 1500: is as long as the run, so no force acts.",
     "run --out a.txt": "--out = a.txt: a recording must end in .mcap",
     "run --out no/such/folder/a.mcap": "the folder no/such/folder does not exist",
+    "run --out pipe.mcap": "not a regular file. Choose another name",
+    "run --out link.mcap": "/none/x, which does",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
@@ -72,6 +75,8 @@ DASK = {
 @pytest.mark.parametrize("words", default(ANSWERS | DASK, ANSWERS))
 def test_it_is_answered(words: str, here: Path) -> None:
     (here / "folder.json").mkdir()
+    (here / "link.mcap").symlink_to(here / "none" / "x")
+    os.mkfifo(here / "pipe.mcap")
     for name, content in FILES.items():
         (here / name).write_bytes(content)
     before = set(here.iterdir())

@@ -99,23 +99,13 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
          "contact.limiting_pressure_pa=7.7e8", "contact.damping=hunt_crossley",
          "contact.restitution=0.8", "actuator.bandwidth_hz=3e5"],
     ),
-    "soft hammer": (
-        "aluminium-3mm",
-        ["run.duration_s=0.003", "hammer.mass_kg=0.005", "hammer.speed_m_s=0.5",
-         "hammer.tip_stiffness=1e7", "hammer.tip_exponent=1.2", "controller.law=force_feedback"],
-    ),
-    "sensor mass": (
-        "aluminium-3mm",
-        ["run.duration_s=0.003", "run.plate_model=modal", "sensors.point_m=[0.31, 0.22]",
-         "sensors.mass_kg=0.002", "sensors.quantity=v_p", "controller.law=velocity_feedback"],
-    ),
     "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
     "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
 }  # fmt: skip
 # Of the two kinds of plant that most scenes have: every other kind is compiled for half a minute.
 QUICK = set(VARIANTS) - {
     "two points", "published scheme", "pre-computed force", "force feedback", "actuator",
-    "preload", "yielding", "soft hammer", "sensor mass",
+    "preload", "yielding",
 }  # fmt: skip
 SOME = ["default", "converters", "two points", "actuator"]
 

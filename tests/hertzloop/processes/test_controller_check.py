@@ -1,6 +1,7 @@
 """`hertzloop law test` against real controller processes: ours, the example, broken ones."""
 
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path

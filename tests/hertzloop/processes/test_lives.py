@@ -3,6 +3,7 @@ signals work at any moment, the right one is blamed, and nothing stays behind.""
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess

@@ -71,7 +71,7 @@ def test_nothing_listens_on_any_network(
     assert folder.stat().st_mode & 0o777 == 0o700
     assert sorted(file.name for file in folder.iterdir() if file.is_socket()) == ["0", "1", "2"]
     run.send_signal(signal.SIGINT)
-    ended(run, 130)
+    finish(run)
     assert not folder.exists()
 
 
