@@ -12,9 +12,8 @@ from hertzloop.loop.run_options import RunOptions
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.views.run_json import run_as_json
 from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.own_laws import ROOT
 from tests.hertzloop.scenes import aluminium_3mm
-
-ROOT = Path(__file__).parents[3]
 
 
 def child(text: str, fails: int = 0) -> str:

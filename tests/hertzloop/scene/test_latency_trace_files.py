@@ -8,8 +8,8 @@ from mcap.writer import Writer
 
 from hertzloop.scene.latency_trace.reading import latencies_of_file
 from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES
+from tests.hertzloop.own_laws import EXAMPLES
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples" / "latency"
 TWO_THREADS = "       0:       0:       3\n       1:       0:       9\n       0:       1:       4\n"
 HISTOGRAM = (
     "# Histogram\n000000 000000\t000000\n000003 000005\t000000\n000007 000001\t000002\n"
@@ -121,4 +121,7 @@ def test_message_times_of_another_recorder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cyclictest-list.txt", "stamps.csv", "topic-delay.txt"])
 def test_examples(name: str) -> None:
-    assert all(1.0 < latency < 1e5 for latency in latencies_of_file({"file": name}, None, EXAMPLES))
+    assert all(
+        1.0 < latency < 1e5
+        for latency in latencies_of_file({"file": name}, None, EXAMPLES / "latency")
+    )
