@@ -24,12 +24,19 @@ EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may ke
 
 
 def hertzloop(*words: str, code: int = 0, **more: object) -> subprocess.CompletedProcess:
-    """Run a command to its end, which must be an exit code."""
-    done = subprocess.run(
-        [*HERTZLOOP, *words], capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more
-    )
-    assert done.returncode == code, done.stdout + done.stderr
+    """Run a command to its end, which must have an exit code."""
+    done = python("-m", "hertzloop", *words, code=code, **more)
     assert "Traceback" not in done.stderr
+    return done
+
+
+def python(*words: object, code: int = 0, **more: object) -> subprocess.CompletedProcess:
+    """Run Python with these arguments to its end, which must have an exit code."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
     return done
 
 

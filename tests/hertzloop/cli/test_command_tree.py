@@ -2,15 +2,13 @@
 
 import os
 import shlex
-import subprocess
-import sys
 
 import pytest
 
 from hertzloop.cli import app
 from hertzloop.cli.commands import CommandEntry, all_commands
 from tests.commands import succeed
-from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.commands import hertzloop, python
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
@@ -59,18 +57,11 @@ def test_help_and_version_import_no_numerics() -> None:
             "try: main()\nexcept SystemExit: pass\n"
             f"print(sorted({HEAVY!r} & set(sys.modules)))"
         )
-        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-        assert done.stdout.splitlines()[-1] == "[]", done.stdout[-300:] + done.stderr
+        assert python("-c", script).stdout.splitlines()[-1] == "[]"
 
 
 def test_completion_knows_the_commands() -> None:
     environment = {"_HERTZLOOP_COMPLETE": "complete_bash", "COMP_WORDS": "hertzloop sce"}
     script = "from hertzloop.cli import app; app.root_command()(prog_name='hertzloop')"
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **environment, "COMP_CWORD": "1"},
-    )
-    assert done.stdout.split() == ["scene"], done.stdout + done.stderr
+    found = python("-c", script, env={**os.environ, **environment, "COMP_CWORD": "1"})
+    assert found.stdout.split() == ["scene"]

@@ -1,8 +1,6 @@
 """The documented examples of what is struck, from an empty folder, and sweeps over all of it."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.scene.setup import load
 from tests.commands import succeed
+from tests.hertzloop.commands import python
 from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.scenes import json_in
 
@@ -19,7 +18,7 @@ def copied(folder: Path, *names: str) -> None:
     for name in names:
         shutil.copy(EXAMPLES / name, folder)
     for script in (name for name in names if name.endswith(".py")):
-        subprocess.run([sys.executable, script], cwd=folder, check=True, timeout=280)
+        python(script, cwd=folder)
 
 
 @pytest.mark.full
@@ -96,7 +95,4 @@ print("agrees")
 def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
     """A structure of one's own from one file, which adds its own row."""
     copied(tmp_path, "own_block.py", "own_block.toml")
-    found = subprocess.run(
-        [sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, timeout=280
-    )
-    assert found.stdout == "agrees\n", found.stderr
+    assert python("-c", BLOCK, cwd=tmp_path).stdout == "agrees\n"

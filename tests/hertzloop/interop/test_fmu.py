@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import files
 from importlib.util import find_spec
@@ -18,6 +16,7 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from tests.commands import as_options, refused, succeed
+from tests.hertzloop.commands import python
 from tests.hertzloop.interop.plant_in_c import NOISY, SHORT
 from tests.hertzloop.own_laws import needs_cc
 from tests.hertzloop.scenes import aluminium_3mm
@@ -229,13 +228,7 @@ def test_another_master_gets_the_same(path: Path, master: Master) -> None:
     """Ecos, in C++. It looks for a library that another package brings."""
     library = next(f for f in files("tbb") or [] if f.name == "libtbb.so.12")
     forces = [5.0 * (step % 3) for step in range(1300)]
-    done = subprocess.run(
-        [sys.executable, "-c", _ECOS, str(library.locate()), str(path), json.dumps(forces)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
+    done = python("-c", _ECOS, library.locate(), path, json.dumps(forces))
     seen = np.array([eval(line) for line in done.stdout.splitlines() if line.startswith("(")])
     ours = master.start().run(np.array(forces), 0, "gap", "sample")
     assert np.min(ours[:, 0]) < 0.0

@@ -1,7 +1,5 @@
 """A law that is a co-simulation unit (FMU), as other tools export them."""
 
-import subprocess
-import sys
 import zipfile
 from itertools import count
 from pathlib import Path
@@ -17,6 +15,7 @@ from hertzloop.scene.controller import bound_law, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from tests.commands import as_options, refused
+from tests.hertzloop.commands import python
 from tests.hertzloop.scenes import aluminium_3mm, run_recorded
 
 pytest.importorskip("fmpy")
@@ -74,8 +73,7 @@ def built(folder: Path, fault: str = "pass", more: str = "pass", name: str = "xi
     modules, so each has its own."""
     source = f"spring_{next(_NUMBERS)}.py"
     (folder / source).write_text(UNIT.format(fault=fault, more=more, name=name))
-    words = [sys.executable, "-m", "pythonfmu", "build", "-f", source, "-d", "."]
-    subprocess.run(words, cwd=folder, check=True, capture_output=True)
+    python("-m", "pythonfmu", "build", "-f", source, "-d", ".", cwd=folder)
     return folder / "SpringLaw.fmu"
 
 

@@ -1,7 +1,5 @@
 """Laws that are wrong: one sentence each, exit code 2 before the run and 1 in it."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
 from tests.commands import call, refused, said
-from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.commands import hertzloop, python
 from tests.hertzloop.own_laws import EXAMPLES, SHORT, build, needs_cc, write_law
 from tests.hertzloop.scenes import aluminium_3mm
 from tests.tiers import default
@@ -128,8 +126,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
         "from hertzloop.scene.setup import load\n"
         "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    python("-c", script, cwd=here)
 
 
 def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,12 +199,10 @@ def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
 
 
 # A hertzloop that gives a law less time.
-IMPATIENT = [
-    sys.executable,
-    "-c",
+IMPATIENT = (
     "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
-    "from hertzloop.__main__ import main; main()",
-]
+    "from hertzloop.__main__ import main; main()"
+)
 
 
 @pytest.mark.full
@@ -220,9 +215,7 @@ def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
         words = ["sweep", "aluminium-3mm", "--workers", "1", "--span", "run"]
         words += ["--over", "controller.share=0.2"]
     settings = [*LONGER, "--set", "controller.law=mine.py"]
-    line = [*IMPATIENT, *words, *settings]
-    done = subprocess.run(line, cwd=here, text=True, capture_output=True, timeout=120)
-    assert done.returncode == 1
+    done = python("-c", IMPATIENT, *words, *settings, cwd=here, code=1)
     assert "Check it for an endless loop." in " ".join(done.stderr.split())
     if command != "sweep":
         assert any("endless loop" in problem for problem in read(here / "a.mcap").problems)
