@@ -53,8 +53,6 @@ RULES = {
     "gap": "gap on stream 'force': sequence 6 came, 4 was expected",
     "late": "controller does not respond; plant waited 5 s for the force for step",
     "dies": "failed with exit code 3",
-    "fault": "the controller ended the run: out of force",
-    "rubbish": "malformed message on stream 'force' where sequence 2 was expected",
     "exit-code": "failed with exit code 4",
     "by-the-cut": "a horizon of 100 steps: the controller's force of step",
 }

@@ -157,14 +157,7 @@ def test_what_is_not_predictable_is_not_added_up() -> None:
     assert said(known(9e-5, 4e-5)).startswith("The effect of control is unpredictable")
 
 
-def began(number: int) -> EventData:
-    return EventData(EventKind.CONTACT_BEGAN, number)
-
-
-def ended(number: int) -> EventData:
-    return EventData(EventKind.CONTACT_ENDED, number)
-
-
+BEGAN, ENDED = EventData(EventKind.CONTACT_BEGAN), EventData(EventKind.CONTACT_ENDED)
 OUT = EventData(EventKind.RANGE_LEFT, quantity="xi")
 BACK = EventData(EventKind.RANGE_REGAINED, quantity="xi")
 
@@ -172,10 +165,10 @@ BACK = EventData(EventKind.RANGE_REGAINED, quantity="xi")
 @pytest.mark.parametrize(
     ("announced", "expected"),
     [
-        ([began(1), ended(1)], None),
-        ([OUT, began(1), ended(1), began(2)], (1, 2)),
-        ([began(1), OUT, BACK, OUT], (2, 2)),
-        ([began(1), OUT, ended(1), BACK, OUT], (1, 2)),
+        ([BEGAN, ENDED], None),
+        ([OUT, BEGAN, ENDED, BEGAN], (1, 2)),
+        ([BEGAN, OUT, BACK, OUT], (2, 2)),
+        ([BEGAN, OUT, ENDED, BACK, OUT], (1, 2)),
     ],
 )
 def test_a_gap_out_of_range_counts_while_it_matters(

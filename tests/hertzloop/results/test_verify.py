@@ -85,7 +85,6 @@ def test_the_law_answers_the_finer_plant() -> None:
     (free,) = impacts_in(fine, series_under(plant, forces))
     (coarse,) = impacts_in(scene.plant, run.truth)
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
-    print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
     assert closed.plate_energy > 1.5 * open_loop
 
 
