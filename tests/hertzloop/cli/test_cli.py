@@ -47,9 +47,7 @@ def test_first_run_of_a_new_user(here: Path) -> None:
             "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
             "plate_energy_j", "plate_speed_max_m_s",
         }  # fmt: skip
-    again = hertzloop("run", cwd=here, code=2)
-    assert "aluminium-20mm.mcap exists" in again.stderr
-    assert "--overwrite" in again.stderr
+    assert "--overwrite" in refused("aluminium-20mm.mcap exists", "run")
 
 
 @pytest.mark.full

@@ -1,6 +1,7 @@
 """What a user types by mistake is answered with what is wrong and what to do, and exit code 2."""
 
 import os
+import shlex
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,11 @@ ANSWERS = {
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
+    """run --controller "sh 'x" """: "No closing quotation. Close the quotation.",
+    "run --controller 'sh {connect}'": "has one of {listen} and {connect}. Use both, or none",
+    "law test --controller no-such-program": "no-such-program': cannot be started",
+    "law test --controller true --law none": "controller.law = 'none': unknown law",
+    "law test --law off": "--controller: missing. Give the command line of your program.",
     "run --repeat a.csv": f"a.csv{NO_MCAP}",
     "inspect a.png": f"a.png{NO_MCAP}",
     "inspect none.mcap": "none.mcap",
@@ -80,7 +86,7 @@ def test_it_is_answered(words: str, here: Path) -> None:
     for name, content in FILES.items():
         (here / name).write_bytes(content)
     before = set(here.iterdir())
-    assert "damaged" not in refused((ANSWERS | DASK)[words], *words.split())
+    assert "damaged" not in refused((ANSWERS | DASK)[words], *shlex.split(words))
     assert set(here.iterdir()) == before
 
 
