@@ -101,26 +101,22 @@ def killed_at_the_end(processes: Iterable[subprocess.Popen]) -> Iterator[None]:
             process.communicate()
 
 
-def next_line(
-    process: subprocess.Popen, of: IO[str] | None = None, timeout_s: float = EVENTUALLY_S
-) -> str:
+def next_line(process: subprocess.Popen, of: IO[str] | None = None) -> str:
     """The next line that a process prints, on its standard output if no other stream is given.
     Raises AssertionError where it prints none."""
     stream = of or process.stdout
     found: list[str] = []
     reader = threading.Thread(target=lambda: found.append(stream.readline()), daemon=True)
     reader.start()
-    reader.join(timeout_s)
+    reader.join(EVENTUALLY_S)
     if not found:
         process.kill()
-        raise AssertionError(f"printed no line within {timeout_s} s: {process.args}")
+        raise AssertionError(f"printed no line within {EVENTUALLY_S} s: {process.args}")
     assert found[0], f"printed no further line, exit code {process.poll()}: {process.args}"
     return found[0]
 
 
-def child_of(
-    process: subprocess.Popen, command: str, timeout_s: float = EVENTUALLY_S
-) -> psutil.Process:
+def child_of(process: subprocess.Popen, command: str) -> psutil.Process:
     """The child process of a `hertzloop run` that runs `command` ("plant", "recorder", ...)."""
 
     def look() -> psutil.Process | None:
@@ -133,7 +129,7 @@ def child_of(
                 continue
         return None
 
-    return wait_for(look, timeout_s)
+    return wait_for(look)
 
 
 def wait_for(look: Callable, timeout_s: float = EVENTUALLY_S):  # type: ignore[no-untyped-def]

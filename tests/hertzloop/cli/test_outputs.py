@@ -164,7 +164,7 @@ def test_a_full_disk_leaves_no_part(
 
 
 @pytest.mark.full
-def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path, here: Path) -> None:
+def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path) -> None:
     old = full / "out.mcap"
     old.write_bytes(b"old")
     result = call("repair", str(recording), "-o", str(old), "--overwrite")

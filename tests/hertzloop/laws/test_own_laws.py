@@ -65,7 +65,7 @@ class Half:
 
 
 @pytest.mark.full
-def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_by_class_package_and_entry_point(here: Path) -> None:
     package = here / "acme_laws"
     package.mkdir()
     (package / "__init__.py").write_text("")
@@ -152,7 +152,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
         aluminium_3mm("controller.share=0.25")
 
 
-def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_beside_its_scene(here: Path) -> None:
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
