@@ -127,7 +127,7 @@ class Intruder:
     def __init__(self, hosts: Network, host: str, config: Path, *options: str) -> None:
         command = ["-m", "tests.hertzloop.processes.intruder", str(config), "hertzloop", *options]
         self._process = hosts.start(host, *command, stdin=subprocess.PIPE)
-        self.began = self.says()
+        self.says()  # that it has begun
 
     def says(self) -> dict:
         """The next line of its output."""
