@@ -38,11 +38,12 @@ def succeed(*words: object) -> str:
     return said(result)
 
 
-def refused(sentence: str, *words: object) -> None:
-    """Fail unless a command ends as the user's mistake, with this sentence."""
+def refused(sentence: str, *words: object) -> str:
+    """What a command says that ends as the user's mistake, with this sentence."""
     result = call(*words)
     assert result.exit_code == 2, result.output
     assert sentence in said(result)
+    return said(result)
 
 
 def as_options(settings: Iterable[str]) -> list[str]:

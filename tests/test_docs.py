@@ -6,8 +6,6 @@ import inspect
 import pkgutil
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -20,6 +18,7 @@ from hertzloop.cli import app
 from hertzloop.cli.commands import all_commands
 from hertzloop.scene.keys import keys, page
 from tests import metric_page
+from tests.hertzloop.commands import python
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -35,10 +34,7 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
     script = tmp_path / "page.py"
     script.write_text("import matplotlib\nmatplotlib.use('Agg')\n" + "\n".join(blocks))
-    done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=280
-    )
-    assert done.returncode == 0, done.stderr
+    python(script, cwd=tmp_path)
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -94,15 +90,8 @@ def test_every_command_has_its_line() -> None:
 
 @pytest.mark.full
 def test_the_site_builds_strictly(tmp_path: Path) -> None:
-    done = subprocess.run(
-        # Without --quiet, with which MkDocs does not count the warnings that --strict refuses.
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", tmp_path],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
+    # Without --quiet, with which MkDocs does not count the warnings that --strict refuses.
+    python("-m", "mkdocs", "build", "--strict", "-d", tmp_path, cwd=ROOT)
     assert (tmp_path / "how-to" / "laws" / "index.html").exists()
 
 

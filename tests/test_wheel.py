@@ -9,20 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.hertzloop.commands import python
+
 ROOT = Path(__file__).parents[1]
 OWN = ("controller.py", "plant.py", "jit.py", "law.py", "bus/__init__.py", "recordings/__init__.py")
 RUN = ["--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1"]
 
 
 def built(root: Path, target: str, folder: Path) -> Path:
-    done = subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    python("-m", "hatchling", "build", "-t", target, "-d", folder, cwd=root)
     [path] = folder.iterdir()
     return path
 
@@ -71,19 +66,11 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def called(folder: Path, *words: str, python: str = sys.executable, path: str = str(ROOT)) -> str:
-    done = subprocess.run(
-        [python, *words], cwd=folder, capture_output=True, text=True, timeout=300,
-        check=False, env={**os.environ, "PYTHONPATH": path},
-    )  # fmt: skip
-    assert done.returncode == 0, (words, done.stdout[-500:], done.stderr[-1500:])
-    return done.stdout
-
-
 def test_a_law_and_a_script_import_the_modules_of_the_user(folder: Path) -> None:
-    law = ["--set", "controller.law=mine.py", "--out", "a.mcap"]
-    called(folder, "-m", "hertzloop", "run", "aluminium-3mm", "--transport", "compiled", *RUN, *law)
-    assert called(folder, "script.py").count("the user") == 5
+    place = {"cwd": folder, "env": {**os.environ, "PYTHONPATH": str(ROOT)}}
+    law = ["--set", "controller.law=mine.py", "--out", "a.mcap", "--transport", "compiled"]
+    python("-m", "hertzloop", "run", "aluminium-3mm", *RUN, *law, **place)
+    assert python("script.py", **place).stdout.count("the user") == 5
 
 
 @pytest.fixture(scope="module")
@@ -92,18 +79,23 @@ def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactor
     site-packages bring these, and leave the editable install out."""
     environment = tmp_path_factory.mktemp("installed") / "env"
     subprocess.run([sys.executable, "-m", "venv", environment], check=True)
-    python = environment / "bin" / "python"
-    subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", wheels[0]], check=True)
+    found = environment / "bin" / "python"
+    subprocess.run([found, "-m", "pip", "install", "-q", "--no-deps", wheels[0]], check=True)
     [packages] = environment.glob("lib/python*/site-packages")
     ours = [path for path in sys.path if path.endswith("site-packages")]  # environments may nest
     (packages / "dependencies.pth").write_text("\n".join(ours) + "\n")
-    return str(python)
+    return str(found)
 
 
 @pytest.mark.full
 def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
     def run(*words: str) -> str:
-        return called(tmp_path, *words, python=installed, path="")
+        done = subprocess.run(
+            [installed, *words], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": ""},
+        )  # fmt: skip
+        assert done.returncode == 0, (words, done.stderr)
+        return done.stdout
 
     found = run("-c", "import hertzloop; print(hertzloop.__file__)")
     assert found.startswith(str(Path(installed).parents[1]))

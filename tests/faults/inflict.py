@@ -11,13 +11,13 @@ from pathlib import Path
 
 import psutil
 
+from hertzloop.bus.streams import ROLES
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
 from hertzloop.views.inspection_json import summary
 from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_for
 
-COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
 LAUNCHER = "launcher"
 SIGNALS = {
     "kill": signal.SIGKILL, "crash": signal.SIGSEGV, "stop": signal.SIGSTOP,
@@ -63,7 +63,7 @@ class NotUnderWay(Exception):
 def draw(random_: random.Random) -> Fault:
     """Any fault. Who stops while the others wait for him to appear is waited for for minutes: only
     a run under way has to end soon then, and the launcher is waited for by nobody."""
-    victim = random_.choice([*COMMANDS, LAUNCHER])
+    victim = random_.choice([*ROLES, LAUNCHER])
     how = random_.choice([h for h in SIGNALS if victim != LAUNCHER or h not in ("stop", "crash")])
     starting = random_.random() < 0.25 and how not in ("stop", "long pause")
     pause_s = random_.uniform(*PAUSES_S.get(how, (0.0, 0.0)))
@@ -118,7 +118,7 @@ def inflict(fault: Fault, folder: Path) -> Outcome:
     children: list[psutil.Process] = []
     try:
         try:
-            known = {role: child_of(run, command) for role, command in COMMANDS.items()}
+            known = {role: child_of(run, role) for role in ROLES}
             children = list(known.values())
             victim = known.get(fault.victim) or psutil.Process(run.pid)
             if not fault.starting:

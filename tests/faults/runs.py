@@ -112,7 +112,6 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--tries", type=int, default=1000)
     options.add_argument("--seed", type=int, default=secrets.randbits(32))
-    options.add_argument("--first", type=int, default=0, help="leave out the tries before")
     options.add_argument("--at-once", type=int, default=1, help="tries that share the machine")
     options.add_argument("--results", type=Path, help="a file to keep, and to go on from")
     wish = "write the table to docs/evidence/faults.md"
@@ -127,7 +126,7 @@ def main() -> int:
         except JournalError as error:
             options.error(str(error))
         with journal, suppress(KeyboardInterrupt):  # then the table of what was tried until then
-            open_ = {n: faults[n] for n in range(given.first, given.tries) if n not in journal.done}
+            open_ = {n: fault for n, fault in enumerate(faults) if n not in journal.done}
             for number, found in series(open_, given.at_once):
                 outcome = found if isinstance(found, Outcome) else None
                 journal.add({"case": number, "outcome": outcome and asdict(outcome)})
@@ -137,7 +136,6 @@ def main() -> int:
     print(made := table(faults, tried))
     if given.page:
         words = f"python -m tests.faults.runs --tries {given.tries} --seed {given.seed}"
-        words += f" --first {given.first}" if given.first else ""
         words += f" --at-once {given.at_once}" if given.at_once > 1 else ""
         page.put("runs", words, made)
     return int(any(map(bad, tried.values())))

@@ -23,13 +23,21 @@ WELL_UNDER_WAY = 2_000_000  # bytes
 EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may keep the cores busy
 
 
-def hertzloop(
-    *words: str, timeout_s: float = 2 * EVENTUALLY_S, **more: object
-) -> subprocess.CompletedProcess:
-    """Run a command to its end."""
-    return subprocess.run(
-        [*HERTZLOOP, *words], capture_output=True, text=True, timeout=timeout_s, **more
-    )
+def hertzloop(*words: str, code: int = 0, **more: object) -> subprocess.CompletedProcess:
+    """Run a command to its end, which must have an exit code."""
+    done = python("-m", "hertzloop", *words, code=code, **more)
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def python(*words: object, code: int = 0, **more: object) -> subprocess.CompletedProcess:
+    """Run Python with these arguments to its end, which must have an exit code."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
 
 
 def start(*words: str, **more: object) -> subprocess.Popen:
@@ -59,10 +67,9 @@ class Bus:
         return start("node", role, *words, *self.words(role, wait_s))
 
 
-def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str, float]:
-    """Exit code, standard error in one line, seconds it took. Raises AssertionError with the stacks
-    of a process that does not end."""
-    began = time.monotonic()
+def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str]:
+    """Exit code, and standard error in one line. Raises AssertionError with the stacks of a process
+    that does not end."""
     try:
         _, err = process.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
@@ -70,7 +77,17 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
         process.send_signal(signal.SIGCONT)  # one that is stopped prints no stacks
         _, err = process.communicate(timeout=EVENTUALLY_S)
         raise AssertionError(f"not ended within {timeout_s} s: {process.args}\n{err}") from None
-    return process.returncode, " ".join(err.split()), time.monotonic() - began
+    return process.returncode, " ".join(err.split())
+
+
+def ended(process: subprocess.Popen, code: int = 0, *words: str) -> str:
+    """Standard error, in one line, of a process that must end with an exit code and these words."""
+    found, err = finish(process)
+    assert found == code, err
+    assert "Traceback" not in err
+    for word in words:
+        assert word in err
+    return err
 
 
 @contextmanager
@@ -84,26 +101,22 @@ def killed_at_the_end(processes: Iterable[subprocess.Popen]) -> Iterator[None]:
             process.communicate()
 
 
-def next_line(
-    process: subprocess.Popen, of: IO[str] | None = None, timeout_s: float = EVENTUALLY_S
-) -> str:
+def next_line(process: subprocess.Popen, of: IO[str] | None = None) -> str:
     """The next line that a process prints, on its standard output if no other stream is given.
     Raises AssertionError where it prints none."""
     stream = of or process.stdout
     found: list[str] = []
     reader = threading.Thread(target=lambda: found.append(stream.readline()), daemon=True)
     reader.start()
-    reader.join(timeout_s)
+    reader.join(EVENTUALLY_S)
     if not found:
         process.kill()
-        raise AssertionError(f"printed no line within {timeout_s} s: {process.args}")
+        raise AssertionError(f"printed no line within {EVENTUALLY_S} s: {process.args}")
     assert found[0], f"printed no further line, exit code {process.poll()}: {process.args}"
     return found[0]
 
 
-def child_of(
-    process: subprocess.Popen, command: str, timeout_s: float = EVENTUALLY_S
-) -> psutil.Process:
+def child_of(process: subprocess.Popen, command: str) -> psutil.Process:
     """The child process of a `hertzloop run` that runs `command` ("plant", "recorder", ...)."""
 
     def look() -> psutil.Process | None:
@@ -116,7 +129,7 @@ def child_of(
                 continue
         return None
 
-    return wait_for(look, timeout_s)
+    return wait_for(look)
 
 
 def wait_for(look: Callable, timeout_s: float = EVENTUALLY_S):  # type: ignore[no-untyped-def]

@@ -1,13 +1,12 @@
 """Fixtures of the tests of the lock-step."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from hertzloop.loop import plant_streams
+from tests.hertzloop.commands import python
 from tests.hertzloop.own_laws import ROOT
 
 
@@ -28,8 +27,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the messages as the examples of controllers import them."""
     folder = tmp_path_factory.mktemp("messages")
     shutil.copy(ROOT / "bus" / "messages.proto", folder)
-    words = ["-m", "grpc_tools.protoc", "-I.", "--python_out=.", "messages.proto"]
-    subprocess.run([sys.executable, *words], cwd=folder, check=True)
+    python("-m", "grpc_tools.protoc", "-I.", "--python_out=.", "messages.proto", cwd=folder)
     return folder
 
 

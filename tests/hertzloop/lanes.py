@@ -54,7 +54,6 @@ class Pair:
 
     scene: Setup
     timeout_s: float = EVENTUALLY_S
-    horizon: int | None = None
     fast_lane: bool = True
     takes_lane: bool = True
     heard: list[Envelope] = field(default_factory=list)
@@ -68,7 +67,7 @@ class Pair:
         for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
             self.ports[role].other = self.ports[other]
         self.plant = PlantNode(
-            self.scene, self.ports[PLANT], self.horizon, self.timeout_s, fast_lane=self.fast_lane
+            self.scene, self.ports[PLANT], timeout_s=self.timeout_s, fast_lane=self.fast_lane
         )
         self.controller = ControllerNode(self.ports[CONTROLLER], fast_lane=self.takes_lane)
 

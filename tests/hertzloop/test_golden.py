@@ -7,9 +7,10 @@ import pytest
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse
+from tests.hertzloop.own_laws import ROOT
 from tests.hertzloop.scenes import recorded
 
-GOLDEN = Path(__file__).resolve().parents[2] / "recordings" / "golden"
+GOLDEN = ROOT / "recordings" / "golden"
 # Two processors may round differently in the exponentials of the model; over 4000 steps
 # that grows to some 1e-12. Far below anything that a change of the model would do.
 TOLERANCE = 1e-9

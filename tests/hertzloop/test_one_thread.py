@@ -1,8 +1,6 @@
 """The same bits however many threads linear algebra had before hertzloop came."""
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor, wait
 from threading import Event
 
@@ -12,6 +10,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from hertzloop.plant import one_thread
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.results.cases import metrics_of_case
+from tests.hertzloop.commands import python
 from tests.hertzloop.scenes import aluminium_3mm
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
@@ -32,9 +31,7 @@ def test_a_plate_is_the_same_where_numpy_came_first() -> None:
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one core: NumPy has one thread anyway")
     unasked = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=unasked | {"OMP_NUM_THREADS": "2"},
-                          capture_output=True, text=True, timeout=280)  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done = python("-c", SCRIPT, env=unasked | {"OMP_NUM_THREADS": "2"})
     before, digest, after = done.stdout.split()
     assert digest == metrics_of_case(aluminium_3mm(*SETTINGS)).digest
     assert before == after == "2"  # what the caller has is left alone

@@ -1,12 +1,11 @@
 """A new scheme, structure, quantity and stream need what docs/explanation/architecture.md says."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.hertzloop.commands import hertzloop, python
 from tests.hertzloop.own_laws import ROOT
 from tests.hertzloop.scenes import json_in
 
@@ -307,11 +306,8 @@ else:
 
 
 def run(script: str, folder: Path, **environment: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{script}"],
-        cwd=folder, env=os.environ | environment, capture_output=True, text=True, timeout=280,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    before = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+    python("-c", before + script, cwd=folder, env=os.environ | environment)
 
 
 @pytest.mark.full
@@ -345,16 +341,9 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) ->
     )
 
     def command(*words: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", "hertzloop", *words, str(examples / "own_beam.toml")],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            timeout=280,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        scene = str(examples / "own_beam.toml")
+        return hertzloop(*words, scene, cwd=tmp_path, env=environment).stdout
 
     assert "Control reduces plate energy" in command("run", "--json", "run.json", "--out", "a.mcap")
     ran = json_in(tmp_path / "run.json")

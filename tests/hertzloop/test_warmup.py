@@ -1,14 +1,13 @@
 """What has to be compiled follows from the types of a scene's parts."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from hertzloop import warmup
 from hertzloop.scene.setup import Setup
+from tests.hertzloop.commands import python
 from tests.hertzloop.scenes import aluminium_3mm
 
 COARSE = ["run.duration_s=0.0025", "run.accuracy=0.1"]
@@ -87,13 +86,8 @@ print(told)
 def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
     """From an empty cache."""
     (tmp_path / "cache").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(tmp_path)],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout.split() == ["[]", "[]"], done.stderr
+    cache = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert python("-c", SCRIPT, tmp_path, env=cache).stdout.split() == ["[]", "[]"]
 
 
 LEAN = """
@@ -112,7 +106,4 @@ print([name for name in late if name in sys.modules])
 @pytest.mark.usefixtures("warm_kernels")
 def test_a_run_loads_neither_the_compiler_nor_scipy() -> None:
     """Kernels that are in the cache need neither: together they take a third of a second."""
-    done = subprocess.run(
-        [sys.executable, "-c", LEAN], capture_output=True, text=True, timeout=120.0
-    )
-    assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
+    assert python("-c", LEAN).stdout.strip() == "[]"

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.time_series import F_A, XI
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
+from tests.hertzloop.scenes import aluminium_3mm
 from tests.latency.modes_alone import modes_alone
 
 KEYS = ["controller.v_thr_m_s=-0.6", "run.duration_s=0.00007", "run.lead_in_s=0.00002"]
@@ -27,7 +28,7 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Plate:
 
 
 def scene(plate: Plate, step_ns: int) -> Setup:
-    return load("aluminium-3mm", [*KEYS, *plate, f"run.step_ns={step_ns}"])
+    return aluminium_3mm(*KEYS, *plate, f"run.step_ns={step_ns}")
 
 
 @cache

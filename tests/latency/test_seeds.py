@@ -5,7 +5,7 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.scene.setup import load
+from tests.hertzloop.scenes import aluminium_3mm
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
 CHANCE = {
@@ -18,7 +18,7 @@ CHANCE = {
 @pytest.mark.parametrize("name", CHANCE)
 def test_a_seed_repeats_and_another_differs(name: str) -> None:
     digests = [
-        metrics_of_case(load("aluminium-3mm", [*KEYS, *CHANCE[name], f"run.seed={seed}"])).digest
+        metrics_of_case(aluminium_3mm(*KEYS, *CHANCE[name], f"run.seed={seed}")).digest
         for seed in (1, 1, 2, 3)
     ]
     assert digests[0] == digests[1]
@@ -27,7 +27,7 @@ def test_a_seed_repeats_and_another_differs(name: str) -> None:
 
 def test_a_longer_run_begins_with_the_same_chance() -> None:
     both = [*KEYS, *(key for keys in CHANCE.values() for key in keys)]
-    short = simulate(load("aluminium-3mm", both))
-    long = simulate(load("aluminium-3mm", [*both, "run.duration_s=0.002"]))
+    short = simulate(aluminium_3mm(*both))
+    long = simulate(aluminium_3mm(*both, "run.duration_s=0.002"))
     assert np.array_equal(short.truth, long.truth[:, : short.truth.shape[1]])
     assert np.array_equal(short.samples, long.samples[: len(short.samples)])

@@ -11,14 +11,15 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.scene.controller import build_controller
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
+from tests.hertzloop.scenes import aluminium_3mm
 
 LATENCY_US = 3
 
 
 @pytest.fixture
 def scene() -> Setup:
-    return load("aluminium-3mm", ["run.duration_s=0.0015", f"controller.latency_us={LATENCY_US}"])
+    return aluminium_3mm("run.duration_s=0.0015", f"controller.latency_us={LATENCY_US}")
 
 
 def run(scene: Setup, path: Path) -> Recording:

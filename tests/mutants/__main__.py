@@ -42,10 +42,9 @@ def table(rows: list[Row]) -> str:
     return markdown(("folder", "tried", *OUTCOMES, "noticed"), lines)
 
 
-def drawn(root: Path, folder: str, tries: int, seed: int, only: list[str]) -> list[Mutation]:
-    """`tries` mutations of a folder, or of those of its files that are in `only`."""
-    paths = [path for path in sources(root, folder) if not only or path in only]
-    found = [mutation for path in paths for mutation in mutations(root, path)]
+def drawn(root: Path, folder: str, tries: int, seed: int) -> list[Mutation]:
+    """`tries` mutations of a folder."""
+    found = [mutation for path in sources(root, folder) for mutation in mutations(root, path)]
     kept: list[Mutation] = []
     for mutation in draw(found, f"{seed} {folder}"):
         if len(kept) == tries:
@@ -55,12 +54,12 @@ def drawn(root: Path, folder: str, tries: int, seed: int, only: list[str]) -> li
     return kept
 
 
-def try_one(copy: Copy, mutation: Mutation, given: list[str]) -> Row:
-    """What the tests say of one mutant: those `given`, or else those that know its file."""
+def try_one(copy: Copy, mutation: Mutation) -> Row:
+    """What the tests that know its file say of one mutant."""
     text = (copy.root / mutation.path).read_text()
     changed = mutated(text, mutation)
     assert changed is not None
-    outcome, files = copy.attempt(mutation.path, changed, given)
+    outcome, files = copy.attempt(mutation.path, changed)
     diff = difflib.unified_diff(
         text.splitlines(), changed.splitlines(), mutation.path, mutation.path, lineterm="", n=2
     )
@@ -81,16 +80,10 @@ def mutation_of(row: Row) -> Mutation:
     return Mutation(row["path"], row["line"], row["operator"], row["occurrence"])
 
 
-def run(
-    copy: Copy,
-    chosen: list[Mutation],
-    rows: list[Row],
-    results: Path | None = None,
-    given: list[str] | None = None,
-) -> None:
+def run(copy: Copy, chosen: list[Mutation], rows: list[Row], results: Path | None = None) -> None:
     """Try mutants in turn, and add a row each to `rows` and to the file of results."""
     for number, mutation in enumerate(chosen, 1):
-        row = try_one(copy, mutation, given or [])
+        row = try_one(copy, mutation)
         rows[:] = [old for old in rows if mutation_of(old) != mutation] + [row]
         if results is not None:
             results.write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -106,34 +99,27 @@ def main() -> int:
     parser.add_argument("folders", nargs="+", help="as bus, or hertzloop/loop")
     parser.add_argument("--tries", type=int, default=40, help="mutants of each folder")
     parser.add_argument("--seed", type=int, default=secrets.randbits(32))
-    parser.add_argument("--only", action="append", default=[], metavar="FILE")
     parser.add_argument(
         "--seconds",
         type=float,
         default=60.0,
         help="processor time of tests for a mutant: of its folder's, and of others",
     )
-    parser.add_argument("--near", action="store_true", help="no tests but of the folder's own")
     parser.add_argument("--default-tier", action="store_true", help="no tests but of this tier")
-    parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="these, no others")
     parser.add_argument("--results", type=Path, help="a file that is read, and written")
-    parser.add_argument("--survivors", action="store_true", help="of the results, and no others")
     given = parser.parse_args()
     rows = read(given.results)
     print(f"seed {given.seed}", flush=True)
     try:
         with (
-            copy_of(ROOT, given.seconds, given.near, given.default_tier) as copy,
+            copy_of(ROOT, given.seconds, given.default_tier) as copy,
             suppress(KeyboardInterrupt),
         ):
             for folder in given.folders:
-                if given.survivors:
-                    chosen = survivors(rows, folder)
-                else:
-                    done = {mutation_of(row) for row in rows}
-                    new = drawn(ROOT, folder, given.tries, given.seed, given.only)
-                    chosen = [mutation for mutation in new if mutation not in done]
-                run(copy, chosen, rows, given.results, given.tests)
+                done = {mutation_of(row) for row in rows}
+                new = drawn(ROOT, folder, given.tries, given.seed)
+                chosen = [mutation for mutation in new if mutation not in done]
+                run(copy, chosen, rows, given.results)
     except Busy as error:
         print(error, file=sys.stderr)
         return 2
@@ -150,12 +136,6 @@ def read(results: Path | None) -> list[Row]:
     if len(kept) < len(rows):
         print(f"{len(rows) - len(kept)} results are of files that have changed; left out")
     return kept
-
-
-def survivors(rows: list[Row], folder: str) -> list[Mutation]:
-    """Those of a folder that no test noticed."""
-    found = [row for row in rows if row["outcome"] == "survived"]
-    return [mutation_of(row) for row in found if row["path"].startswith(f"{folder}/")]
 
 
 if __name__ == "__main__":

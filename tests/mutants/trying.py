@@ -36,11 +36,8 @@ class Copy:
     It has the same place each time, since compiled kernels are kept by place and time of change.
     """
 
-    def __init__(
-        self, root: Path, folder: Path, most_s: float, near: bool = False, default: bool = False
-    ) -> None:
+    def __init__(self, root: Path, folder: Path, most_s: float, default: bool) -> None:
         self.root, self.tree, self.most_s = root, folder / "tree", most_s
-        self._stages = (True,) if near else (True, False)
         self._tier = ["-m", "not full and not soak"] if default else []
         self._scratch, self._log = folder / "t", folder / "output.txt"
         self._times = folder / f"seconds{'-default' * default}.json"
@@ -73,12 +70,12 @@ class Copy:
         """The last lines that tests printed."""
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-12:])
 
-    def attempt(self, path: str, changed: str, given: list[str]) -> tuple[str, list[str]]:
-        """What tests do with a file changed: killed, survived, timed out; and which were run:
-        those `given`, or else those that know the file."""
+    def attempt(self, path: str, changed: str) -> tuple[str, list[str]]:
+        """What tests do with a file changed: killed, survived, timed out; and which were run,
+        near ones first."""
         files: list[str] = []
-        for near in self._stages[:1] if given else self._stages:
-            more = given or self.tests(path, near)
+        for near in (True, False):
+            more = self.tests(path, near)
             files += more
             (self.tree / path).write_text(changed)
             # Python tells bytecode of the original by size and whole seconds of the change.
@@ -129,11 +126,11 @@ class Copy:
 
 @contextmanager
 def copy_of(
-    root: Path, most_s: float, near: bool = False, default: bool = False, folder: Path | None = None
+    root: Path, most_s: float, default: bool = False, folder: Path | None = None
 ) -> Iterator[Copy]:
     """A copy of the sources, in a folder among the temporary ones that stays. Raises Busy.
 
-    `near`: only tests of the folder's own; `default`: only those of the default tier.
+    `default`: run only tests of the default tier.
     """
     if folder is None:
         name = hashlib.sha256(bytes(root)).hexdigest()[:8]
@@ -144,7 +141,7 @@ def copy_of(
             flock(lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
             raise Busy(f"{folder} is in use by another run of this command") from None
-        yield Copy(root, folder, most_s, near, default)
+        yield Copy(root, folder, most_s, default)
 
 
 def _end_all(tree: Path) -> None:

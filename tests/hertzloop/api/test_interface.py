@@ -1,8 +1,6 @@
 """The Python interface: the same numbers as the command line's parts, labelled; the notebook."""
 
 import re
-import subprocess
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml
 from hertzloop.views.run_json import run_as_json
 from tests.commands import succeed
+from tests.hertzloop.commands import python
 from tests.hertzloop.own_laws import EXAMPLES, ROOT
 from tests.hertzloop.scenes import json_in
 
@@ -129,11 +128,10 @@ def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
         "try:\n    hertzloop.ImpactEnv\n"
         "except ModuleNotFoundError as error:\n    print(error)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
-    assert done.stdout == (
+    assert python("-c", code).stdout == (
         "True set()\n"
         "this needs gymnasium, which is not installed: pip install 'hertzloop[interop]'\n"
-    ), done.stdout + done.stderr
+    )
     assert set(interface.__all__) | {"__version__"} == set(hertzloop.__all__)
     documented = set(re.findall(r"`(\w+(?:Error|Failed|Fault))`", PAGE.read_text())) - {
         "ValueError",
@@ -213,8 +211,7 @@ def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) 
         "table = hertzloop.sweep(scene, request)\n"
         "print(table.sizes['case'], sum(table.status.values != ''))\n"
     )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=280)
-    assert (done.stdout, done.returncode) == ("40 0\n", 0), done.stderr
+    assert python(script).stdout == "40 0\n"
 
 
 @pytest.mark.full

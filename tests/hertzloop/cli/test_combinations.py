@@ -76,6 +76,5 @@ def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path
     with pytest.raises((SceneError, LawError)) as found:
         check_buildable(aluminium_3mm("run.duration_s=0.002", *settings))
     sentence = str(found.value)
-    print(sentence)
     # The sentence names a key of each, and begins its remedy with a verb.
     assert re.search(r"\. (Use|Give|Remove|Leave|Choose|Set|Support|Add|Reduce)", sentence)

@@ -2,15 +2,13 @@
 
 import os
 import shlex
-import subprocess
-import sys
 
 import pytest
 
 from hertzloop.cli import app
 from hertzloop.cli.commands import CommandEntry, all_commands
 from tests.commands import succeed
-from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.commands import hertzloop, python
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
@@ -22,27 +20,19 @@ def test_there_are_at_most_30_leaves_each_once() -> None:
 
 def test_the_help_fits_on_one_screen() -> None:
     done = hertzloop("--help")
-    assert done.returncode == 0
     assert len(done.stdout.splitlines()) <= 50
     for entry in all_commands():
         assert entry.words.split()[0] in done.stdout
 
 
 @pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
-def test_each_help_starts_with_its_purpose_and_ends_with_an_example(entry: CommandEntry) -> None:
+def test_help_has_a_purpose_and_an_example_that_is_accepted(entry: CommandEntry) -> None:
     command = app.load_command(entry)
-    first = command.help.split("\n\n")[0].replace("\n", " ").strip()
-    assert first == entry.summary
+    assert command.help.split("\n\n")[0].replace("\n", " ").strip() == entry.summary
     assert command.epilog == f"Example: hertzloop {entry.example}"
     assert entry.example.startswith(entry.words)
-    assert "Example: hertzloop" in succeed(*entry.words.split(), "--help")
-
-
-@pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
-def test_each_example_is_a_command_line_that_the_command_accepts(entry: CommandEntry) -> None:
-    command = app.load_command(entry)
-    words = shlex.split(entry.example)[len(entry.words.split()) :]
-    command.make_context(entry.words, words, resilient_parsing=False)
+    words = entry.example.removeprefix(entry.words)
+    command.make_context(entry.words, shlex.split(words), resilient_parsing=False)
 
 
 def test_out_is_a_file_and_out_dir_a_folder() -> None:
@@ -67,18 +57,11 @@ def test_help_and_version_import_no_numerics() -> None:
             "try: main()\nexcept SystemExit: pass\n"
             f"print(sorted({HEAVY!r} & set(sys.modules)))"
         )
-        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-        assert done.stdout.splitlines()[-1] == "[]", done.stdout[-300:] + done.stderr
+        assert python("-c", script).stdout.splitlines()[-1] == "[]"
 
 
 def test_completion_knows_the_commands() -> None:
     environment = {"_HERTZLOOP_COMPLETE": "complete_bash", "COMP_WORDS": "hertzloop sce"}
     script = "from hertzloop.cli import app; app.root_command()(prog_name='hertzloop')"
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **environment, "COMP_CWORD": "1"},
-    )
-    assert done.stdout.split() == ["scene"], done.stdout + done.stderr
+    found = python("-c", script, env={**os.environ, **environment, "COMP_CWORD": "1"})
+    assert found.stdout.split() == ["scene"]

@@ -1,8 +1,6 @@
 """The documented examples of what is struck, from an empty folder, and sweeps over all of it."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,8 @@ import pytest
 
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.scene.setup import load
-from tests.commands import as_options, refused, succeed
+from tests.commands import succeed
+from tests.hertzloop.commands import python
 from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.scenes import json_in
 
@@ -19,7 +18,7 @@ def copied(folder: Path, *names: str) -> None:
     for name in names:
         shutil.copy(EXAMPLES / name, folder)
     for script in (name for name in names if name.endswith(".py")):
-        subprocess.run([sys.executable, script], cwd=folder, check=True, timeout=280)
+        python(script, cwd=folder)
 
 
 @pytest.mark.full
@@ -96,20 +95,4 @@ print("agrees")
 def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
     """A structure of one's own from one file, which adds its own row."""
     copied(tmp_path, "own_block.py", "own_block.toml")
-    found = subprocess.run(
-        [sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, timeout=280
-    )
-    assert found.stdout == "agrees\n", found.stderr
-
-
-@pytest.mark.full
-def test_modes_of_a_scene_run_again(here: Path) -> None:
-    run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.003", "--transport", "compiled"]
-    edges = as_options(["plate.edges=cfsc", "run.accuracy=0.1"])
-    succeed("scene", "modes", "aluminium-3mm", *edges, "-o", "modes.csv")
-    succeed(*run, *edges, "--out", "plate.mcap")
-    succeed(*run, "--set", "plate.modes=modes.csv", "--out", "file.mcap")
-    succeed("compare", "plate.mcap", "file.mcap")
-    refused("error: ", "scene", "modes", "-o", "modes.txt")
-    refused("modes.csv exists", "scene", "modes", "-o", "modes.csv")
-    refused("Use an .npz", "scene", "modes", "-o", "other.csv", "--grid")
+    assert python("-c", BLOCK, cwd=tmp_path).stdout == "agrees\n"

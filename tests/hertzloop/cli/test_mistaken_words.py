@@ -1,12 +1,14 @@
 """What a user types by mistake is answered with what is wrong and what to do, and exit code 2."""
 
+import os
+import shlex
 from pathlib import Path
 
 import pytest
 
 from hertzloop.cli.commands import GROUPS, all_commands
 from hertzloop.scene.loading import shipped_text
-from tests.commands import call, refused, said
+from tests.commands import call, refused
 from tests.hertzloop.cli.test_cli import SHORT
 from tests.tiers import default
 
@@ -31,9 +33,16 @@ ANSWERS = {
     "controller.latency_us = 1500: is as long as the run, so no force acts.",
     "run --out a.txt": "--out = a.txt: a recording must end in .mcap",
     "run --out no/such/folder/a.mcap": "the folder no/such/folder does not exist",
+    "run --out pipe.mcap": "not a regular file. Choose another name",
+    "run --out link.mcap": "/none/x, which does",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
+    """run --controller "sh 'x" """: "No closing quotation. Close the quotation.",
+    "run --controller 'sh {connect}'": "has one of {listen} and {connect}. Use both, or none",
+    "law test --controller no-such-program": "no-such-program': cannot be started",
+    "law test --controller true --law none": "controller.law = 'none': unknown law",
+    "law test --law off": "--controller: missing. Give the command line of your program.",
     "run --repeat a.csv": f"a.csv{NO_MCAP}",
     "inspect a.png": f"a.png{NO_MCAP}",
     "inspect none.mcap": "none.mcap",
@@ -51,6 +60,8 @@ ANSWERS = {
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":
     "--phases 4 spreads run.touch_phase, so --over cannot give it too",
     "sweep --over plate.size_m=0.1,0.2": "must be a list in brackets, such as [0.1, 0.2]",
+    "scene modes -o modes.txt": "modes.txt",
+    "scene modes -o other.csv --grid": "Use an .npz",
     "node watch --save a.txt": "--save = a.txt: must end in .rrd",
     "node controller --listen nonsense": "'nonsense': invalid endpoint. Write it as tcp/",
     "node watch --connect tcp/127.0.0.1": "--connect = 'tcp/127.0.0.1': invalid endpoint",
@@ -70,13 +81,12 @@ DASK = {
 @pytest.mark.parametrize("words", default(ANSWERS | DASK, ANSWERS))
 def test_it_is_answered(words: str, here: Path) -> None:
     (here / "folder.json").mkdir()
+    (here / "link.mcap").symlink_to(here / "none" / "x")
+    os.mkfifo(here / "pipe.mcap")
     for name, content in FILES.items():
         (here / name).write_bytes(content)
     before = set(here.iterdir())
-    result = call(*words.split())
-    assert result.exit_code == 2
-    assert (ANSWERS | DASK)[words] in said(result)
-    assert "damaged" not in said(result)
+    assert "damaged" not in refused((ANSWERS | DASK)[words], *shlex.split(words))
     assert set(here.iterdir()) == before
 
 
@@ -87,34 +97,26 @@ def test_h_is_help_for_every_command() -> None:
         assert (short.exit_code, short.output) == (0, full.output), path
 
 
-@pytest.mark.parametrize("name", ["./a.mcap", "linked.mcap"])
-def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
-    call("run", "aluminium-3mm", *SHORT, "--out", "a.mcap")
-    (here / "linked.mcap").hardlink_to(here / "a.mcap")
-    before = (here / "a.mcap").read_bytes()
-    for words in (
-        ["run", "--repeat", "a.mcap", "--out", name],
-        ["repair", "a.mcap", "--out", name],
-        ["export", "a.mcap", "--out", name],
-    ):
-        refused(f"{Path(name)}: is an input of this command", *words, "--overwrite")
-    assert (here / "a.mcap").read_bytes() == before
+INPUTS = {
+    "run --repeat a.mcap --out": "./a.mcap",
+    "repair a.mcap --out": "linked.mcap",
+    "export a.mcap --out": "./a.mcap",
+    "run mine.toml --out": "mine.toml",
+    "run --set controller.law=mine.py --out": "mine.py",
+    "sweep --set plate.modes=m.csv --over sensors.bits=4,5 -o": "m.csv",
+}
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["run", "mine.toml", "--out", "mine.toml"],
-        ["run", "--set", "controller.law=mine.py", "--out", "mine.py"],
-        ["sweep", "--set", "plate.modes=m.csv", "--over", "sensors.bits=4,5", "-o", "m.csv"],
-    ],
-)
-def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -> None:
+def test_an_input_is_not_replaced(here: Path) -> None:
+    """A recording by any of its names, and all that a scene is made of."""
     (here / "mine.py").write_text(LAW)
     call("scene", "modes", "aluminium-3mm", "-o", "m.csv")
     shipped = shipped_text("aluminium-3mm").replace('law = "slope_threshold"', 'law = "mine.py"')
-    assert "mine.py" in shipped
     (here / "mine.toml").write_text(shipped)
+    call("run", "aluminium-3mm", *SHORT, "--out", "a.mcap")
+    (here / "linked.mcap").hardlink_to(here / "a.mcap")
     before = {path: path.read_bytes() for path in here.iterdir()}
-    refused(f"{Path(words[-1])}: is an input of this command", *words, "--overwrite")
+    for words, name in INPUTS.items():
+        sentence = f"{Path(name)}: is an input of this command"
+        refused(sentence, *words.split(), name, "--overwrite")
     assert {path: path.read_bytes() for path in here.iterdir()} == before

@@ -9,7 +9,6 @@ from hertzloop.interop.fmu import VALUES, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.scene.setup import Setup
-from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.
@@ -18,11 +17,6 @@ NOISY = (
     "run.touch_phase=random", "run.seed=77", "sensors.low_pass_hz=400000",
     "sensors.low_pass=bessel", "sensors.low_pass_order=5", "sensors.ac_coupling_hz=1",
 )  # fmt: skip
-
-
-def scene_of(settings: tuple[str, ...]) -> Setup:
-    """The scene `aluminium-3mm` with settings."""
-    return aluminium_3mm(*settings)
 
 
 def exported(folder: Path, scene: Setup) -> Path:

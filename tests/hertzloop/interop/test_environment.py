@@ -10,8 +10,9 @@ import hertzloop
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A
 from hertzloop.scene.errors import SceneError
-from tests.hertzloop.interop.plant_in_c import SHORT, scene_of
+from tests.hertzloop.interop.plant_in_c import SHORT
 from tests.hertzloop.own_laws import needs_cc
+from tests.hertzloop.scenes import aluminium_3mm
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -28,28 +29,24 @@ def command(p, s, samples, i):
 @pytest.mark.parametrize("latency_us", [0, 3])
 def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> None:
     (tmp_path / "mine.py").write_text(LAW)
-    scene = scene_of(
-        (*SHORT, f"controller.law={tmp_path / 'mine.py'}", f"controller.latency_us={latency_us}")
+    scene = aluminium_3mm(
+        *SHORT, f"controller.law={tmp_path / 'mine.py'}", f"controller.latency_us={latency_us}"
     )
     loop = simulate(scene)
     impacts = Impacts(scene, 3, limit_n=64.0, scale=2.0**-17)
     seen, _ = impacts.reset(seed=4)
+    begin = int(impacts.batch.values["step"][0])
     gaps, forces, over = [], [], np.zeros(3, bool)
     while not over.any():
-        first = int(impacts.batch.values["step"][0])
-        gaps.append((first, impacts.batch.values["sample"].copy()))
+        gaps.append(impacts.batch.values["sample"].copy())
         seen, reward, over, truncated, _ = impacts.step(np.clip(-seen[:, :1], 0.0, 1.0))
         forces.append(impacts.batch.values["actuator_force_n"].copy())
         assert not truncated.any()
-    begin = gaps[0][0]
-    ours = np.array([gap for _, gap in gaps])
-    assert ours.min() < 0.0
-    left = np.flatnonzero(ours[:, 0] <= 0.0)[-1] + 1
-    assert len(ours) - left == 20
-    steps = slice(begin, begin + len(ours))
-    for i in range(3):
-        assert ours[:, i].tobytes() == loop.values[steps].tobytes()
-        assert np.array(forces)[:, i].tobytes() == loop.truth[F_A, steps].tobytes()
+    steps = slice(begin, begin + len(gaps))
+    for gap, force in zip(np.transpose(gaps), np.transpose(forces), strict=True):
+        assert gap.tobytes() == loop.values[steps].tobytes()
+        assert force.tobytes() == loop.truth[F_A, steps].tobytes()
+        assert len(gap) - np.flatnonzero(gap <= 0.0)[-1] == 21  # it ends 20 steps after the contact
     assert np.max(forces) > 10.0
     assert over.all()
     assert (reward < -0.01).all()
@@ -58,7 +55,7 @@ def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> Non
 
 
 def test_what_is_over_begins_anew() -> None:
-    impacts = Impacts(scene_of((*SHORT, "run.touch_phase=random")), 4)
+    impacts = Impacts(aluminium_3mm(*SHORT, "run.touch_phase=random"), 4)
     seen, _ = impacts.reset(seed=7)
     assert impacts.observation_space.contains(seen)
     assert len(set(seen[:, 0])) == 4
@@ -72,7 +69,7 @@ def test_what_is_over_begins_anew() -> None:
 
 
 def test_nan_ends_its_own_impact_only() -> None:
-    impacts, others = Impacts(scene_of(SHORT), 3), Impacts(scene_of(SHORT), 3)
+    impacts, others = Impacts(aluminium_3mm(*SHORT), 3), Impacts(aluminium_3mm(*SHORT), 3)
     with pytest.raises(gymnasium.error.ResetNeeded, match="Call reset first"):
         impacts.step(np.zeros((3, 1)))
     for one in (impacts, others):
@@ -116,13 +113,13 @@ def test_one_impact_passes_the_check_of_gymnasium() -> None:
 
 
 def test_another_quantity_needs_a_scale() -> None:
-    scene = scene_of((*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback"))
+    scene = aluminium_3mm(*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback")
     with pytest.raises(SceneError, match=r"sensors\.quantity = 'v_p' needs a scale"):
         Impacts(scene, 1)
 
 
 def test_seeds_are_heeded_and_a_closed_one_is_refused() -> None:
-    impacts = Impacts(scene_of((*SHORT, "run.touch_phase=random")), 2)
+    impacts = Impacts(aluminium_3mm(*SHORT, "run.touch_phase=random"), 2)
 
     def began(seed: object) -> np.ndarray:
         return impacts.reset(seed=seed)[0].copy()  # type: ignore[arg-type]

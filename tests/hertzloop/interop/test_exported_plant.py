@@ -18,8 +18,9 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
 from tests.commands import as_options, refused, succeed
-from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, InC, exported, scene_of
+from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, InC, exported
 from tests.hertzloop.own_laws import needs_cc
+from tests.hertzloop.scenes import aluminium_3mm
 
 pytestmark = needs_cc
 KINDS = {
@@ -32,12 +33,12 @@ KINDS = {
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return exported(tmp_path_factory.mktemp("short"), scene_of(SHORT))
+    return exported(tmp_path_factory.mktemp("short"), aluminium_3mm(*SHORT))
 
 
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return exported(tmp_path_factory.mktemp("noisy"), scene_of(NOISY))
+    return exported(tmp_path_factory.mktemp("noisy"), aluminium_3mm(*NOISY))
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def plant(short: Path) -> Iterator[InC]:
 @pytest.mark.full
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_program_in_c_gets_the_bytes_of_the_loop(kind: str, tmp_path: Path) -> None:
-    scene = scene_of(KINDS[kind])
+    scene = aluminium_3mm(*KINDS[kind])
     loop = simulate(scene)
     assert np.max(loop.forces) > 1.0  # the law acted
     driven = drive(build(exported(tmp_path, scene)), loop.forces)
@@ -63,7 +64,7 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(kind: str, tmp_path: Path) ->
 
 
 def test_one_bit_of_difference_is_seen(short: Path) -> None:
-    loop = simulate(scene_of(SHORT))
+    loop = simulate(aluminium_3mm(*SHORT))
     forces = loop.forces.copy()
     pushed = np.flatnonzero(forces)[0]
     forces[pushed] = np.nextafter(forces[pushed], math.inf)
@@ -80,7 +81,7 @@ def test_the_library_needs_libc_and_libm_only(short: Path) -> None:
     assert given
     assert all(name.startswith("hertzloop_plant_") for name in given)
     assert not re.search(r"\bU _?(Py|NRT|numba)", seen)
-    assert library.stat().st_size - len(images.image(scene_of(SHORT)).data) < 300_000
+    assert library.stat().st_size - len(images.image(aluminium_3mm(*SHORT)).data) < 300_000
 
 
 def test_the_example_runs(short: Path) -> None:
@@ -107,7 +108,7 @@ def test_a_state_is_come_back_to(plant: InC) -> None:
 
 def test_it_starts_anew_from_another_height(plant: InC) -> None:
     """The model stays that of the scene; the sphere falls from elsewhere."""
-    scene = scene_of(SHORT)
+    scene = aluminium_3mm(*SHORT)
     start = plant.run(np.zeros(1000))
     spec = scene.plant
     higher = replace(spec, sphere=replace(spec.sphere, drop_height_m=0.2))
@@ -120,13 +121,13 @@ def test_it_starts_anew_from_another_height(plant: InC) -> None:
 
 def test_another_seed_is_that_of_another_run(noisy: Path) -> None:
     plant = InC(noisy / "libhertzloop_plant.so")
-    loop = simulate(scene_of((*NOISY, "run.seed=123456789012")))
+    loop = simulate(aluminium_3mm(*NOISY, "run.seed=123456789012"))
     kept = plant.state()
     assert plant.reset(plant.about.drop_height_m, 123456789012) == 0
     seen = plant.run(loop.forces)
     assert seen["sample"][1:-1:2].tobytes() == loop.values[1:].tobytes()
     assert plant.set_state(kept) == 0  # with the noise of its seed
-    assert plant.run(loop.forces)["sample"][1] == simulate(scene_of(NOISY)).values[1]
+    assert plant.run(loop.forces)["sample"][1] == simulate(aluminium_3mm(*NOISY)).values[1]
     plant.c.hertzloop_plant_free(plant.plant)
 
 
@@ -153,7 +154,7 @@ def test_a_processor_without_the_instructions_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(images, "needed", lambda cpu: ["avx5124fmaps", "sse3"])
-    library = exported(tmp_path, scene_of(SHORT)) / "libhertzloop_plant.so"
+    library = exported(tmp_path, aluminium_3mm(*SHORT)) / "libhertzloop_plant.so"
     plant = InC(library)
     assert not plant.plant
     assert plant.c.hertzloop_plant_refused().decode() == (

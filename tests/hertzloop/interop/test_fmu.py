@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import files
 from importlib.util import find_spec
@@ -18,8 +16,10 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from tests.commands import as_options, refused, succeed
-from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, scene_of
+from tests.hertzloop.commands import python
+from tests.hertzloop.interop.plant_in_c import NOISY, SHORT
 from tests.hertzloop.own_laws import needs_cc
+from tests.hertzloop.scenes import aluminium_3mm
 
 fmpy = pytest.importorskip("fmpy")
 
@@ -33,13 +33,13 @@ STEP_S = 1e-6
 @pytest.fixture(scope="module", params=["2", "3"])
 def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("fmu") / "plant.fmu"
-    write_fmu(image(scene_of(NOISY)), HOST, request.param, out)
+    write_fmu(image(aluminium_3mm(*NOISY)), HOST, request.param, out)
     return out
 
 
 @pytest.fixture(scope="module")
 def loop() -> SimulatedRun:
-    return simulate(scene_of(NOISY))
+    return simulate(aluminium_3mm(*NOISY))
 
 
 class Master:
@@ -169,7 +169,7 @@ def test_it_starts_anew_with_other_parameters(master: Master) -> None:
         "drop_height is 0 m; 1e-7 to 100 is possible",
         "noise_seed is -1; it is 0 or more",
     ]
-    seed = simulate(scene_of((*NOISY, "run.seed=9")))
+    seed = simulate(aluminium_3mm(*NOISY, "run.seed=9"))
     assert master.start(noise_seed=9).get("gap", "sample") == [seed.truth[0, 0], seed.values[0]]
 
 
@@ -228,13 +228,7 @@ def test_another_master_gets_the_same(path: Path, master: Master) -> None:
     """Ecos, in C++. It looks for a library that another package brings."""
     library = next(f for f in files("tbb") or [] if f.name == "libtbb.so.12")
     forces = [5.0 * (step % 3) for step in range(1300)]
-    done = subprocess.run(
-        [sys.executable, "-c", _ECOS, str(library.locate()), str(path), json.dumps(forces)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
+    done = python("-c", _ECOS, library.locate(), path, json.dumps(forces))
     seen = np.array([eval(line) for line in done.stdout.splitlines() if line.startswith("(")])
     ours = master.start().run(np.array(forces), 0, "gap", "sample")
     assert np.min(ours[:, 0]) < 0.0

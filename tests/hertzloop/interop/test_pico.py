@@ -15,14 +15,12 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
+from tests.hertzloop.own_laws import EXAMPLES, ROOT
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
-ROOT = Path(__file__).parents[3]
 WIRE = (ROOT / "docs" / "reference" / "wire.md").read_text()
 ROOM = int(
-    re.search(
-        r"define MESSAGE_BYTES (\d+)", (ROOT / "docs/examples/pico_controller.c").read_text()
-    )[1]
+    re.search(r"define MESSAGE_BYTES (\d+)", (EXAMPLES / "pico_controller.c").read_text())[1]
 )  # type: ignore[index]
 
 

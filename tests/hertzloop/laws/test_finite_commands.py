@@ -77,7 +77,7 @@ def test_every_force_is_a_finite_number(law: str) -> None:
     keys["controller.latency_us"] = st.sampled_from([0, 1, 30, 1000]) | st.integers(0, 10**6)
     keys["sensors.every_steps"] = st.sampled_from([1, 2, 7, 100])
 
-    @settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+    @settings(max_examples=20, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
     @given(
         name=st.sampled_from(SCENES),
         values=st.fixed_dictionaries(keys),

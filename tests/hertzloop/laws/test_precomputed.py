@@ -5,8 +5,7 @@ import pytest
 
 from hertzloop.controller.laws.precomputed import SHAPES, mobility_force_n, shaped
 from hertzloop.loop.simulate import simulate
-from hertzloop.scene.controller import bound_law, law_context, loaded_law
-from hertzloop.scene.errors import SceneError
+from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.uncontrolled import uncontrolled_force_n
 
@@ -77,9 +76,3 @@ def test_every_name_makes_a_force() -> None:
         scene = load("thesis-aluminium", [*PRECOMPUTED, f"controller.precomputed={name}"])
         force = profile_of(scene)
         assert np.abs(force).max() > 1.0, name
-
-
-def test_a_contact_without_end_is_refused_with_a_sentence() -> None:
-    settings = [*PRECOMPUTED, "contact.viscous_n_s_m=5"]
-    with pytest.raises(SceneError, match="first contact does not end within"):
-        bound_law(load("thesis-sylomer", settings))

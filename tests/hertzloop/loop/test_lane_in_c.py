@@ -16,7 +16,7 @@ from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
-from tests.hertzloop.commands import Bus, finish, grown_to, killed_at_the_end, wait_for
+from tests.hertzloop.commands import Bus, ended, finish, grown_to, killed_at_the_end, wait_for
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, needs_cc
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.tiers import default
@@ -60,8 +60,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
     more = ["run.duration_s=0.0055", f"sensors.every_steps={every}"]
     with run(example, tmp_path / "c.mcap", *more) as processes:
         for process in processes:
-            code, err, _ = finish(process)
-            assert code == 0, err
+            ended(process)
     ours = aluminium_3mm(*SETTINGS, *more)
     found, expected = read(tmp_path / "c.mcap"), recorded(ours, tmp_path / "ours.mcap")
     assert not found.problems
@@ -81,9 +80,7 @@ def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Pa
         wait_for(grown_to(recording, 500_000))
         [program] = psutil.Process(controller.pid).children()
         program.send_signal(signal.SIGKILL)
-        code, err, _ = finish(plant)
-        assert code == 1
-        assert "the controller in C ended with -9" in err
+        ended(plant, 1, "the controller in C ended with -9")
         for process in (recorder, controller):
             finish(process)
         assert not program.is_running()

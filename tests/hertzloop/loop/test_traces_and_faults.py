@@ -19,7 +19,6 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.recorded import truth_of
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.statistics import Extremes
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
 from hertzloop.sensors import kernels as k
@@ -77,31 +76,6 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
     assert again.line.most_added_steps == 4
     other = setup.vary({"controller.latency_trace": [3.0]})
     assert metrics_of_case(other).digest == digest("controller.latency_us=3")
-
-
-@pytest.mark.parametrize(
-    ("text", "more", "word"),
-    [("", (), "has 0 latencies"), ("1\nx\n", (), "line 2: 'x' is no number. Give a latency"),
-     ("latency_kg\n1\n2\n", (), "'kg'"), ("latency_us\n1\n\n2;3\n", (), "line 4: '2;3' is no"),
-     ("t_us;latency_us\n1;2;9\n", (), "line 2: has 3 columns, not 2"),
-     ("4,0\n5,8\n", (), "may separate columns or begin the decimals"),
-     ("latency_us\n4.0\n5,8\n", (), "a decimal comma and with a decimal point"),
-     ("a,b\n1,2\n", (), "Call one of them latency_us"), ("-1\n", (), "latency_trace"),
-     ("1\n", ("controller.latency_us=2",), "has no effect beside")],
-)  # fmt: skip
-def test_a_trace_that_makes_no_sense_is_refused(trace, text, more, word):
-    with pytest.raises(SceneError, match=word):
-        aluminium_3mm(*SHORT, trace(text), *more)
-
-
-@pytest.mark.parametrize(
-    "text", ["latency_us\n4\n5,8\n2,6\n", "n;latency (ns)\n1;4000\n2;5800\n3;2600\n",
-             "latency / ms\n0.004\n0.0058\n0.0026\n", "4\n5.8\n2.6\n",
-             "force [N],latency\n9.1,4\n9.2,5.8\n9.3,2.6\n"],
-)  # fmt: skip
-def test_units_and_decimal_commas_of_a_trace_count(trace, text):
-    setup = aluminium_3mm(*SHORT, trace(text))
-    assert setup.scene.controller.latency_trace == (4.0, 5.8, 2.6)
 
 
 def test_a_recording_of_a_paced_run_tells_its_latencies():

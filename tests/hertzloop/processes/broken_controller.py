@@ -47,7 +47,6 @@ ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
     "by-the-cut": by_its_number,
     "late": at(3, lambda m: time.sleep(30)),
     "dies": at(3, lambda m: os._exit(3)),
-    "fault": lambda stream, m: stream == "end/controller" and setattr(m, "fault", "out of force"),
 }
 
 
@@ -57,21 +56,9 @@ class Broken(own.Controller):
     def __init__(self, say: Callable[[str, Any], None]) -> None:
         def otherwise(stream: str, message: Any) -> None:
             ALTERATIONS.get(rule, lambda stream, message: None)(stream, message)
-            if rule == "rubbish" and stream == "force" and message.sequence == 2:
-                message = Rubbish(message)
             say(stream, message)
 
         super().__init__(otherwise)
-
-
-class Rubbish:
-    """A message whose bytes are one of another type."""
-
-    def __init__(self, message: Any) -> None:
-        self._bytes = message.SerializeToString() + b"\x50\x01"  # field 10, a number
-
-    def SerializeToString(self) -> bytes:
-        return self._bytes
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ class Network:
 
     def __init__(self, hosts: list[str]) -> None:
         self.delay_s, self.loss = 0.0, 0.0
-        self.carried, self.lost = 0, 0
+        self.lost = 0
         self.cut: set[frozenset[str]] = set()
         self._stack, self._random = ExitStack(), random.Random(1)
         self._started: list[subprocess.Popen] = []
@@ -134,7 +134,6 @@ class Network:
                     heapq.heappush(self._late, (due, next(count), self._devices[to], packet))
             while self._late and self._late[0][0] <= time.monotonic():
                 _, _, device, packet = heapq.heappop(self._late)
-                self.carried += 1
                 with suppress(OSError):  # a full queue loses packets, as it does elsewhere
                     os.write(device, packet)
 

@@ -22,7 +22,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from tests.commands import as_options
-from tests.hertzloop.commands import EVENTUALLY_S, Bus, finish, wait_for
+from tests.hertzloop.commands import EVENTUALLY_S, Bus, ended, wait_for
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = as_options(["run.duration_s=0.0025", "run.accuracy=0.1"])
@@ -78,14 +78,6 @@ class Foreign:
         self.thread.join(2 * EVENTUALLY_S)
         assert not self.thread.is_alive()
         self.port.close()
-
-
-def ended(process: Any, code: int, *words: str) -> None:
-    found, err, _ = finish(process)
-    assert found == code, err
-    assert "Traceback" not in err
-    for word in words:
-        assert word in err
 
 
 def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:

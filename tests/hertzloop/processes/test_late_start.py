@@ -11,7 +11,7 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.recordings.reader import read
-from tests.hertzloop.commands import Bus, finish
+from tests.hertzloop.commands import Bus, ended
 from tests.hertzloop.scenes import aluminium_3mm
 
 TIMEOUT_S = 2.0
@@ -40,8 +40,7 @@ def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     thread.start()
     PlantNode(aluminium_3mm("run.duration_s=0.002"), ports[PLANT], timeout_s=60.0).run()
     thread.join(60)
-    code, err, _ = finish(recorder)
+    ended(recorder)
     for port in ports.values():
         port.close()
-    assert code == 0, err
     assert not read(path).problems

@@ -14,6 +14,7 @@ from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
     LONG,
     child_of,
+    ended,
     finish,
     hertzloop,
     next_line,
@@ -39,14 +40,12 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
     try:
         run = ["run", "aluminium-3mm", *as_options(keys), *more, "--out", str(tmp_path / "a.mcap")]
-        done = hertzloop(*run, "--name", "mine", "--port", str(ports[0]))
-        assert done.returncode == 0, done.stderr
+        hertzloop(*run, "--name", "mine", "--port", str(ports[0]))
     finally:
         watcher.send_signal(signal.SIGCONT)
     alone = recorded(aluminium_3mm(*keys), tmp_path / "b.mcap")
     assert first_difference(read(tmp_path / "a.mcap"), alone) is None
-    code, error, _ = finish(watcher)
-    assert code == 0, error
+    ended(watcher)
     if not hangs:
         assert "/live/velocity/v_p" in shown_in(rrd)
 
@@ -55,22 +54,21 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
 def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
     run, watcher, rrd = watched_run(tmp_path)
     watcher.send_signal(signal.SIGTERM)
-    code, error, _ = finish(watcher)
-    assert (code, error) == (130, f"interrupted; what was seen until now is in {rrd}")
+    said = f"interrupted; what was seen until now is in {rrd}"
+    assert finish(watcher) == (130, said)
     assert "/live/velocity/v_p" in shown_in(rrd)
     run.send_signal(signal.SIGINT)
-    assert finish(run)[0] == 130
+    ended(run, 130)
 
 
 @pytest.mark.full
 def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> None:
     run, watcher, rrd = watched_run(tmp_path)
     child_of(run, "plant").kill()
-    code, error, _ = finish(watcher)
     lost = "the plant left the run without a final message"
-    assert (code, error) == (1, f"{lost}; what was seen until now is in {rrd}")
+    assert finish(watcher) == (1, f"{lost}; what was seen until now is in {rrd}")
     assert "/live/velocity/v_p" in shown_in(rrd)
-    assert finish(run)[0] == 1
+    ended(run, 1)
 
 
 def watched_run(tmp_path: Path) -> tuple[subprocess.Popen, subprocess.Popen, Path]:
@@ -104,8 +102,6 @@ def shown_in(rrd: Path) -> str:
 @pytest.mark.full
 def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
     live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
-    done = hertzloop(*live, env=NO_SCREEN)
-    assert done.returncode == 0, done.stderr
-    assert "no screen is available" in done.stderr
+    assert "no screen is available" in hertzloop(*live, env=NO_SCREEN).stderr
     assert read(tmp_path / "a.mcap").problems == []
     refused("--live: not available with --transport", "run", "--live", "--transport", "compiled")

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,11 +12,12 @@ import pytest
 
 from hertzloop.recordings.reader import read
 from tests.hertzloop.commands import (
-    EVENTUALLY_S,
     LONG,
     child_of,
+    ended,
     finish,
     grown_to,
+    python,
     start,
     wait_for,
 )
@@ -49,14 +49,8 @@ def sockets_of(process: psutil.Process) -> set[Path]:
 
 def as_user(user: int, endpoints: list[str], name: str) -> tuple[list[str], bool]:
     """Errors of another user's connections, and whether he took part in the run at last."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.hertzloop.processes.other_user", str(user), name, *endpoints],
-        capture_output=True,
-        text=True,
-        timeout=EVENTUALLY_S,
-    )
-    assert done.returncode == 0, done.stderr
-    refused, took_part = json.loads(done.stdout)
+    program = "tests.hertzloop.processes.other_user"
+    refused, took_part = json.loads(python("-m", program, user, name, *endpoints).stdout)
     return refused, took_part
 
 
@@ -88,8 +82,7 @@ def test_another_user_gets_neither_samples_nor_a_say(
     assert as_user(NOBODY, endpoints, name) == (["PermissionError"] * 3, False)
     assert all(child.is_running() for child in children.values())
     assert as_user(0, endpoints, name) == ([], True)  # the same could be heard by its own user
-    code, err, _ = finish(run)
-    assert code == 1, err  # and end the run
+    ended(run, 1)  # and end the run
     assert read(tmp_path / "run.mcap").problems
 
 

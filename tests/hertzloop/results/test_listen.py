@@ -72,7 +72,7 @@ def test_nothing_moves_nothing_sounds(tmp_path: Path, monkeypatch: pytest.Monkey
     assert not samples.any()
 
 
-def test_slower_is_the_same_sound_at_a_lower_pitch(tmp_path: Path) -> None:
+def test_slower_is_the_same_sound_at_a_lower_pitch() -> None:
     scene = load("aluminium-20mm", SHORT)
     fast, slow = listening.grid_of(scene, 0.01), listening.grid_of(scene, 0.01, slow=4.0)
     assert slow.step_s == pytest.approx(fast.step_s / 4.0)

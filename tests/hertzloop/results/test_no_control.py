@@ -13,27 +13,6 @@ from tests.commands import call, succeed
 from tests.hertzloop.scenes import json_in
 from tests.recordings.rewriting import Sent, record, rewrite
 
-COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
-
-
-@pytest.mark.full
-def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
-    words = ["--details", *COMPILED, "--set", "run.duration_s=0.0015", "--out"]
-    words.append(str(tmp_path / "a.mcap"))
-    report = tmp_path / "a.json"
-    off = ["--set", "controller.law=off", "--json", str(report)]
-    alone = call("run", "aluminium-3mm", *words, *off)
-    both = call("run", "aluminium-3mm", *words, "--overwrite")
-    assert alone.exit_code == both.exit_code == 0, alone.output + both.output
-    for title in ("Impacts with control", "The same without control", "dB"):
-        assert title not in alone.stdout
-        assert title in both.stdout
-    assert alone.stdout.count("Impacts, no control") == 1
-    data = json_in(report)
-    assert data["law"] == "off"
-    for kind in ("impacts", "noise", "stability"):
-        assert data["uncontrolled"][kind] == data[kind]
-
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -21,7 +21,6 @@ def row_of(printed: str) -> str:
 def test_the_parts_lie_within_the_wall_time(way: list[str], tmp_path: Path) -> None:
     more = ["--details", "--json", "a.json", "-o", "a.mcap"]
     done = hertzloop("run", *SHORT, *way, *more, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
     data = json_in(tmp_path / "a.json")
     busy, waited_s = data["busy_s"], data["waited_s"]
     assert list(busy) == ["plant", "controller", "recorder"]

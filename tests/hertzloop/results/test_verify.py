@@ -12,34 +12,28 @@ from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, F_C, XI, series_under
 from hertzloop.results.verification import (
     _START,
-    Verification,
     finer_spec,
     past_first_impact,
     verify,
 )
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import load
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
 
-def check(scene: Setup) -> Verification | None:
-    run = simulate(scene)
-    return verify(scene, run.truth)
-
-
-def checked(*settings: str) -> Verification:
-    scene = aluminium_3mm(*SHORT, *settings)
-    return check(scene)
+def largest_error(accuracy: str) -> float:
+    scene = aluminium_3mm(*SHORT, f"run.accuracy={accuracy}")
+    return verify(scene, simulate(scene).truth).largest
 
 
 def test_a_run_that_meets_its_accuracy() -> None:
-    fine = checked("run.accuracy=1e-3").largest
+    fine = largest_error("1e-3")
     assert fine < 1e-3
-    assert checked("run.accuracy=1e-2").largest < 1e-2
-    assert fine < 0.1 * checked("run.accuracy=1e-1").largest
+    assert largest_error("1e-2") < 1e-2
+    assert fine < 0.1 * largest_error("1e-1")
 
 
 LINES = {
@@ -91,16 +85,15 @@ def test_the_law_answers_the_finer_plant() -> None:
     (free,) = impacts_in(fine, series_under(plant, forces))
     (coarse,) = impacts_in(scene.plant, run.truth)
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
-    print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
     assert closed.plate_energy > 1.5 * open_loop
 
 
 def test_nothing_to_verify() -> None:
     scene = aluminium_3mm("run.duration_s=0.0005")
-    assert check(scene) is None
+    assert verify(scene, simulate(scene).truth) is None
     published = load("thesis-aluminium")
     with pytest.raises(SceneError, match="does not converge"):
-        check(published)
+        verify(published, simulate(published).truth)
 
 
 def test_energy_is_compared_once_the_push_is_over() -> None:

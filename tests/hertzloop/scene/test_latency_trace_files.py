@@ -8,8 +8,8 @@ from mcap.writer import Writer
 
 from hertzloop.scene.latency_trace.reading import latencies_of_file
 from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES
+from tests.hertzloop.own_laws import EXAMPLES
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples" / "latency"
 TWO_THREADS = "       0:       0:       3\n       1:       0:       9\n       0:       1:       4\n"
 HISTOGRAM = (
     "# Histogram\n000000 000000\t000000\n000003 000005\t000000\n000007 000001\t000002\n"
@@ -37,6 +37,11 @@ def latencies(folder: Path, content: str, use: str | None = None, **table: Any) 
         ("t,/arm.stats/execution_time/current_value\n0,12\n1,14\n",
          {"column": "/arm.stats/execution_time/current_value", "unit": "us"}, [12.0, 14.0]),
         ("callback_start_timestamp [ns],latency [ms]\n7,0.25\n", {}, [250.0]),
+        ("latency_us\n4\n5,8\n2,6\n", {}, [4.0, 5.8, 2.6]),
+        ("n;latency (ns)\n1;4000\n2;5800\n3;2600\n", {}, [4.0, 5.8, 2.6]),
+        ("latency / ms\n0.004\n0.0058\n0.0026\n", {}, [4.0, 5.8, 2.6]),
+        ("4\n5.8\n2.6\n", {}, [4.0, 5.8, 2.6]),
+        ("force [N],latency\n9.1,4\n9.2,5.8\n9.3,2.6\n", {}, [4.0, 5.8, 2.6]),
     ],
 )  # fmt: skip
 def test_formats(tmp_path: Path, content: str, table: dict[str, Any], expected: Any) -> None:
@@ -72,6 +77,13 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         ("latency_ms\n1\n", {"topic": "/x"}, "topic: has no meaning for a text table"),
         ("1\n", {"colour": "red"}, "colour: unknown scene key"),
         ("1\n", {"sample": "a"}, "belong together"),
+        ("", {}, "has 0 latencies"),
+        ("1\nx\n", {}, "line 2: 'x' is no number. Give a latency"),
+        ("latency_kg\n1\n2\n", {}, "'kg'"),
+        ("latency_us\n1\n\n2;3\n", {}, "line 4: '2;3' is no"),
+        ("t_us;latency_us\n1;2;9\n", {}, "line 2: has 3 columns, not 2"),
+        ("4,0\n5,8\n", {}, "may separate columns or begin the decimals"),
+        ("latency_us\n4.0\n5,8\n", {}, "a decimal comma and with a decimal point"),
     ],
 )
 def test_what_can_mean_two_things_is_refused(
@@ -109,4 +121,7 @@ def test_message_times_of_another_recorder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cyclictest-list.txt", "stamps.csv", "topic-delay.txt"])
 def test_examples(name: str) -> None:
-    assert all(1.0 < latency < 1e5 for latency in latencies_of_file({"file": name}, None, EXAMPLES))
+    assert all(
+        1.0 < latency < 1e5
+        for latency in latencies_of_file({"file": name}, None, EXAMPLES / "latency")
+    )

@@ -9,6 +9,7 @@ import pytest
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import shipped_text
 from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
 from tests.hertzloop.scenes import aluminium_3mm
@@ -29,8 +30,7 @@ poisson = 0.44
 
 def scene_file(folder: Path, materials: str = MINE) -> str:
     (folder / "my_materials.toml").write_text(materials)
-    text = Path(__file__).parents[3] / "hertzloop/scene/aluminium-3mm.toml"
-    mine = 'materials = "my_materials.toml"\n' + text.read_text()
+    mine = 'materials = "my_materials.toml"\n' + shipped_text("aluminium-3mm")
     (folder / "scene.toml").write_text(mine.replace('material = "aluminium"', 'material = "mine"'))
     return str(folder / "scene.toml")
 

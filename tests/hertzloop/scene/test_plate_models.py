@@ -14,9 +14,9 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
+from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import what_limits
 from tests.hertzloop.scenes import aluminium_3mm
@@ -63,7 +63,7 @@ def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
     )
     limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
     assert limits[0] > 1.5 * limits[1]
-    assert model_error.expected_error(spring) > 2.0 * model_error.expected_error(damped)
+    assert expected_error(spring) > 2.0 * expected_error(damped)
 
 
 # Samples of 1 us on finer steps; the force of a sample acts 1 us after it, as with steps of 1 us.
@@ -134,17 +134,19 @@ def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
         build_plant(aluminium_3mm(*by_file, *DAMPER))
 
 
+def error(*settings: str) -> float:
+    """The error that a run expects."""
+    return expected_error(aluminium_3mm(*settings))
+
+
 def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     """It knows no smaller error than 0.4 kappa (hold/T)^2, however many modes."""
     tight = [*SHORT, "run.accuracy=3e-4"]
-    free = aluminium_3mm(*tight, "controller.law=off")
-    assert model_error.expected_error(free) == pytest.approx(3e-4)
-    held = model_error.expected_error(aluminium_3mm(*tight))
+    held = error(*tight)
     assert held == pytest.approx(0.4 * 0.8 / 26.85**2, rel=0.01)
-    coarse = aluminium_3mm(*tight, "sensors.every_steps=2")
-    assert model_error.expected_error(coarse) == pytest.approx(4.0 * held)
-    smooth = aluminium_3mm(*tight, "actuator.bandwidth_hz=1e5")
-    assert model_error.expected_error(smooth) == pytest.approx(3e-4)
+    assert error(*tight, "sensors.every_steps=2") == pytest.approx(4.0 * held)
+    for free in ("controller.law=off", "actuator.bandwidth_hz=1e5"):
+        assert error(*tight, free) == pytest.approx(3e-4)
     assert "held from sample to sample" in what_limits(False, True, False, 4e5, 5e5)
     assert "the limit of this time step" in what_limits(False, True, False, 5e5, 5e5)
 
@@ -152,15 +154,12 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
 def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
     """Samples further apart than the modes of a solid reach make waves that no mode carries."""
     scene = aluminium_3mm(*SOLID)
-    assert model_error.expected_error(scene.vary({"controller.law": "off"})) == pytest.approx(
-        1e-3, rel=0.01
-    )
-    expected = model_error.expected_error(scene)
+    expected = expected_error(scene)
     assert expected > 5e-3
-    assert model_error.expected_error(scene, 2.0 * scene.plant.frequency_limit_hz) < 0.2 * expected
-    assert model_error.expected_error(aluminium_3mm(*SOLID, "run.step_ns=250")) < 0.5 * expected
-    smooth = aluminium_3mm(*SOLID, "actuator.bandwidth_hz=1e5")
-    assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
+    assert expected_error(scene, 2.0 * scene.plant.frequency_limit_hz) < 0.2 * expected
+    assert error(*SOLID, "run.step_ns=250") < 0.5 * expected
+    for free in ("controller.law=off", "actuator.bandwidth_hz=1e5"):
+        assert error(*SOLID, free) == pytest.approx(1e-3, rel=0.01)
 
 
 @pytest.mark.parametrize("law", ["velocity_feedback", "acceleration_feedback"])
@@ -168,9 +167,6 @@ def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law: str) -> Non
     """Its faces move the more the higher the frequency, so the loop may be unstable beyond the
     modes; an actuator with a low bandwidth keeps it stable."""
     keys = [*SOLID, f"controller.law={law}", "controller.kappa=0.3"]
-    scene = aluminium_3mm(*keys)
-    assert model_error.expected_error(scene) == 1.0
-    smooth = aluminium_3mm(*keys, "actuator.bandwidth_hz=2e4")
-    assert model_error.expected_error(smooth) == pytest.approx(1e-3, rel=0.01)
-    thin = aluminium_3mm(*keys, "plate.theory=kirchhoff")
-    assert model_error.expected_error(thin) < 2e-3
+    assert error(*keys) == 1.0
+    assert error(*keys, "actuator.bandwidth_hz=2e4") == pytest.approx(1e-3, rel=0.01)
+    assert error(*keys, "plate.theory=kirchhoff") < 2e-3

@@ -36,7 +36,6 @@ def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
     assert free["radiated_maidanik_j"] > 209.4e-6 > free["sound_maidanik_j"]
 
 
-@pytest.mark.full
 def test_air_damps_the_plate() -> None:
     """Of the plate's energy most goes into air, more of it by two faces than by one."""
     taken = []

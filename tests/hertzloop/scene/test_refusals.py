@@ -101,6 +101,8 @@ REFUSED = {
         "actuator.preload_n=5 run.plate_model=infinite": "preload_n = 5",
         "controller.latency_trace={median_us=3,sigma=0.1}":
         "autocorrelation = None: must be a number from 0",
+        "controller.latency_trace=[-1]": "latency_trace",
+        "controller.latency_trace=[1] controller.latency_us=2": "has no effect beside",
         "controller.latency_trace={median=3}": "latency_trace.median: unknown key",
         "controller.latency_trace={median_us=3,sigma=0.1,autocorrelation=0,samples=1.5}":
         "a whole number",

@@ -19,6 +19,7 @@ from hertzloop.scene.loading import DEFAULT, load, parse, shipped
 from hertzloop.scene.setup import resolve
 from hertzloop.scene.toml import to_toml, toml_value
 from hertzloop.scene.varying import vary
+from tests.hertzloop.scenes import aluminium_3mm
 
 
 def test_the_scenes_that_come_with_it() -> None:
@@ -117,44 +118,40 @@ def test_a_recording_may_have_keys_without_effect() -> None:
 
 
 def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
-    def model(name: str, *settings: str) -> str:
-        return resolve(load(name, settings)).plate_model
-
     until = "run.duration_s=0.00114"  # 140 us after the first touch
-    assert model("aluminium-3mm", until) == "infinite"
-    scene = load("aluminium-3mm", [until])
-    assert resolve(scene).plant.infinite_plate
-    assert model_error.expected_error(resolve(scene)) <= scene.run.accuracy
-    assert scene.run.step_s < resolve(scene).infinite_plate.lasts_s() - 140e-6 < 100e-6
+    setup = aluminium_3mm(until)
+    assert setup.plate_model == "infinite"
+    assert setup.plant.infinite_plate
+    assert model_error.expected_error(setup) <= setup.accuracy
+    assert setup.step_s < setup.infinite_plate.lasts_s() - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
         "run.accuracy=1e-5", "run.plate_model=modal",
         "plate.contact_point_m=[0.1, 0.25]", "plate.actuator_point_m=[0.2, 0.25]",
         "controller.kappa=1.5", "controller.drop_out_probability=0.1",
     ):  # fmt: skip
-        assert model("aluminium-3mm", until, changed) == "modal", changed
-    assert model("aluminium-3mm", "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
+        assert aluminium_3mm(until, changed).plate_model == "modal", changed
+    asked = aluminium_3mm("run.duration_s=0.0012", "run.plate_model=infinite")
+    assert asked.plate_model == "infinite"
     # Where the contact lasts until reflections are back it is never taken.
     assert resolve(load("aluminium-20mm")).infinite_plate.lasts_s() == 0.0
     # Whole runs keep the modes.
-    assert {model(name) for name in shipped()} == {"modal"}
+    assert {resolve(load(name)).plate_model for name in shipped()} == {"modal"}
 
 
 def test_an_infinite_plate_may_be_of_any_size() -> None:
     huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
-    scene = load("aluminium-3mm", [*huge, *short])
-    assert resolve(scene).plant.infinite_plate
-    found = metrics_of(resolve(scene), simulate(resolve(scene)).truth)
-    usual = load("aluminium-3mm", short)
-    expected = metrics_of(resolve(usual), simulate(resolve(usual)).truth)
+    setup, usual = aluminium_3mm(*huge, *short), aluminium_3mm(*short)
+    assert setup.plant.infinite_plate
+    found, expected = (metrics_of(one, simulate(one).truth) for one in (setup, usual))
     assert found.impacts == expected.impacts
-    case = metrics_of_case(resolve(scene), "run")
+    case = metrics_of_case(setup, "run")
     assert case.plate_energy_j == expected.whole_run.plate_energy_j
     # Without plate_model it is found to do, and what needs the modes says so.
-    assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
+    assert aluminium_3mm(*huge, short[0]).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
-        check_verifiable(resolve(scene))
+        check_verifiable(setup)
 
 
 @pytest.mark.parametrize(
@@ -180,11 +177,11 @@ def test_accuracy_decides_how_many_modes() -> None:
     """And the most that a step can carry is the end of it (pi/dt)."""
     counts = []
     for accuracy in (0.1, 0.03, 0.01, 1e-3):
-        scene = load("aluminium-20mm", [f"run.accuracy={accuracy}"])
-        spec = resolve(scene).plant
+        setup = resolve(load("aluminium-20mm", [f"run.accuracy={accuracy}"]))
+        spec = setup.plant
         nyquist = 0.5 / spec.step_s
         assert spec.frequency_limit_hz <= nyquist
-        expected = model_error.expected_error(resolve(scene))
+        expected = model_error.expected_error(setup)
         assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)

@@ -85,13 +85,7 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
     if limits:
         low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
         numbers = [low, high, 0, 1, math.sqrt(abs(low * high)) or 1.0, (low + high) / 2]
-        if isinstance(low, int) and key in (
-            "bits",
-            "every_steps",
-            "step_ns",
-            "seed",
-            "window_samples",
-        ):
+        if int in (field.annotation, *get_args(field.annotation)):
             numbers = [int(n) for n in numbers]
     if not words and not numbers:
         numbers = [1e-9, 1e-3, 0.1, 10.0]

@@ -115,7 +115,7 @@ def all_keys() -> list[keys.Key]:
 def forget() -> None:
     """Drop the results that all stages have kept."""
     for name, module in list(sys.modules.items()):
-        if name.startswith(("hertzloop.scene", "hertzloop.scene")):
+        if name.startswith("hertzloop.scene"):
             for one in vars(module).values():
                 if hasattr(one, "cache_clear"):
                     one.cache_clear()

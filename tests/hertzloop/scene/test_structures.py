@@ -16,7 +16,7 @@ from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.loading import shipped
+from hertzloop.scene.loading import shipped, shipped_text
 from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.studies.margin.flight import margin_of
 from tests.hertzloop.scenes import aluminium_3mm, recorded
@@ -124,10 +124,9 @@ def test_what_does_not_go_with_a_file_of_modes(
 
 def modes_alone(tmp_path: Path) -> str:
     """A shipped scene on the modes of m.csv, which need not be those of a plate."""
-    text = Path(__file__).parents[3] / "hertzloop/scene/aluminium-3mm.toml"
     lines = [
         line
-        for line in text.read_text().splitlines()
+        for line in shipped_text("aluminium-3mm").splitlines()
         if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
     ]
     plain = "\n".join(lines).replace("[plate]", '[plate]\nmodes = "m.csv"')
@@ -172,8 +171,8 @@ def test_a_point_may_lie_near_an_edge_that_is_free() -> None:
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m"])
 def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
-    text = Path(__file__).parents[3] / "hertzloop/scene/aluminium-3mm.toml"
-    lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
+    text = shipped_text("aluminium-3mm")
+    lines = [line for line in text.splitlines() if not line.startswith(key)]
     with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
         parse("\n".join(lines))
 

@@ -4,8 +4,7 @@ import shutil
 from pathlib import Path
 
 from tests.commands import call, refused, said, succeed
-
-ROOT = Path(__file__).parents[3]
+from tests.hertzloop.own_laws import ROOT
 
 
 def test_markup_in_a_file_name_means_nothing(here: Path) -> None:
