@@ -110,7 +110,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     order = {name: place for place, name in enumerate(slow)}
     items.sort(
         key=lambda item: min(
-            order.get(name, len(slow)) for name in (item.path.name, item.path.parent.name)
+            order.get(name, len(slow)) for name in item.path.relative_to(config.rootpath).parts
         )
     )
     seed = config.getoption("--order")

@@ -14,7 +14,7 @@ from hertzloop.bus.zenoh_config import role_of
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.program import BASE_PORT
 from hertzloop.processes.roles import default_endpoints
-from tests.hertzloop.processes import wait_for
+from tests.hertzloop.commands import wait_for
 from tests.ports import free_ports
 
 ROOT = Path(__file__).resolve().parent.parent

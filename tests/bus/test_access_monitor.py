@@ -1,4 +1,4 @@
-"""Who is let in, as a configuration says it; how it is told: tests/hertzloop/test_hosts.py."""
+"""Who is let in, as a configuration says it."""
 
 import json
 

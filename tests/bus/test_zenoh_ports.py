@@ -12,7 +12,7 @@ from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, url, zenoh_mesh
-from tests.hertzloop.processes import wait_for
+from tests.hertzloop.commands import wait_for
 from tests.ports import free_ports
 
 

@@ -14,7 +14,7 @@ import psutil
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.views import inspection
-from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
+from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
 LAUNCHER = "launcher"

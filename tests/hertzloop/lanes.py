@@ -16,8 +16,8 @@ from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup
+from tests.hertzloop.commands import EVENTUALLY_S
 from tests.hertzloop.exchange import Heard
-from tests.hertzloop.processes import EVENTUALLY_S
 
 
 class QueuePort:

@@ -7,7 +7,7 @@ import pytest
 
 from hertzloop.scene.setup import load
 from hertzloop.studies.bench import bench
-from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.commands import hertzloop
 
 SHORT = "run.duration_s=0.0016"
 

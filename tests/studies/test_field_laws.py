@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.structures.mode_file import read_modes
-from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.commands import hertzloop
 from tests.identification.records.field import FOLDER
 
 LAWS = FOLDER / "laws"

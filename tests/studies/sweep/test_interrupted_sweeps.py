@@ -20,7 +20,7 @@ from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.results_file import read_results
 from tests.commands import invoke
-from tests.hertzloop.processes import next_line, wait_for
+from tests.hertzloop.commands import next_line, wait_for
 from tests.studies.sweeping import COARSE, ONE_WORKER, command, wait_until
 
 

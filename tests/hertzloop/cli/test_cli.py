@@ -1,0 +1,231 @@
+"""The command line as a user meets it: files, exit codes, sentences."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from hertzloop.cli.node import check_endpoints
+from hertzloop.recordings.reader import read
+from tests.commands import as_options, call, refused, said, succeed
+from tests.hertzloop.commands import hertzloop
+
+SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
+
+
+def test_first_run_of_a_new_user(here: Path) -> None:
+    """Real processes, no argument but a shorter run: recording, closing table, all metrics."""
+    done = hertzloop("run", "--set", "run.duration_s=0.02", "--json", "a.json", cwd=here)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[:2] == [
+        "Control reduces plate energy by 6.0 dB in the first impact.",
+        "Over all contacts the change is -7.1 dB, with 2 contacts instead of 6.",
+    ]
+    assert lines[-1] == "Next: hertzloop replay aluminium-20mm.mcap"
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    for words in ("with control", "without", "change", "residual", "Recording: ", "--details"):
+        assert words in done.stdout
+    noise = "acceleration noise, Longhorn"
+    assert noise not in succeed("inspect", "aluminium-20mm.mcap")
+    assert noise in succeed("inspect", "aluminium-20mm.mcap", "--details")
+    recording = read(here / "aluminium-20mm.mcap")
+    assert not recording.problems
+    assert recording.truth.samples == recording.force.samples == recording.daq.samples == 20_000
+    data = json.loads((here / "a.json").read_text())
+    expected = {"scene": "aluminium-20mm", "law": "slope_threshold", "seed": 1, "steps": 20_000,
+                "scene_law": "slope_threshold", "transport": "zenoh"}  # fmt: skip
+    assert expected.items() <= data.items()
+    assert data["real_time_factor"] == pytest.approx(0.02 / data["wall_s"])
+    assert data["exchanges"] > 0
+    assert max(map(abs, data["residuals"].values())) < 1e-10
+    assert len(data["impacts"]) == 2
+    assert len(data["uncontrolled"]["impacts"]) == 6
+    for impact in data["impacts"] + data["uncontrolled"]["impacts"]:
+        assert set(impact) == {
+            "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
+            "plate_energy_j", "plate_speed_max_m_s",
+        }  # fmt: skip
+    again = hertzloop("run", cwd=here)
+    assert again.returncode == 2
+    assert "aluminium-20mm.mcap exists" in again.stderr
+    assert "--overwrite" in again.stderr
+
+
+@pytest.mark.full
+def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
+    here: Path,
+) -> None:
+    told = succeed("run", "aluminium-3mm", *SHORT, "--json", "a.json", "--details")
+    for words in (
+        "564 frequencies up to 244.7 kHz", "1,104 frequencies up to 500 kHz", "1.96 times as many",
+        "times as long (measured)", "sufficient until 1.154 ms, beyond the first contact",
+    ):  # fmt: skip
+        assert words in told, words
+    model = json.loads((here / "a.json").read_text())["model"]
+    assert model["full"]["frequency_ratio"] == 1104 / 564
+    assert model["full"]["measured_ratio"] > 0.0
+    few = ["sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05"]
+    told = succeed("run", *few, "--details")
+    assert "a ratio of frequencies, not of measured time" in told
+    assert "sufficient until" not in told
+    assert "full model" not in succeed("run", "thesis-oak", *SHORT, "--json", "t.json", "--details")
+    assert json.loads((here / "t.json").read_text())["model"] is None
+
+
+def test_a_run_on_an_infinite_plate(here: Path) -> None:
+    run = ["run", "aluminium-3mm", "--details", "--transport", "compiled", "--overwrite",
+           "--set", "controller.law=off"]  # fmt: skip
+    told = succeed(*run, "--set", "run.duration_s=0.00114", "--verify", "--json", "a.json")
+    assert "infinite plate, a dashpot of 308.2 N s/m; missing reflections may cost" in told
+    assert "missed" not in told
+    data = json.loads((here / "a.json").read_text())
+    assert data["model"]["plate_model"] == "infinite"
+    assert (data["frequencies"], data["model"]["full"]["frequency_ratio"]) == (0, None)
+    assert data["expected_error"] <= data["requested_accuracy"]
+    assert data["verification"]["largest"] <= data["requested_accuracy"]
+    # Asked for where reflections matter, it is taken, and the table says what that costs.
+    for duration_s, sentence in (
+        (0.0012, "(requested: 0.001; missed)"),
+        (0.01, "by the run's end is not known"),
+    ):
+        asked = as_options(["run.plate_model=infinite", f"run.duration_s={duration_s}"])
+        assert sentence in succeed(*run, *asked)
+
+
+def test_nothing_is_overwritten_unasked(here: Path) -> None:
+    (here / "aluminium-3mm.mcap").write_text("mine")
+    refused("aluminium-3mm.mcap exists", "run", "aluminium-3mm", *SHORT)
+    refused("aluminium-3mm.mcap exists", "node", "recorder", "--out", "aluminium-3mm.mcap")
+    assert (here / "aluminium-3mm.mcap").read_text() == "mine"
+    succeed("run", "aluminium-3mm", *SHORT, "--overwrite")
+    assert read(here / "aluminium-3mm.mcap").truth.samples == 1500
+
+
+def test_the_scene_of_a_recording_runs_again(here: Path) -> None:
+    seen = ["--seed", "5", "--set", "sensors.bits=12", "--json", "a.json"]
+    succeed("run", "oak-20mm", *SHORT, *seen, "--out", "a.mcap")
+    recording = read(here / "a.mcap")
+    assert json.loads((here / "a.json").read_text())["seed"] == 5
+    assert len(recording.daq.arrays["code"])
+    (here / "mine.toml").write_text(recording.scene_toml)
+    succeed("run", "mine.toml", "--transport", "inprocess", "--out", "b.mcap")
+    told = succeed("compare", "a.mcap", "b.mcap")
+    assert "the same: 1,500 steps of truth, 1,500 samples, 1,500 forces" in told
+    succeed("run", "mine.toml", *SHORT, "--set", "controller.latency_us=1", "--out", "c.mcap")
+    different = call("compare", "a.mcap", "c.mcap")
+    assert different.exit_code == 1
+    assert "differs first at step" in said(different)
+
+
+def test_compare_shows_metrics_of_two_laws(here: Path) -> None:
+    run = ["run", "--transport", "compiled",
+           *as_options(["run.duration_s=0.0016", "run.accuracy=0.05"])]  # fmt: skip
+    for name, law in (("a", "slope_threshold"), ("b", "force_feedback")):
+        law_of = as_options([f"controller.law={law}", "controller.kappa=0.4"])
+        succeed(*run, *law_of, "--out", f"{name}.mcap", "--json", f"{name}.json")
+    told = succeed("compare", "a.mcap", "b.mcap", "--metrics", "--json", "c.json")
+    assert "force_feedback" in told
+    assert "plate energy" in told
+    a, b, c = (json.loads((here / f"{name}.json").read_text()) for name in "abc")
+    rows = {(row["span"], row["metric"]): row for row in c["metrics"]}
+    for (span, metric), row in rows.items():
+        assert (row["a"], row["b"]) == (a[span][metric], b[span][metric])
+    energy = rows["first_impact", "plate_energy_j"]
+    assert energy["unit"] == "dB"
+    assert energy["b_to_a"] == pytest.approx(10.0 * math.log10(energy["b"] / energy["a"]))
+    for wrong in (["--json", "d.json"], ["--metrics", "--tolerance", "1e-9"]):
+        refused("error: ", "compare", "a.mcap", "b.mcap", *wrong)
+
+
+def test_inspect_whole_and_cut_off(here: Path) -> None:
+    long = ["--transport", "compiled", "--set", "run.duration_s=0.1", "--out", "a.mcap"]
+    succeed("run", "aluminium-3mm", *long)
+    succeed("inspect", "a.mcap", "--json", "a.json")
+    data = json.loads((here / "a.json").read_text())
+    assert (data["streams"]["truth"]["samples"], data["problems"]) == (100_000, [])
+    content = (here / "a.mcap").read_bytes()
+    (here / "cut.mcap").write_bytes(content[: len(content) // 2])
+    cut = call("inspect", "cut.mcap", "--json", "cut.json")
+    assert cut.exit_code == 1
+    assert "cut off" in said(cut)
+    data = json.loads((here / "cut.json").read_text())
+    assert 0 < data["streams"]["truth"]["samples"] < 100_000
+    assert data["problems"]
+
+
+def test_scenes_are_listed() -> None:
+    listed = succeed("scene", "list")
+    for name in ("aluminium-20mm (default)", "aluminium-3mm", "oak-20mm", "sylomer-20mm"):
+        assert name in listed
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("run no-such-scene", "SCENE = 'no-such-scene': unknown scene"),
+        ("run --set controller.latency_us=0.5", "controller.latency_us = 0.5"),
+        ("run --transport pigeon", "'pigeon' is not one of"),
+        ("run --out no/such/folder/a.mcap", "the folder no/such/folder does not exist"),
+        ("run --out .", "not a regular file"),
+        ("run --json no/such/folder/a.json", "the folder no/such/folder does not exist"),
+        ("bench --json folder.json", "folder.json: is a folder"),
+        ("run --horizon 0", "Invalid value for '--horizon'"),
+        ("inspect none.mcap", "none.mcap"),
+        ("inspect empty.mcap", "empty.mcap"),
+        ("node plant --zenoh-config none.json5", "does not exist"),
+        ("node controller --listen nonsense", "'nonsense': invalid endpoint. Write it as tcp/"),
+        ("node watch --connect tcp/127.0.0.1", "--connect = 'tcp/127.0.0.1': invalid endpoint"),
+        ("node controller --zenoh-config text.mcap", "--zenoh-config: text.mcap: is not a zenoh"),
+        ("node recorder --zenoh-config ports.json5", "'tcp/[::1]:99999#iface=lo' has no"),
+        ("node plant --listen tcp/1.2.3.4:99999", "'tcp/1.2.3.4:99999' has no port up to 65535"),
+        pytest.param(
+            "sweep --over sensors.bits=8,9 --dask nonsense",
+            "--dask = 'nonsense': invalid scheduler address. Give it as tcp://",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            "sweep --over sensors.bits=8,9 --dask tcp://[::1]:99999",
+            "--dask = 'tcp://[::1]:99999': invalid port. Give a port from 1 to 65535",
+            marks=pytest.mark.full,
+        ),
+    ],
+)
+def test_the_users_mistakes(here: Path, words: str, sentence: str) -> None:
+    (here / "text.mcap").write_text("this is no recording")
+    (here / "empty.mcap").touch()
+    (here / "folder.json").mkdir()
+    (here / "ports.json5").write_text('{listen: {endpoints: {peer: ["tcp/[::1]:99999#iface=lo"]}}}')
+    before = set(here.iterdir())
+    refused(sentence, *words.split())
+    assert set(here.iterdir()) == before
+
+
+def test_endpoints_that_zenoh_takes_are_taken() -> None:
+    plain = ["tcp/[::1]:7450", "ws/localhost:7450", "unixsock-stream//tmp/a.b"]
+    with_words = ["udp/10.0.0.1:7450?rel=1", "tls/lab.example:65535#iface=eth0"]
+    check_endpoints("--listen", plain + with_words)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run --out F.mcap", "inspect none.mcap --json F.json", "node recorder --out F.mcap",
+        "replay none.mcap --save F.rrd", "sweep --over sensors.bits=4,5 --out F.csv",
+        "tune --out-dir F",
+    ],
+)  # fmt: skip
+def test_what_cannot_be_written_is_said_before_work_starts(
+    here: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    """In /proc not even root can make a file."""
+
+    def work(*_: object) -> None:
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr("hertzloop.warmup.ensure_compiled", work)
+    folder = words.endswith(" F")  # that would have to be made
+    sentence = "cannot create the folder" if folder else "cannot write to the folder /proc"
+    refused(sentence, *words.replace("F", "/proc/no").split())

@@ -1,0 +1,223 @@
+"""Laws of one's own, from a folder that holds nothing else: Python files, packages, C libraries."""
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from hertzloop.bus.streams import CONTROLLER
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.recorded import reported_law
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup, load, parse
+from hertzloop.scene.toml import to_toml
+from tests.commands import call, refused, said, succeed
+from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.lanes import Pair
+from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, needs_cc, write_law
+
+LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
+
+
+def record(scene: Setup, path: Path, transport: str = "compiled") -> Recording:
+    run_and_assess(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
+    recording = read(path)
+    assert not recording.problems
+    return recording
+
+
+@needs_cc
+@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport: str) -> None:
+    shutil.copy(EXAMPLES / "low_passed.py", here)
+    build(here, EXAMPLES / "low_passed.c")
+    laws = ("low_passed.py", "low_passed.so")
+    scenes = [load("aluminium-3mm", [*LIMIT, f"controller.law={law}"]) for law in laws]
+    first = record(scenes[0], here / "a.mcap")
+    assert first.force.arrays["force_n"].max() == 20.0  # at the limit, so anti-windup acts
+    for scene in scenes:
+        assert first_difference(record(scene, here / "b.mcap", transport), first) is None
+
+
+@pytest.mark.parametrize(
+    ("law", "transport"), [("slope_threshold", "compiled"), ("force_feedback", "zenoh")]
+)
+def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: str) -> None:
+    shutil.copy(ROOT / "controller" / "laws" / f"{law}.py", here / "mine.py")
+    settings = [SHORT, "controller.latency_us=3", "sensors.bits=12"]
+    same = record(load("aluminium-3mm", [*settings, f"controller.law={law}"]), here / "a.mcap")
+    scene = load("aluminium-3mm", [*settings, "controller.law=mine.py"])
+    mine = record(scene, here / "b.mcap", transport)
+    assert mine.force.arrays["force_n"].any()
+    assert first_difference(mine, same) is None
+    assert reported_law(mine) == ("mine.py", loaded_law(scene).digest)
+    assert mine.law_source == (here / "mine.py").read_text()
+
+
+CLASSES = """
+class Half:
+    senses = "contact_force"
+    @staticmethod
+    def command(p, s, samples, i):
+        if samples[i] != 0.0:
+            s.mode = 2
+        return 0.5 * samples[i]
+"""
+
+
+@pytest.mark.full
+def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = here / "acme_laws"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "halves.py").write_text(CLASSES)
+    about = here / "acme_laws-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-laws\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[hertzloop.laws]\nhalf = acme_laws.halves:Half\n")
+    path = f"{ROOT}{os.pathsep}{here}"
+    references = ("acme_laws/halves.py:Half", "acme_laws.halves:Half", "half", "force_feedback")
+    for number, law in enumerate(references):
+        words = ["run", "aluminium-3mm", "--transport", "compiled", "--set", SHORT]
+        settings = ["--set", f"controller.law={law}"]
+        settings += ["--set", "controller.kappa=0.5"] if law == "force_feedback" else []
+        words += ["--out", f"{number}.mcap"]
+        done = hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
+        assert done.returncode == 0, done.stderr
+    for number in range(3):
+        assert first_difference(read(here / f"{number}.mcap"), read(here / "3.mcap")) is None
+
+
+@pytest.mark.full
+def test_sweep_check_and_tune(here: Path) -> None:
+    shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
+    fixed = ["aluminium-3mm", "--set", "controller.law=mine.py", "--set", SHORT]
+    over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
+    succeed("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2")
+    header = json.loads((here / "r.csv.json").read_text())
+    (about,) = header["laws"].values()
+    assert about["source"] == (here / "mine.py").read_text()
+    assert "2 of 2 cases: the same bytes over zenoh" in succeed(
+        "sweep", "--verify", "r.csv", "--cases", "2"
+    )
+    tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT]
+    small = ["--generations", "2", "--population", "4", "--json", "t.json"]
+    succeed(*tuned, "--minimise", "plate_energy_db", *small)
+    (best,) = json.loads((here / "t.json").read_text())["front"]
+    assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
+    # Another text is another law, for what was begun and for what is to be checked.
+    with (here / "mine.py").open("a") as file:
+        file.write("\n# changed\n")
+    refused("Copy the same file to both sides", "sweep", "--verify", "r.csv", "--cases", "1")
+
+
+@pytest.mark.full
+def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None:
+    write_law(here)
+    path = write_law(here, name="slow.py")
+    text = path.read_text().replace(
+        "p.share *", "{'share': p.share}.get('share') * float(str(1.0)) *"
+    )
+    path.write_text(text)
+    recordings = []
+    for law in ("mine.py", "slow.py"):
+        words = ["--transport", "compiled", "--set", SHORT, "--out", f"{law}.mcap"]
+        done = call("run", "aluminium-3mm", *words, "--set", f"controller.law={law}")
+        assert done.exit_code == 0, done.output
+        cost = re.search(r"runs as Python, ([0-9.]+) us", said(done))
+        assert (cost is not None and float(cost[1]) > 0.0) == (law == "slow.py")
+        recordings.append(read(here / f"{law}.mcap"))
+    assert recordings[0].force.arrays["force_n"].any()
+    assert first_difference(*recordings) is None
+    slow = load("aluminium-3mm", [SHORT, "controller.law=slow.py"])
+    assert first_difference(record(slow, here / "z.mcap", "zenoh"), recordings[0]) is None
+
+
+def test_keys_of_a_law_of_ones_own(here: Path) -> None:
+    write_law(here)
+    mine = ["controller.law=mine.py"]
+    scene = load("aluminium-3mm", [*mine, "controller.share=0.25"])
+    assert scene.scene.controller.keys.share == 0.25
+    assert parse(to_toml(scene.scene)) == scene
+    assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
+    assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
+    for setting, words in {
+        "controller.shar=1": "controller.shar: unknown scene key. Did you mean share?",
+        "controller.share=2": "controller.share = 2: must be",
+        "controller.share=nan": "controller.share",
+        "controller.fade_us=20": "fade_us = 20: has no effect on .*, whose keys are: share",
+        "sensors.quantity=xi": "needs 'contact_force'",
+    }.items():
+        with pytest.raises(SceneError, match=words.replace("?", r"\?")):
+            load("aluminium-3mm", [*mine, setting])
+    with pytest.raises(SceneError, match="share: unknown scene key"):
+        load("aluminium-3mm", ["controller.share=0.25"])
+
+
+def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = here / "scenes"
+    folder.mkdir()
+    write_law(folder)
+    text = to_toml(load("aluminium-3mm").scene).replace(
+        'law = "slope_threshold"', 'law = "mine.py"'
+    )
+    text = text.replace('quantity = "xi"', 'quantity = "auto"')
+    (folder / "mine.toml").write_text(text)
+    assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
+    write_law(here, "s.largest_n += 0.0")
+    assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
+
+
+def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
+    """It says at its end what the plant calls the law; another law it does not take for it."""
+    folder = here / "there"
+    folder.mkdir()
+    write_law(here)
+    there = write_law(folder)
+
+    def run(timeout_s: float) -> Pair:
+        pair = Pair(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), timeout_s)
+        pair.controller = ControllerNode(pair.ports[CONTROLLER], law=str(there))
+        return pair.run()
+
+    same = run(5.0)
+    assert (same.fault, same.controller_fault) == ("", "")
+    write_law(folder, "s.largest_n += 0.0")
+    assert "Copy the same file to both sides" in run(1.0).controller_fault
+
+
+def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
+    for kind, name in (("law", "mine.py"), ("scene", "a scene.toml")):
+        succeed(kind, "new", name)
+    run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
+    succeed(*run, "--set", "controller.law=mine.py")
+    recording = read(here / "a-scene.mcap")
+    assert recording.force.arrays["force_n"].any()
+    refused("mine.py exists", "law", "new", "mine.py")
+    assert call("law", "new", "mine.txt").exit_code == 2
+    # The same start in C.
+    if shutil.which("cc"):
+        assert call("law", "new", "mine.c").exit_code == 0
+        build(here, here / "mine.c")
+        scene = load("a scene.toml", [SHORT, "controller.law=mine.so"])
+        assert first_difference(record(scene, here / "c.mcap"), recording) is None
+
+
+def test_a_recording_outlives_its_law(here: Path) -> None:
+    path = write_law(here)
+    record(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), here / "a.mcap")
+    path.unlink()
+    succeed("inspect", "a.mcap", "--json", "i.json")
+    data = json.loads((here / "i.json").read_text())
+    assert data["complete"]
+    assert len(data["impacts"]) == 1
+    assert data["law"] == data["scene_law"] == "mine.py"

@@ -1,0 +1,297 @@
+"""Laws that are wrong: one sentence each, exit code 2 before the run and 1 in it."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find
+from hertzloop.loop.announcement import hello
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.run_options import Transport
+from hertzloop.processes.law_trial import try_law
+from hertzloop.recordings.reader import read
+from hertzloop.results.recorded import reported_law
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load, parse
+from hertzloop.scene.toml import to_toml
+from tests.commands import call, refused, said
+from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.lanes import QueuePort
+from tests.hertzloop.own_laws import EXAMPLES, SHORT, build, needs_cc, write_law
+from tests.tiers import default
+
+LONGER = ["--set", "run.duration_s=0.004"]  # than the trial of a law, in samples
+
+
+def law_refused(law: str, words: str) -> None:
+    """A run is refused before it begins, with these words."""
+    refused(words, "run", "aluminium-3mm", "--set", SHORT, "--set", f"controller.law={law}")
+    assert not list(Path().glob("*.mcap"))
+
+
+NOTHING = "def command(p, s, samples, i):\n    return 0.0\n"
+BEFORE = [
+    ("def command(p, s, samples, i:\n", "mine.py: is not valid Python"),
+    ("x = 1\n", "is not a law; the function command(p, s, samples, i) is missing"),
+    ("def command(p, s, x):\n    return 0.0\n", "Define it as command(p, s, samples, i)"),
+    ("import nothing_such\n", "No module named 'nothing_such' (line 1)"),
+    (f"senses = 'smell'\n{NOTHING}", "senses = 'smell' is unknown"),
+    (f"{NOTHING}def known_ahead(p, s, samples, i):\n    return 0\n", "one of known_ahead and com"),
+    (f"class Parameters:\n    a = 1\n{NOTHING}", "derived from hertzloop.law.Keys"),
+    (f"class State:\n    name: str = 'x'\n{NOTHING}", "State.name needs a number"),
+    (
+        f"def prepare(keys, about):\n    return {{}}['x']\n{NOTHING}",
+        "KeyError: 'x' (line 2)",
+    ),
+    ("raise SystemExit(0)\n", "cannot be loaded: SystemExit: 0 (line 1)"),
+    (f"def reach(keys):\n    return 1 / 0\n{NOTHING}", "reach failed: ZeroDivisionError: division"),
+    (
+        f"{NOTHING}def quiet_level(p, s):\n    return depth\n",
+        "'depth' is not defined (in quiet",
+    ),
+    # The trial does not reach it.
+    (NOTHING.replace("0.0", "tiny if i > 100_000 else 0.0"), "name 'tiny' is not defined (in com"),
+    (NOTHING.replace("0.0", "'much'"), "at sample 0"),
+]
+IN_TRIAL = {
+    "if i == 30: return float('nan')": "at sample 30, commanded nan N",
+    "if i == 30: too_much(samples)": "too much (line 21: raise ValueError('too much'))",
+}
+
+
+@pytest.mark.parametrize(("text", "words"), BEFORE)
+def test_wrong_by_its_text(here: Path, text: str, words: str) -> None:
+    (here / "mine.py").write_text(text)
+    law_refused("mine.py", words)
+
+
+@pytest.mark.parametrize("line", IN_TRIAL)
+def test_wrong_at_once(here: Path, line: str) -> None:
+    with write_law(here, line).open("a") as file:
+        file.write(
+            "\ndef too_much(samples):\n    refuse()\n"
+            "\ndef refuse():\n    raise ValueError('too much')\n"
+        )
+    law_refused("mine.py", IN_TRIAL[line])
+
+
+def test_a_law_that_is_not_there(here: Path) -> None:
+    write_law(here)
+    law_refused("mine.py:Other", "does not define Other")
+    law_refused("none.py", "cannot be read: No such file")
+    law_refused("slope_treshold", "Did you mean slope_threshold?")
+    law_refused("no_such.module:Law", "no_such")
+
+
+def test_ranges_that_are_none(here: Path) -> None:
+    write_law(here).open("a").write("def tune(about):\n    return [('share', 0.0, 1.0)]\n")
+    refused("Return {key: (low, high)}", "tune", "--law", "mine.py")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (
+            "return samples[i + 1]",
+            r"at sample 0, failed: UnknownSample: samples\[1\] is not known yet; at sample 0 a law "
+            r"may read samples\[0\] to samples\[0\] \(line \d+: return samples\[i \+ 1\]\)",
+        ),
+        # What is read never gets into the force.
+        ("if samples[i] < samples[i + 3]: s.largest_n += 1.0", r"samples\[3\] is not known yet"),
+        ("if i == 40: return ahead(samples, i)", r"at sample 40, .*samples\[42\] is not known"),
+        ("if i == 2: return ahead(samples, -5)", r"at sample 2, .*samples\[-3\] does not exist"),
+    ],
+)
+def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) -> None:
+    path = write_law(here, line)
+    text = "\nfrom hertzloop.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
+    path.write_text(path.read_text() + text + "    return samples[i + 2]\n")
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    with pytest.raises(SceneError, match=words):
+        try_law(scene)
+
+
+@pytest.mark.parametrize("at", ["i - 1", "i + (i == 700)"])
+def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str) -> None:
+    text = (EXAMPLES / "low_passed.c").read_text()
+    assert "samples[i]" in text
+    (here / "mine.c").write_text(text.replace("samples[i]", f"samples[{at}]"))
+    library = build(here, here / "mine.c")
+    scene = load("aluminium-3mm", [SHORT, f"controller.law={library}"])
+    with pytest.raises(SceneError, match=r"reads values before samples\[0\] .*samples\[i\] only"):
+        try_law(scene)
+
+
+def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
+    """On a fresh machine that takes longer than a law's trial may."""
+    write_law(here)
+    script = (
+        "import os; from hertzloop.controller import kernels; fork = os.fork\n"
+        "def checked():\n"
+        "    assert kernels.control_block.signatures, 'not loaded'\n"
+        "    return fork()\n"
+        "os.fork = checked\n"
+        "from hertzloop.processes.law_trial import try_law\n"
+        "from hertzloop.scene.setup import load\n"
+        "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the file itself, in what it prepares, and in the trial."""
+    monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
+    monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
+    (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
+    with pytest.raises(SceneError, match=r"not loaded within 0.2 s. Check it for an endless loop"):
+        load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    (here / "mine.py").write_text(
+        "def prepare(keys, about):\n    while True: pass\n"
+        "def command(p, s, samples, i):\n    return 0.0\n"
+    )
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    with pytest.raises(SceneError, match=r"mine.py: was not prepared within 0.2 s"):
+        try_law(scene)
+    monkeypatch.undo()
+    monkeypatch.setattr("hertzloop.processes.law_trial._PATIENCE_S", 0.2)
+    write_law(here, "while i == 30: s.largest_n += 0.0")
+    with pytest.raises(SceneError, match=r"did not answer .* Check it for an endless loop\."):
+        try_law(load("aluminium-3mm", [SHORT, f"controller.law={here}/mine.py"]))
+
+
+def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
+    monkeypatch.syspath_prepend(here)
+    (here / "endless_law.py").write_text("while True:\n    pass\n")
+    with pytest.raises(LawError, match=r"was not loaded within 0.2 s"):
+        find("endless_law:Law")
+    (here / "other_law.py").write_text(f"open('{here}/executed', 'w')\n")
+    with pytest.raises(LawError, match="Copy the same file to both sides") as refused:
+        find("other_law:Law", "0" * 32)
+    assert "cannot be loaded" not in str(refused.value)
+    assert not (here / "executed").exists()
+
+
+LATE = {  # than the trial reaches
+    "compiled": ("assert i != 3000, 'it is late'", "AssertionError: it is late"),
+    "exit": ("if i == 3000: import sys; sys.exit(0)", "SystemExit: 0"),  # as Python
+}
+CASES = [*(("exit", transport) for transport in Transport), ("compiled", Transport.COMPILED)]
+
+
+@pytest.mark.parametrize("case", default(CASES, CASES[:3]), ids=" ".join)
+def test_wrong_in_the_run(here: Path, case: tuple[str, Transport]) -> None:
+    """The run ends; the recording up to there stays readable."""
+    how, transport = case
+    line, words = LATE[how]
+    path = write_law(here, line)
+    if how != "compiled":
+        path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
+    settings = [*LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
+    result = call("run", "aluminium-3mm", "--transport", transport, *settings)
+    assert result.exit_code == 1
+    assert f"the law mine.py, at sample 3000, failed: {words} (line" in said(result)
+    recording = read(here / "a.mcap")
+    assert recording.truth.samples > 2000
+    told = next(problem for problem in recording.problems if words in problem)
+    assert told.count(f"failed: {words}") == 1  # the role that heard of it adds nothing
+    assert reported_law(recording)[0] == "mine.py"
+
+
+def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
+    write_law(here, "if p.share > 0.7: raise ValueError('too much')")
+    words = ["--set", SHORT, "--set", "controller.law=mine.py", "--workers", "1", "-o", "r.csv"]
+    result = call("sweep", "aluminium-3mm", *words, "--over", "controller.share=0.2,0.9")
+    assert result.exit_code == 1
+    assert "the law mine.py, at sample 0, failed: ValueError: too much" in said(result)
+    assert "1 of 2 cases" in said(result)
+
+
+# A hertzloop that gives a law less time.
+IMPATIENT = [
+    sys.executable,
+    "-c",
+    "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
+    "from hertzloop.__main__ import main; main()",
+]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("command", ["inprocess", "compiled", "sweep"])
+def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
+    """Nothing can interrupt it: its process ends, with a sentence."""
+    write_law(here, "while i == 3000: s.largest_n += 0.0")
+    words = ["run", "aluminium-3mm", "--transport", command, "--out", "a.mcap"]
+    if command == "sweep":
+        words = ["sweep", "aluminium-3mm", "--workers", "1", "--span", "run"]
+        words += ["--over", "controller.share=0.2"]
+    settings = [*LONGER, "--set", "controller.law=mine.py"]
+    line = [*IMPATIENT, *words, *settings]
+    done = subprocess.run(line, cwd=here, text=True, capture_output=True, timeout=120)
+    assert done.returncode == 1
+    assert "Check it for an endless loop." in " ".join(done.stderr.split())
+    if command != "sweep":
+        assert any("endless loop" in problem for problem in read(here / "a.mcap").problems)
+
+
+@pytest.mark.full
+def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
+    """The others wait for as long as they were told to, and say for whom."""
+    write_law(here, "while i == 3000: s.largest_n += 0.0")
+    words = ["run", "aluminium-3mm", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
+    done = hertzloop(*words, "--timeout", "5", cwd=here)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1
+    hangs = "perhaps in an endless loop of the law mine.py"
+    assert f"controller does not respond, {hangs}; plant waited" in said
+    assert "Traceback" not in said
+    assert read(here / "a.mcap").truth.samples > 2000
+
+
+def test_a_shipped_law_of_another_version_is_refused() -> None:
+    announced: Hello = hello(load("aluminium-3mm"), 1e10)
+    announced.run_id, announced.law_digest = 1, "0" * 32
+    port: Any = QueuePort(CONTROLLER, [])  # on which nobody listens
+    node = ControllerNode(port)
+    with pytest.raises(StreamFault, match="Copy the same file to both sides"):
+        node.handle(Envelope("hello", announced.SerializeToString(), 0))
+
+
+def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
+    path = write_law(here)
+    text = to_toml(load("aluminium-3mm", ["controller.law=mine.py"]).scene)
+    with path.open("a") as file:
+        file.write(f"\nopen('{here}/executed', 'w')\n")
+    with pytest.raises(SceneError, match="Copy the same file to both sides"):
+        parse(text)
+    assert not (here / "executed").exists()
+
+
+@needs_cc
+def test_wrong_libraries(here: Path) -> None:
+    (here / "text.so").write_text("no library")
+    law_refused("text.so", "it is no shared library of this system")
+    other = bytearray(build(here, EXAMPLES / "low_passed.c").read_bytes())
+    other[18] = 183 if other[18] != 183 else 62  # AArch64, x86-64
+    (here / "other.so").write_bytes(other)
+    law_refused("other.so", "another processor architecture")
+    text = (EXAMPLES / "low_passed.c").read_text()
+    raises = "#include <signal.h>\n" + text.replace("return s->", "raise(SIGUSR1); return s->")
+    no_number = text.replace("return s->filtered_n;", "return i == 9 ? NAN : 0;")
+    cases = (
+        ("int nothing;\n", "the symbol hertzloop_law is missing"),
+        (text.replace("sizeof(struct parameters)", "16"), "16 bytes of parameters"),
+        (no_number, "no finite number as the command of sample 9"),
+        (raises, "ended its process by signal"),
+    )
+    for number, (source, words) in enumerate(cases):
+        path = here / f"{number}.c"
+        path.write_text(source)
+        law_refused(build(here, path).name, words)

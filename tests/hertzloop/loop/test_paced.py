@@ -1,0 +1,272 @@
+"""Paced mode: the wall clock sets the step, late forces act when they come, and a recording of that
+repeats in lock-step to the bit."""
+
+import re
+import signal
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hertzloop.bus.codec import DecodedBlock
+from hertzloop.bus.events import event
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.bus.streams import PLANT
+from hertzloop.loop import pace_kernels
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.events import LateForces
+from hertzloop.loop.paced import PacedPlantNode
+from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
+from hertzloop.scene.setup import Setup, load
+from tests.commands import as_options, invoke
+from tests.hertzloop.commands import (
+    EVENTUALLY_S,
+    child_of,
+    finish,
+    grown_to,
+    hertzloop,
+    start,
+    wait_for,
+)
+from tests.hertzloop.lanes import Pair
+
+FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.accuracy=0.1"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm_paced_kernels(warm_kernels: None) -> None:
+    from hertzloop.warmup import RUN, Work, ensure_compiled
+
+    ensure_compiled(works=[*RUN, Work.PACED])
+
+
+def feedback(*settings: str) -> Setup:
+    return load("aluminium-3mm", [*FEEDBACK, "run.duration_s=0.0025", *settings])
+
+
+def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
+    pair = Pair(scene, timeout_s, fast_lane=lane)
+    pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, timeout_s, fast_lane=lane)
+    return pair
+
+
+def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
+    pair = Pair(scene, fast_lane=lane)
+    pair.plant = PlantNode(
+        scene, pair.ports[PLANT], timeout_s=EVENTUALLY_S, fast_lane=lane, repeat=repeat
+    )
+    return pair.run()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("lane", [True, False])
+def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:
+    """A step every 20 ms, and 21 steps from a sample to its force."""
+    scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
+    pair = paced(scene, 0.00005, lane).run()
+    assert pair.fault == pair.controller_fault == ""
+    assert pair.stats is not None
+    assert pair.stats.wall_s >= 1.17  # the last of 60 steps begins then
+    assert pair.stats.lane == ("JOINED" if lane else "")
+    told = pacing_of(pair.recorded(tmp_path / "paced.mcap"))
+    assert told is not None
+    assert told.clock is not None
+    assert told.clock.slack_us == pytest.approx(420_000.0)
+    assert told.clock.answers_in_time == 1.0
+    found = pair.samples()
+    assert found.pop("truth.held_steps")
+    assert found == {
+        name: digest
+        for name, digest in Pair(scene, fast_lane=False).run().samples().items()
+        if name != "truth.held_steps"
+    }
+
+
+@pytest.mark.parametrize("lane", [True, False])
+def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
+    """Two threads of one process cannot hold a step every 10 us."""
+    scene = feedback()
+    first = paced(scene, 0.1, lane).run().recorded(tmp_path / "paced.mcap")
+    assert not first.problems
+    found = pacing_of(first)
+    assert found is not None
+    held = first.truth.arrays["held_steps"]
+    assert found.late_forces == np.count_nonzero(held) > 100
+    rows = np.split(held > 0, np.flatnonzero(np.diff(held > 0)) + 1)
+    assert found.longest_sequence == max(len(row) for row in rows if row[0])
+    assert found.clock is not None
+    assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
+    repeat = repeated_run(first)
+    again = repeated(scene, repeat, not lane)
+    assert again.fault == again.controller_fault == ""
+    assert first_difference(first, again.recorded(tmp_path / "again.mcap")) is None
+    # Without the late forces it is another run.
+    other = replace(repeat, held_steps=np.zeros_like(held))
+    assert "this is not the same run" in repeated(scene, other).fault
+
+
+def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
+    """A controller that stops for 0.1 s at a pace that leaves 2.1 ms."""
+    scene = feedback("controller.latency_us=20", "run.duration_s=0.0025")
+    pair = paced(scene, 0.01)
+    work, slept = pair.controller.work, threading.Event()
+
+    def pause(timeout_s: float) -> None:
+        if pair.controller.samples > 100 and not slept.is_set():
+            slept.set()
+            time.sleep(0.1)
+        work(timeout_s)
+
+    pair.controller.work = pause  # type: ignore[method-assign]
+    first = pair.run().recorded(tmp_path / "paced.mcap")
+    assert slept.is_set()
+    found = pacing_of(first)
+    assert found is not None
+    assert found.longest_sequence > 500
+    assert found.clock is not None
+    assert found.clock.response_us["max"] > 90_000
+    late = [e.message for e in first.events if e.data.kind == EventKind.FORCES_LATE]
+    assert len(late) <= 3
+    assert re.match(rf"late forces? ([0-9]+ to )?{found.late_forces}:", late[-1])
+
+
+def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=2.0)
+    work = ControllerNode.work
+
+    def stop(node: ControllerNode, timeout_s: float) -> None:
+        if node.samples > 100:
+            wait_for(lambda: pair.fault)
+        work(node, timeout_s)
+
+    monkeypatch.setattr(ControllerNode, "work", stop)
+    assert "plant waited 2 s for the force for step" in pair.run().fault
+
+
+@pytest.mark.full
+class TestProcesses:
+    """Over zenoh, as a user runs it, with a controller that was stopped for 0.1 s."""
+
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+        folder = tmp_path_factory.mktemp("paced")
+        recording = folder / "paced.mcap"
+        settings = as_options(FEEDBACK)
+        run = start(
+            "run", "aluminium-3mm", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
+            "--out", str(recording), "--realtime", "off",
+        )  # fmt: skip
+        controller = child_of(run, "controller")
+        wait_for(grown_to(recording, 30_000))
+        controller.send_signal(signal.SIGSTOP)
+        time.sleep(0.1)
+        controller.send_signal(signal.SIGCONT)
+        code, said, _ = finish(run)
+        assert code == 0, said
+        return folder
+
+    def test_repeated(self, folder: Path) -> None:
+        again = folder / "again.mcap"
+        done = hertzloop("run", "--repeat", str(folder / "paced.mcap"), "--out", str(again))
+        assert done.returncode == 0, done.stderr
+        assert f"Repeated: the same bytes as in {folder / 'paced.mcap'}." in " ".join(
+            done.stdout.split()
+        ).replace("- ", "-")
+        a, b = read(folder / "paced.mcap"), read(again)
+        assert first_difference(a, b) is None
+        assert b.metadata["repeats"] == a.metadata["run_id"]
+        assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
+
+    def test_inspected_and_drawn(self, folder: Path) -> None:
+        drawn = run_here("inspect", str(folder / "paced.mcap"), "--responses", str(folder))
+        assert (folder / "response.png").stat().st_size > 10_000
+        rows = (folder / "response.csv").read_text().splitlines()
+        assert sum(int(row.split(",")[1]) for row in rows[1:]) == 29_999
+        inspected = run_here("inspect", str(folder / "paced.mcap"))
+        for sentence in drawn.splitlines()[:3]:
+            assert sentence in inspected
+
+
+def run_here(*words: str, code: int = 0) -> str:
+    """What a command prints."""
+    done = invoke(list(words))
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--pace", "1e-8"], "use a pace of"),
+        (["--pace", "1", "--horizon", "3"], "--horizon: cannot be combined with --pace"),
+        (["--pace", "1", "--verify"], "--verify: cannot be combined with --pace"),
+        (
+            ["--pace", "1", "--transport", "compiled"],
+            "--pace: not available with --transport compiled",
+        ),
+        (["--repeat", "no.mcap", "--seed", "3"], "--repeat: the recording fixes scene and seed"),
+        (["--repeat", "no.mcap"], "cannot read no.mcap"),
+    ],
+)
+def test_what_does_not_go_together(words: list[str], said: str) -> None:
+    assert said in " ".join(run_here("run", *words, code=2).split())
+
+
+def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
+    draw = np.random.default_rng(1)
+    held = np.where(draw.random(3456) < 0.01, draw.integers(1, 50, 3456), 0).astype(np.int32)
+    held[2000:3000] = 0
+    held[2500] = 3
+
+    def events(cuts: list[int]) -> list[Any]:
+        late, ends = LateForces(len(held)), [*cuts, len(held)]
+        return [e for a, b in zip([0, *cuts], ends, strict=True) for e in late.of(a, held[a:b])]
+
+    whole = events([])
+    assert [step for step, *_ in whole] == [999, 1999, 2999, 3455]
+    _, _, alone = whole[2]
+    assert "the force of step 2497 acted in step 2500" in event("plant", 0, 1, **alone).message
+    assert whole[3][2]["last_number"] == np.count_nonzero(held)
+    assert whole == events([1, 7, 1000, 1999, 2001]) == events([*range(1, 3456)])
+
+
+def test_what_is_no_histogram(tmp_path: Path) -> None:
+    """A file may hold anything."""
+    pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
+    recording = pair.recorded(tmp_path / "a.mcap")
+    assert recording.pacing is not None
+    assert responses_of(recording) is not None
+    header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
+    wrong: list[tuple[str, Any]] = [
+        ("pace", float("nan")), ("pace", 0.0), ("classes_an_octave", 0), ("step_ns", 0),
+    ]  # fmt: skip
+    for field, value in wrong:
+        spoiled = type(header)()
+        spoiled.CopyFrom(header)
+        setattr(spoiled, field, value)
+        recording.pacing = DecodedBlock(spoiled, {"answers": answers})
+        found = pacing_of(recording)
+        assert found is not None
+        assert found.clock is None
+    for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
+                   np.ones(10**6)):  # fmt: skip
+        recording.pacing = DecodedBlock(header, {"answers": values})
+        assert responses_of(recording) is None
+
+
+def test_classes_of_response_times() -> None:
+    ends = class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
+    starts = np.concatenate([[0], ends[:-1]])
+    for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
+        at = pace_kernels.class_of(ns)
+        assert starts[at] <= ns < ends[at]
+    assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32

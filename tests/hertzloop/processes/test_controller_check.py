@@ -1,0 +1,139 @@
+"""`hertzloop law test` against real controller processes: ours, the example, broken ones."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from hertzloop.loop.simulate import simulate
+from hertzloop.plant import time_series as ts
+from hertzloop.recordings.reader import read
+from hertzloop.scene.setup import parse
+from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.own_laws import EXAMPLES, ROOT
+from tests.ports import free_ports
+
+PLACES = "--name {name} --listen {listen} --connect {connect}"
+EXAMPLE = f"{sys.executable} {EXAMPLES / 'own_controller.py'} {PLACES}"
+BROKEN = f"{sys.executable} {ROOT / 'tests' / 'hertzloop' / 'broken_controller.py'}"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def path_of_messages(messages: Path) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(messages), prepend=os.pathsep)
+        yield
+
+
+def words_of(text: str) -> str:
+    """A text in one line."""
+    return " ".join(text.split())
+
+
+def checked(*words: str, code: int = 0) -> str:
+    """What `law test` said, in one line, when it has ended with an exit code."""
+    # Nothing is timed, but where a controller is silent: it says when it ends that wait.
+    patient = [] if "--timeout" in words else ["--timeout", "60"]
+    done = hertzloop("law", "test", *patient, *words)
+    assert "Traceback" not in done.stderr
+    assert done.returncode == code, done.stderr
+    return words_of(done.stdout + done.stderr)
+
+
+def test_the_example_conforms() -> None:
+    said = checked("--controller", EXAMPLE, "--law", "slope_threshold")
+    assert "its law: own slope threshold 1.0" in said
+
+
+# The other guards: test_exchange_guards, and the checker of streams in tests/bus.
+RULES = {
+    "gap": "gap on stream 'force': sequence 6 came, 4 was expected",
+    "late": "controller does not respond; plant waited 5 s for the force for step",
+    "dies": "failed with exit code 3",
+    "fault": "the controller ended the run: out of force",
+    "rubbish": "malformed message on stream 'force' where sequence 2 was expected",
+    "exit-code": "failed with exit code 4",
+    "by-the-cut": "a horizon of 100 steps: the controller's force of step",
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("rule", RULES)
+def test_a_broken_rule_is_named(rule: str) -> None:
+    wait_s = "5" if rule == "late" else "60"
+    said = checked("--controller", f"{BROKEN} {rule} {PLACES}", "--timeout", wait_s, code=1)
+    assert RULES[rule] in said
+    assert said.count("error:") == 1
+    assert "conforms" not in said
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (
+            ["--controller", f"{BROKEN} next-bit {PLACES}", "--law", "slope_threshold"],
+            1,
+            "error: ideal sensor: the controller's force of step ",
+        ),
+        (["--controller", "no-such-program {name}"], 2, "{name}': cannot be started"),
+        (["--controller", f"{sys.executable} -c 1/0"], 1, "exit code 1: ZeroDivisionError"),
+        (["--controller", "true", "--law", "none"], 2, "controller.law = 'none': unknown law"),
+        (["--law", "off"], 2, "--controller: missing. Give the command line of your program."),
+    ],
+)
+def test_a_controller_that_cannot_be_or_is_wrong(
+    words: list[str], code: int, sentence: str
+) -> None:
+    assert sentence in checked(*words, code=code)
+
+
+def run_with(command: str, folder: Path, *words: str) -> subprocess.CompletedProcess:
+    """`hertzloop run` with a program of the user's as its controller."""
+    short = ("--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1", "--timeout", "60")
+    base = str(free_ports(3, in_a_row=True)[0])
+    words = ("--controller", command, *short, "--port", base, *words)
+    return hertzloop("run", "aluminium-3mm", *words, cwd=folder)
+
+
+def test_a_run_has_a_program_as_its_controller(tmp_path: Path) -> None:
+    done = run_with(EXAMPLE, tmp_path, "--out", "own.mcap")
+    assert done.returncode == 0, done.stderr
+    assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in words_of(done.stdout)
+    found = read(tmp_path / "own.mcap")
+    ours = simulate(parse(found.scene_toml))
+    assert np.any(ours.truth[ts.F_A])
+    assert found.force.arrays["force_n"].tobytes() == ours.truth[ts.F_A].tobytes()
+    assert found.truth.arrays["xi_m"].tobytes() == ours.truth[ts.XI].tobytes()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("command", "code", "sentence"),
+    [
+        ("false", 1, "controller ('false') failed with exit code 1: no message"),
+        ("true", 1, "controller ('true') ended before the run began"),
+        ("sh -c 'sleep 0.3; kill -9 $$'", 1, "was killed by SIGKILL"),
+        ("sh 'x", 2, "No closing quotation. Close the quotation."),
+        ("sh {connect}", 2, "has one of {listen} and {connect}. Use both, or none"),
+    ],
+)
+def test_a_program_that_fails_is_named(
+    tmp_path: Path, command: str, code: int, sentence: str
+) -> None:
+    done = run_with(command, tmp_path)
+    assert done.returncode == code, done.stderr
+    assert sentence in words_of(done.stderr)
+
+
+@pytest.mark.full
+def test_a_program_ends_with_the_run(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    stays = f"""sh -c "echo $$ > {pid}; {EXAMPLE}; sleep 500" """
+    done = run_with(stays, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert not psutil.pid_exists(int(pid.read_text()))

@@ -1,0 +1,239 @@
+"""Runs on several hosts, by certificates and access control: who is let in, and who is not."""
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("cryptography")
+
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.bus.zenoh_config import common_name, secured
+from hertzloop.certificates import CertificateAuthority, in_base64
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.scene.setup import load
+from tests.commands import as_options
+from tests.hertzloop.commands import (
+    EVENTUALLY_S,
+    finish,
+    grown_to,
+    hertzloop,
+    killed_at_the_end,
+    next_line,
+    wait_for,
+)
+from tests.hertzloop.processes.networks import Network, network
+
+pytestmark = [pytest.mark.timeout(600), pytest.mark.full]
+
+INTRUDERS = ("other authority", "other name", "replayed")
+SHORT = ["run.duration_s=0.003", "run.accuracy=0.1"]
+PATIENT = ["--timeout", "60", "--wait", str(EVENTUALLY_S)]
+
+
+@pytest.fixture
+def hosts() -> Iterator[Network]:
+    made = network([*ROLES, *INTRUDERS])
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def keys(hosts: Network, tmp_path: Path) -> Path:
+    """What the command writes for these hosts."""
+    folder = tmp_path / "keys"
+    words = ",".join(f"{role}={hosts.address(role)}" for role in ROLES)
+    done = hertzloop("node", "keys", str(folder), "--hosts", words)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def begin(
+    hosts: Network,
+    keys: Path,
+    recording: Path,
+    *settings: str,
+    patience: list[str] = PATIENT,
+    roles: tuple[str, ...] = (RECORDER, CONTROLLER, PLANT),
+) -> dict[str, subprocess.Popen]:
+    """The commands of the documentation, each on its host; `settings` of the scene."""
+    # Shared memory would join processes that are on one machine after all.
+    commands = {
+        RECORDER: ["--out", str(recording)],
+        CONTROLLER: ["--no-fast-lane"],
+        PLANT: ["aluminium-3mm", "--no-fast-lane", *as_options(settings)],
+    }
+    return {
+        role: node(hosts, role, keys / f"{role}.json5", *commands[role], *patience)
+        for role in roles
+    }
+
+
+def node(hosts: Network, role: str, config: Path, *words: str) -> subprocess.Popen:
+    """Start a role on its host."""
+    command = ["-m", "hertzloop", "node", role, "--zenoh-config", str(config)]
+    return hosts.start(role, *command, *words)
+
+
+def end_all(processes: dict[str, subprocess.Popen]) -> dict[str, tuple[int, str]]:
+    """Exit code and words of each."""
+    return {role: finish(process)[:2] for role, process in processes.items()}
+
+
+def same_as_here(recording: Path, folder: Path) -> None:
+    """The samples are those of the same scene within one process."""
+    record_in_process(load("aluminium-3mm", SHORT), folder / "here.mcap", compiled=True)
+    there = read(recording)
+    assert not there.problems
+    assert first_difference(there, read(folder / "here.mcap")) is None
+
+
+def test_three_hosts_by_the_commands_of_the_documentation(
+    hosts: Network, keys: Path, tmp_path: Path
+) -> None:
+    """Delay and loss change no sample."""
+    hosts.delay_s, hosts.loss = 0.020, 0.01
+    recording = tmp_path / "run.mcap"
+    for role, (code, err) in end_all(begin(hosts, keys, recording, *SHORT)).items():
+        assert code == 0, (role, err)
+        assert "connected" not in err, (role, err)  # nobody is taken for a stranger
+    assert hosts.lost
+    same_as_here(recording, tmp_path)
+
+
+def test_a_cut_link_ends_the_run_with_a_sentence(
+    hosts: Network, keys: Path, tmp_path: Path
+) -> None:
+    recording = tmp_path / "run.mcap"
+    impatient = ["--timeout", "5", "--wait", str(EVENTUALLY_S)]
+    roles = begin(hosts, keys, recording, "run.duration_s=15", patience=impatient)
+    wait_for(grown_to(recording, 200_000))
+    hosts.cut.add(frozenset((PLANT, CONTROLLER)))
+    ends = end_all(roles)
+    assert [code for code, _ in ends.values()] == [1, 1, 1], ends
+    assert "controller" in ends[PLANT][1]
+    assert "plant" in ends[CONTROLLER][1]
+    kept = read(recording)
+    assert kept.problems
+    assert kept.daq.samples > 0
+    assert not [end for end in kept.ends.values() if not end.fault]
+
+
+class Intruder:
+    """A program that wants in, on a host of its own."""
+
+    def __init__(self, hosts: Network, host: str, config: Path, *options: str) -> None:
+        command = ["-m", "tests.hertzloop.processes.intruder", str(config), "hertzloop", *options]
+        self._process = hosts.start(host, *command, stdin=subprocess.PIPE)
+        self.began = self.says()
+
+    def says(self) -> dict:
+        """The next line of its output."""
+        return json.loads(next_line(self._process))
+
+    def result(self) -> dict:
+        """What it got, at its end."""
+        assert self._process.stdin
+        assert self._process.stdout
+        self._process.stdin.close()
+        return json.loads(self._process.stdout.read().splitlines()[-1])
+
+
+class Paper:
+    """An authority that signed what the roles have, and other configurations."""
+
+    def __init__(self, hosts: Network, folder: Path) -> None:
+        self.folder, self.authority = folder, CertificateAuthority(2)
+        self.endpoints = {
+            role: f"tls/{hosts.address(role)}:{7450 + n}" for n, role in enumerate(ROLES)
+        }
+        self.pairs = {}
+        for role in ROLES:
+            self.pairs[role] = self.authority.certificate(common_name(role), hosts.address(role))
+            made = secured(role, self.endpoints, *self._texts(*self.pairs[role]))
+            (folder / f"{role}.json5").write_text(json.dumps(made))
+
+    def _texts(self, certificate: str, key: str) -> list[str]:
+        return [in_base64(pem) for pem in (certificate, key, self.authority.pem())]
+
+    def of_intruder(self, host: str, certificate: str, key: str) -> Path:
+        """A configuration that reaches everybody, and hinders itself in nothing."""
+        made = secured(RECORDER, self.endpoints, *self._texts(certificate, key))
+        made["access_control"] = {"enabled": False}
+        made["listen"] = {"endpoints": []}
+        retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
+        made["connect"] = {"endpoints": list(self.endpoints.values()), "retry": retry}
+        file = self.folder / f"{host}.json5"
+        file.write_text(json.dumps(made))
+        return file
+
+
+@pytest.fixture
+def paper(hosts: Network, tmp_path: Path) -> Paper:
+    return Paper(hosts, tmp_path)
+
+
+def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: Path) -> None:
+    """A certificate of another authority, one of ours for another name, one without its key."""
+    certificates = {
+        "other authority": CertificateAuthority(2).certificate(common_name(RECORDER), "10.77.0.4"),
+        "other name": paper.authority.certificate("stranger", "10.77.0.5"),
+        "replayed": (
+            paper.pairs[CONTROLLER][0],
+            CertificateAuthority(2).certificate("mine", "10.77.0.6")[1],
+        ),
+    }
+    intruders = {
+        host: Intruder(hosts, host, paper.of_intruder(host, *pair))
+        for host, pair in certificates.items()
+    }
+    recording = tmp_path / "run.mcap"
+    roles = begin(hosts, paper.folder, recording, *SHORT, roles=(CONTROLLER, PLANT))
+    assert intruders["other name"].says()["linked"]
+    # Without its recorder the run could not begin, so the intruder is there during all of it.
+    roles |= begin(hosts, paper.folder, recording, *SHORT, roles=(RECORDER,))
+    ends = end_all(roles)
+    got = {host: intruder.result() for host, intruder in intruders.items()}
+    for role, (code, err) in ends.items():
+        assert code == 0, (role, err)
+    errors = "".join(err for _, err in ends.values())
+    assert "'stranger' (tls/10.77.0.5:" in errors
+    assert "is connected, but not authorised" in errors
+    same_as_here(recording, tmp_path)
+    for host, one in got.items():
+        assert (one["heard"], one["tokens"]) == ([], []), host
+    assert got["other name"]["said"]
+    assert [got[host]["links"] for host in ("other authority", "replayed")] == [0, 0]
+
+
+def test_the_true_certificate_is_let_in(hosts: Network, paper: Paper, tmp_path: Path) -> None:
+    """The intruder above hears, and is heard, once it has a role's certificate with its key."""
+    config = paper.of_intruder("replayed", *paper.pairs[CONTROLLER])
+    intruder = Intruder(hosts, "replayed", config, "--listen-first")
+    brief = ["--wait", "20"]  # the run cannot begin, or ends at once
+    ends = end_all(begin(hosts, paper.folder, tmp_path / "run.mcap", *SHORT, patience=brief))
+    got = intruder.result()
+    assert got["tokens"]
+    assert {code for code, _ in ends.values()} == {1}, ends
+
+
+def test_who_is_not_let_in_is_told_so(hosts: Network, paper: Paper) -> None:
+    """A controller whose certificate names somebody else, and the plant that waits for it."""
+    config = paper.folder / "misnamed.json5"
+    texts = paper._texts(*paper.authority.certificate("stranger", hosts.address(CONTROLLER)))
+    config.write_text(json.dumps(secured(CONTROLLER, paper.endpoints, *texts)))
+    plant = node(hosts, PLANT, paper.folder / "plant.json5", "aluminium-3mm", *PATIENT)
+    controller = node(hosts, CONTROLLER, config, *PATIENT)
+    with killed_at_the_end([plant, controller]):
+        told = [
+            next(line for line in process.stderr or () if "is connected" in line)
+            for process in (plant, controller)
+        ]
+    assert told[0].startswith(f"'stranger' (tls/{hosts.address(CONTROLLER)}:")
+    assert "not authorised: the access control of" in told[0]
+    assert told[1].startswith("'hertzloop plant' (tls/")
+    assert "connected as the plant, but sends nothing" in told[1]

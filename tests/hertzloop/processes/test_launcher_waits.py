@@ -1,0 +1,114 @@
+"""The launcher waits for nobody without end, whatever a process of the run does."""
+
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes import launcher as launchers
+from hertzloop.processes.child_process import ChildProcess
+from hertzloop.processes.launcher import Launcher, RunFailed
+from tests.hertzloop.commands import EVENTUALLY_S
+from tests.hertzloop.short_runs import scene
+
+# Programs that report one thing each.
+DONE = "say({'done': {'wall_s': 0.0}})"
+STAYS = "say({'ready': True}); time.sleep(600)"
+BEATS = "say({'ready': True}); [say({'beat': True}) or time.sleep(0.1) for _ in range(6000)]"
+SAY = "import json, time\ndef say(report): print(json.dumps(report), flush=True)\n"
+
+
+@pytest.fixture(autouse=True)
+def bounded() -> Iterator[None]:
+    """A launcher that waits for ever fails the test instead of keeping it."""
+    timer = threading.Timer(EVENTUALLY_S, signal.pthread_kill, [threading.main_thread().ident, 2])
+    timer.start()
+    yield
+    timer.cancel()
+
+
+def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
+    """A launcher with these programs as its processes."""
+    launcher = Launcher(scene(), folder / "run.mcap", RunOptions(timeout_s=0.1), wait_s=0.1)
+    for role, program in programs.items():
+        process = subprocess.Popen(
+            [sys.executable, "-c", SAY + program],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        child = ChildProcess(role, process, folder / role)
+        launcher.children.append(child)
+        threading.Thread(target=launcher._listen, args=(child,), daemon=True).start()
+    return launcher
+
+
+@pytest.mark.parametrize(
+    ("patience", "programs", "sentence"),
+    [
+        (
+            {"_LEAVE_S": 0.5},
+            {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE},
+            "^plant does not respond; the others had ended",
+        ),
+        pytest.param(
+            {"LONGEST_S": 0.5},
+            dict.fromkeys(ROLES, STAYS),
+            "^controller and plant and recorder do not respond; the launcher has received nothing",
+            marks=pytest.mark.full,
+        ),
+        (
+            {"_SILENT_S": 0.5, "_PATIENCE_S": 0.2},
+            {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS},
+            "^recorder does not respond; no sign of life for 1 s",
+        ),
+    ],
+)
+def test_one_that_does_not_end_is_named(
+    patience: dict[str, float],
+    programs: dict[str, str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, seconds in patience.items():
+        monkeypatch.setattr(launchers, name, seconds)
+    launcher = waiting_for(tmp_path, programs)
+    try:
+        with pytest.raises(RunFailed, match=sentence):
+            launcher.wait()
+    finally:
+        launcher._end_all()
+    assert all(child.process.poll() is not None for child in launcher.children)
+
+
+class StopsWhoIsDone:
+    """Reports of a launcher; a role is stopped when it has said that it is done."""
+
+    def __init__(self, launcher: Launcher, role: str) -> None:
+        self._reports, self._role = launcher._reports, role
+        self.get, self.empty = self._reports.get, self._reports.empty
+        self.stopped = False
+
+    def put(self, item: Any) -> None:
+        if item and item[0].role == self._role and "done" in item[1]:
+            item[0].process.send_signal(signal.SIGSTOP)
+            self.stopped = True
+        self._reports.put(item)
+
+
+def test_a_role_that_is_stopped_when_it_is_done_keeps_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.5)
+    launcher = Launcher(scene(), tmp_path / "run.mcap", RunOptions(timeout_s=60.0))
+    reports = StopsWhoIsDone(launcher, RECORDER)
+    launcher._reports = reports  # type: ignore[assignment]
+    with launcher:
+        assert launcher.wait()["run_id"]
+    assert reports.stopped

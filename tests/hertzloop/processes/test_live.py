@@ -1,0 +1,122 @@
+"""A run that is watched: the same bytes, whatever the watcher does."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay import viewer
+from hertzloop.scene.setup import load
+from tests.commands import as_options, refused
+from tests.hertzloop.commands import (
+    LONG,
+    child_of,
+    finish,
+    hertzloop,
+    next_line,
+    start,
+)
+from tests.ports import free_ports
+
+RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
+NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
+    values = np.zeros(1000)
+    values[[17, 801]] = -3.0, 5.0
+    chosen = viewer.extremes_of(values)
+    assert {17, 801} <= set(chosen.tolist())
+    assert len(chosen) <= 8
+    long = np.tile(values, 10)  # a fast plant's blocks are as long; each thousand steps count
+    assert {17 + 1000 * i for i in range(10)} <= set(viewer.extremes_of(long).tolist())
+    assert viewer.extremes_of(np.array([2.0])).tolist() == [0]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("hangs", [False, True])
+def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: bool) -> None:
+    ports, rrd = free_ports(3), tmp_path / "a.rrd"
+    keys, more = RUN, list[str]()
+    if hangs:  # it may miss the end of the run, and has that of its standard input then
+        watcher = watching(ports, rrd, "--machine", stdin=subprocess.PIPE)
+        watcher.send_signal(signal.SIGSTOP)
+    else:  # seconds for a watcher to link, more on a busy machine: nobody waits for it
+        keys, more = [*RUN, "run.duration_s=1"], ["--no-fast-lane", "--horizon", "200"]
+        watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
+    try:
+        run = ["run", "aluminium-3mm", *as_options(keys), *more, "--out", str(tmp_path / "a.mcap")]
+        done = hertzloop(*run, "--name", "mine", "--port", str(ports[0]))
+        assert done.returncode == 0, done.stderr
+    finally:
+        watcher.send_signal(signal.SIGCONT)
+    record_in_process(load("aluminium-3mm", keys), tmp_path / "b.mcap", compiled=True)
+    assert first_difference(read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")) is None
+    code, error, _ = finish(watcher)
+    assert code == 0, error
+    if not hangs:
+        assert "/live/velocity/v_p" in shown_in(rrd)
+
+
+@pytest.mark.full
+def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
+    run, watcher, rrd = watched_run(tmp_path)
+    watcher.send_signal(signal.SIGTERM)
+    code, error, _ = finish(watcher)
+    assert (code, error) == (130, f"interrupted; what was seen until now is in {rrd}")
+    assert "/live/velocity/v_p" in shown_in(rrd)
+    run.send_signal(signal.SIGINT)
+    assert finish(run)[0] == 130
+
+
+@pytest.mark.full
+def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> None:
+    run, watcher, rrd = watched_run(tmp_path)
+    child_of(run, "plant").kill()
+    code, error, _ = finish(watcher)
+    lost = "the plant left the run without a final message"
+    assert (code, error) == (1, f"{lost}; what was seen until now is in {rrd}")
+    assert "/live/velocity/v_p" in shown_in(rrd)
+    assert finish(run)[0] == 1
+
+
+def watched_run(tmp_path: Path) -> tuple[subprocess.Popen, subprocess.Popen, Path]:
+    """A long run that is well under way, a watcher of it, and that watcher's file."""
+    ports, rrd, mcap = free_ports(3), tmp_path / "a.rrd", tmp_path / "a.mcap"
+    watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
+    run = start("run", *LONG, "--out", str(mcap), "--name", "mine", "--port", str(ports[0]))
+    assert "watching run 'mine'" in next_line(watcher, watcher.stderr)
+    return run, watcher, rrd
+
+
+def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.Popen:
+    """A watcher of the run "mine", from its first words on."""
+    connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
+    words = ["--name", "mine", *connect, "--save", str(rrd), *more]
+    watcher = start("node", "watch", *words, stdin=stdin)
+    assert "waiting for run 'mine'" in next_line(watcher, watcher.stderr)
+    return watcher
+
+
+def shown_in(rrd: Path) -> str:
+    """What a file for the viewer has, as that says it."""
+    return subprocess.run(
+        [str(viewer.executable()), "rrd", "stats", str(rrd)],
+        capture_output=True, text=True, timeout=120,
+    ).stdout  # fmt: skip
+
+
+@pytest.mark.full
+def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
+    live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
+    done = hertzloop(*live, env=NO_SCREEN)
+    assert done.returncode == 0, done.stderr
+    assert "no screen is available" in done.stderr
+    assert read(tmp_path / "a.mcap").problems == []
+    refused("--live: not available with --transport", "run", "--live", "--transport", "compiled")

@@ -1,0 +1,262 @@
+"""Processes in terminals of their own, and the launcher's own end: every wait is bounded,
+signals work at any moment, the right one is blamed, and nothing stays behind."""
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Container, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from hertzloop.bus.streams import PLANT, RECORDER, ROLES
+from hertzloop.bus.zenoh_config import _ids
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.scene.setup import load
+from tests.commands import as_options
+from tests.hertzloop.commands import (
+    EVENTUALLY_S,
+    LONG,
+    WELL_UNDER_WAY,
+    Bus,
+    child_of,
+    finish,
+    grown_to,
+    hertzloop,
+    killed_at_the_end,
+    leftovers,
+    next_line,
+    start,
+    wait_for,
+)
+from tests.ports import free_ports
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+@contextmanager
+def terminals(
+    recording: Path,
+    *words: str,
+    timeout_s: float = EVENTUALLY_S,
+    wait_s: float = EVENTUALLY_S,
+    roles: Container[str] = ROLES,
+) -> Iterator[dict[str, subprocess.Popen]]:
+    """Plant, controller and recorder as three people would start them."""
+    bus, own = Bus(f"terminals-{os.getpid()}"), {RECORDER: ["--out", str(recording)], PLANT: words}
+    started = {
+        role: bus.start(role, *own.get(role, ()), "--timeout", str(timeout_s), wait_s=wait_s)
+        for role in reversed(ROLES)
+        if role in roles
+    }
+    with killed_at_the_end(started.values()):
+        yield started
+
+
+TOLD = "the plant ended the run: interrupted at step"
+MISSED = "recorder (left the run|accepted no message for 20 s)"
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("victim", "sent", "timeout_s", "said"),
+    [
+        # By itself, or told by the controller, which sends to the recorder, too.
+        ("recorder", signal.SIGSTOP, 5.0,
+         {"plant": (1, "recorder accepted no message for 5 s"), "controller": (1, "")}),
+        # Much was sent to it, and it has not closed its file. As a rule that is heard at once, at
+        # the latest when the patience with a message to it is over: see bus/zenoh_config.py.
+        ("recorder", signal.SIGKILL, 20.0, {"plant": (1, MISSED), "controller": (1, MISSED)}),
+        ("plant", signal.SIGINT, EVENTUALLY_S,
+         {"plant": (130, "interrupted"), "controller": (1, TOLD), "recorder": (1, "")}),
+    ],
+)  # fmt: skip
+def test_all_are_told(
+    recording: Path, victim: str, sent: signal.Signals, timeout_s: float,
+    said: dict[str, tuple[int, str]],
+) -> None:  # fmt: skip
+    with terminals(recording, *LONG, timeout_s=timeout_s) as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles[victim].send_signal(sent)
+        for role, (code, words) in said.items():
+            found, err, _ = finish(roles[role])
+            assert found == code, (role, err)
+            assert re.search(words, err), (role, err)
+            assert "Traceback" not in err
+
+
+@pytest.mark.full
+def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording: Path) -> None:
+    """The patience with the recorder is an hour here: what ends the wait is the signal."""
+    with terminals(recording, *LONG, timeout_s=3600.0) as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles["recorder"].send_signal(signal.SIGSTOP)
+        plant = psutil.Process(roles["plant"].pid)
+        wait_for(lambda: plant.cpu_percent(0.5) < 2, 60)  # it is inside a call that waits
+        roles["plant"].send_signal(signal.SIGTERM)
+        code, err, _ = finish(roles["plant"], 60)
+        assert code == 130, err
+        assert "interrupted" in err
+        assert "Traceback" not in err
+
+
+def test_all_exit_codes_tell_of_a_good_run(recording: Path) -> None:
+    with terminals(recording, "--set", "run.duration_s=0.002") as roles:
+        for role, process in roles.items():
+            code, err, _ = finish(process)
+            assert code == 0, (role, err)
+
+
+@pytest.mark.full
+def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> None:
+    config = tmp_path / "bus.json5"
+    config.write_text("{}")
+    plant = start("node", "plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
+    with killed_at_the_end([plant]):
+        look = psutil.Process(plant.pid)
+        found = wait_for(lambda: [c for c in look.net_connections() if c.status == "LISTEN"])
+        assert {c.laddr.ip for c in found} == {"127.0.0.1"}
+
+
+@pytest.mark.full
+def test_a_second_interrupt_leaves_no_process(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    child_of(run, "plant").send_signal(signal.SIGSTOP)  # it cannot end in order
+    run.send_signal(signal.SIGINT)
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    code, err, _ = finish(run)
+    assert code == 130, err
+    assert "Traceback" not in err
+    assert not leftovers(recording)
+
+
+def test_an_interrupt_while_its_processes_start_ends_the_run(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    child_of(run, "plant")
+    run.send_signal(signal.SIGINT)
+    code, err, _ = finish(run)
+    assert code == 130, err
+    assert "interrupted" in err
+    assert not leftovers(recording)
+
+
+@pytest.mark.full
+def test_full_disk(recording: Path) -> None:
+    """The recorder may write 3 MB and no more; the kernel refuses the rest."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    run = start("run", *LONG, "--out", str(recording), preexec_fn=limit)
+    code, err, _ = finish(run)
+    assert code == 1
+    assert f"cannot write the recording {recording}" in err
+    assert "Traceback" not in err
+    assert not leftovers(recording)
+    assert read(recording).problems
+
+
+@pytest.mark.full
+def test_controller_never_started(recording: Path) -> None:
+    with terminals(recording, wait_s=10.0, roles=[PLANT, RECORDER]) as roles:
+        for process in roles.values():
+            code, err, _ = finish(process)
+            assert code == 1
+            assert re.search("waited 10 s for controller .* not there", err), err
+    assert not recording.exists()  # nothing was to be recorded
+
+
+SECOND = ["run.duration_s=1"]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """A second that nobody disturbs."""
+    path = tmp_path_factory.mktemp("alone") / "alone.mcap"
+    record_in_process(load("aluminium-3mm", SECOND), path, compiled=True)
+    return read(path)
+
+
+@pytest.mark.full
+def test_a_run_whose_processes_were_all_stopped_goes_on(alone: Recording, recording: Path) -> None:
+    """The launcher is stopped, too, and messages wait for the recorder: all arrive."""
+    words = ["aluminium-3mm", *as_options(SECOND), "--timeout", "2"]
+    run = start("run", *words, "--out", str(recording))
+    stopped = [psutil.Process(run.pid), *(child_of(run, role) for role in ROLES)]
+    wait_for(grown_to(recording, 50_000))
+    for process in stopped:
+        process.send_signal(signal.SIGSTOP)
+    time.sleep(8.0)  # longer than any of them waits
+    for process in stopped:
+        process.send_signal(signal.SIGCONT)
+    code, err, _ = finish(run)
+    assert code == 0, err
+    assert first_difference(alone, read(recording)) is None
+
+
+STRANGER = """
+import json, os, signal, sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("listen/endpoints", "[]")
+config.insert_json5("connect/endpoints", sys.argv[1])
+config.insert_json5("transport/link/tx/lease", "1000")
+if len(sys.argv) > 3:
+    config.insert_json5("id", json.dumps(sys.argv[3]))
+config.insert_json5("connect/retry", '{"period_init_ms": 20, "period_max_ms": 50}')
+heard = []
+def hear(sample):
+    heard.append(1)
+    time.sleep(float(sys.argv[2]))
+session = zenoh.open(config)
+kept = session.declare_subscriber("hertzloop/**", zenoh.handlers.Callback(hear, indirect=False))
+print("listening", flush=True)
+while not heard:
+    time.sleep(0.01)
+print("heard", flush=True)
+if sys.argv[2] == "0":
+    os.kill(os.getpid(), signal.SIGSTOP)
+time.sleep(600)
+"""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "words", [["0.5"], ["0", _ids("victim", "recorder")[7]]], ids=["lags", "stops, with an id"]
+)
+def test_a_stranger_that_does_not_keep_up_changes_nothing(
+    alone: Recording, recording: Path, words: list[str]
+) -> None:
+    """It has an id that follows from the run's name, or not. It hears something, then stops (0), or
+    takes half a second for every message. Its lease is short, so that zenoh gives its link up."""
+    base = free_ports(3, in_a_row=True)[0]
+    urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
+    with subprocess.Popen(
+        [sys.executable, "-c", STRANGER, urls, *words], stdout=subprocess.PIPE, text=True
+    ) as stranger:
+        try:
+            assert next_line(stranger) == "listening\n"
+            run = ["--port", str(base), "--timeout", "30", "--name", "victim"]
+            scene = ["aluminium-3mm", *as_options(SECOND)]
+            done = hertzloop("run", *scene, *run, "--out", str(recording))
+            assert done.returncode == 0, done.stderr
+            assert next_line(stranger) == "heard\n"
+        finally:
+            stranger.kill()
+    assert first_difference(alone, read(recording)) is None

@@ -1,0 +1,151 @@
+"""An unstable loop is called so, from when on, and no other one is."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.loop.simulate import simulate
+from hertzloop.plant.time_series import F_A, XI_A, XI_P
+from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.stability import UNSTABLE, Stability, StabilityAccumulator
+from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.setup import Setup, load
+from tests.hertzloop.commands import hertzloop
+from tests.hertzloop.results.test_impact_windows import in_blocks
+
+SHORT = "run.duration_s=0.0015"
+EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
+            "--set", "controller.kappa=0.4"]  # fmt: skip
+
+
+def stability_of(scene: Setup, rows: np.ndarray, size: int = 1 << 30) -> Stability:
+    accumulator = StabilityAccumulator(scene)
+    for _ in accumulator.through(in_blocks(rows, size)):
+        pass
+    return accumulator.result()
+
+
+@pytest.mark.full
+def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
+    ran, inspected = tmp_path / "run.json", tmp_path / "inspect.json"
+    file = str(tmp_path / "a.mcap")
+    words = ["--transport", "compiled", "--out", file, "--json", str(ran)]
+    run = hertzloop("run", *EXPLODES, *words)
+    inspect = hertzloop("inspect", file, "--json", str(inspected))
+    found = [json.loads(path.read_text())["stability"] for path in (ran, inspected)]
+    assert found[0] == found[1]
+    assert found[0]["unstable"]
+    assert found[0]["most_injected"] > 1e6
+    assert found[0]["of_contact"] > 1e6
+    assert 0.001 < found[0]["since_s"] < 0.01
+    for done in (run, inspect):
+        # The run is whole and says what such a loop does: no failure of the run.
+        assert done.returncode == 0, done.stderr
+        assert "UNSTABLE" in done.stdout
+        assert f"{found[0]['since_s'] * 1e3:.4g} ms" in done.stdout
+        assert "dB" not in done.stdout
+
+
+@pytest.mark.parametrize("name", ["aluminium-20mm", "sylomer-20mm", "offcentre-6mm"])
+def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
+    for law in shipped_laws():
+        own = {"constant": ["controller.duration_us=20", "controller.force_n=1e4"],
+               "profile": ["controller.profile_n=[1e4, -1e4]"],
+               "linear": ["controller.numerator=[-1.0]"]}  # fmt: skip
+        keys = [f"controller.law={law}", "sensors.quantity=auto", *own.get(law, [])]
+        if law in ("velocity_feedback", "acceleration_feedback"):
+            keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
+        scene = load(name, keys)
+        if scene.duration_s > 0.03:
+            scene = load(name, [*keys, "run.duration_s=0.03"])
+        found = stability_of(scene, simulate(scene).truth)
+        assert not found.unstable, (law, found)
+        assert not found.pumps, (law, found)
+        assert found.since_s is None
+        closed = law in ("off", "constant", "profile", "precomputed")
+        assert closed or found.most_injected < 0.2 * UNSTABLE, (law, found)
+
+
+def test_its_metrics_are_those_of_the_work_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
+    scene = load("offcentre-6mm", ["run.duration_s=0.01", "controller.law=slope_threshold"])
+    rows = simulate(scene).truth
+    whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
+    assert found == whole  # to the bit: blocks depend on how fast the machine is
+    accumulator = StabilityAccumulator(scene)
+    injected = np.cumsum(rows[F_A, :-1] * np.diff(rows[XI_A]))
+    expected = np.max(np.abs(injected)) / accumulator.impact_j
+    assert whole.most_injected == pytest.approx(expected, rel=1e-9)
+    assert whole.largest_force_n == np.max(np.abs(rows[F_A]))
+    assert whole.unstable
+
+
+def test_since_when() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    accumulator = StabilityAccumulator(scene)
+    e, rows = accumulator.impact_j, np.zeros((10, 9))
+    rows[F_A] = 1.0
+    # Work after every step: beyond the impact's energy, back, and beyond for good.
+    rows[XI_P] = np.array([0.0, 0.5, 1.5, 0.9, 2.0, 8.0, 30.0, -20.0, 50.0]) * e
+    for size in (9, 2, 1):
+        found = stability_of(scene, rows, size)
+        assert found.unstable
+        assert found.since_s == pytest.approx(3 * scene.step_s)
+        assert found.most_injected == pytest.approx(50.0)
+
+
+def test_no_work_is_done_over_missing_steps() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    accumulator = StabilityAccumulator(scene)
+    e, rows = accumulator.impact_j, np.zeros((10, 9))
+    rows[F_A] = 1.0
+    rows[XI_P] = np.array([0.0, 0.5, 1.5, 900.0, 900.0, 900.0, 900.5, 920.0, 921.0]) * e
+    for _ in accumulator.through([(0, rows[:, :3]), (14, rows[:, 4:6]), (16, rows[:, 6:])]):
+        pass
+    found = accumulator.result()
+    assert found.most_injected == pytest.approx(22.5)
+    assert found.since_s == pytest.approx(1 * scene.step_s)
+
+
+def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
+    """More than the sphere brought, in sum, and not by decibels against a run without control."""
+    scene = load("aluminium-3mm", ["controller.kappa=2", "controller.latency_us=2", SHORT])
+    found = stability_of(scene, simulate(scene).truth)
+    metrics = metrics_of_case(scene)
+    assert found.pumps
+    assert not found.unstable
+    assert found.fed_in > 1.0
+    assert found.since_s is not None
+    assert metrics.pumps
+    assert metrics.injected_j > metrics.impact_energy_j
+    gentle = load("aluminium-3mm", ["controller.latency_us=2", SHORT])
+    assert not metrics_of_case(gentle).pumps
+
+
+def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
+    """A rigid, lossless Hertz contact of this sphere has a peak of about 85 N at 1 m/s."""
+    setup = load("aluminium-3mm", ["run.duration_s=0.001"])
+    rows = np.zeros((10, 100))
+    rows[F_A, 40] = 50.0
+    found = stability_of(setup, rows)
+    sphere = setup.plant.sphere
+    energy_j = 0.5 * sphere.mass_kg * sphere.impact_speed_m_s**2
+    stiffness = setup.plant.contact.stiffness
+    rigid_n = stiffness * (2.5 * energy_j / stiffness) ** 0.6
+    assert found.largest_force_n == 50.0
+    assert found.of_contact == pytest.approx(50.0 / rigid_n, rel=1e-6)
+
+
+def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) -> None:
+    """A user's law as much as a shipped one, whatever energy it feeds in."""
+    found = []
+    for declared in ("", "open_loop = True"):
+        path = tmp_path / f"pump{len(found)}.py"
+        path.write_text(f"{declared}\n\ndef command(p, s, samples, i):\n    return 3000.0\n")
+        scene = load("aluminium-3mm", [SHORT, "run.accuracy=0.1", f"controller.law={path}"])
+        found.append(stability_of(scene, simulate(scene).truth).unstable)
+        assert bool(loaded_law(scene).not_linear) is bool(declared)
+    assert found == [True, False]

@@ -1,0 +1,42 @@
+"""How the wall time of a run was spent: what `--details` and `--json` state."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.commands import call
+from tests.hertzloop.commands import hertzloop
+from tests.tiers import default
+
+SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.002", "--set", "controller.law=force_feedback"]
+
+
+def row_of(printed: str) -> str:
+    words = " ".join(printed.replace("│", " ").split())
+    return words.split("time by role ")[1].split(" of the wall time")[0]
+
+
+@pytest.mark.parametrize("way", default([[], ["--pace", "0.01"]], [[]]))
+def test_the_parts_lie_within_the_wall_time(way: list[str], tmp_path: Path) -> None:
+    more = ["--details", "--json", "a.json", "-o", "a.mcap"]
+    done = hertzloop("run", *SHORT, *way, *more, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    data = json.loads((tmp_path / "a.json").read_text())
+    busy, waited_s = data["busy_s"], data["waited_s"]
+    assert list(busy) == ["plant", "controller", "recorder"]
+    assert 0.0 < waited_s <= data["wall_s"]
+    assert busy["plant"] == pytest.approx(data["wall_s"] - waited_s)
+    assert 0.0 <= busy["controller"] < data["wall_s"]
+    assert busy["recorder"] > 0.0
+    row = row_of(done.stdout)
+    assert row.startswith(f"plant {busy['plant']:.3g} s, controller ")
+    assert f"the plant waited {waited_s:.3g} s, {waited_s / data['wall_s']:.0%}" in row
+
+
+def test_one_process_has_no_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = call("run", *SHORT, "--transport", "compiled", "--details", "--json", "a.json")
+    assert row_of(done.output).startswith("not known: all roles share one process, and none waits")
+    data = json.loads(Path("a.json").read_text())
+    assert (data["busy_s"], data["waited_s"]) == ({}, 0.0)

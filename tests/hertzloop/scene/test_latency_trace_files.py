@@ -1,0 +1,112 @@
+"""Latency traces from cyclictest, ROS 2, tables of time stamps and MCAP files."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer
+
+from hertzloop.scene.latency_trace.reading import latencies_of_file
+from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples" / "latency"
+TWO_THREADS = "       0:       0:       3\n       1:       0:       9\n       0:       1:       4\n"
+HISTOGRAM = (
+    "# Histogram\n000000 000000\t000000\n000003 000005\t000000\n000007 000001\t000002\n"
+    "# Total: 000000006 000000002\n# Histogram Overflows: 00000 00001\n"
+)
+STAMPS = "sample_ns;command_ns\n1764288000000000001;1764288000000000501\n"
+
+
+def latencies(folder: Path, content: str, use: str | None = None, **table: Any) -> list[float]:
+    """The latencies of a file with this content."""
+    (folder / "trace.txt").write_text(content)
+    return latencies_of_file({"file": "trace.txt", **table}, use, folder)
+
+
+@pytest.mark.parametrize(
+    ("content", "table", "expected"),
+    [
+        ("# set to 0us\nThread 0 Interval: 500\n 0: 0: 3\n 0: 1: 5\n", {}, [3.0, 5.0]),
+        (TWO_THREADS, {"thread": 0}, [3.0, 4.0]),
+        (" 0: 0: 82469\n 0: 1: 76145\n", {"unit": "ns"}, [82.469, 76.145]),
+        (STAMPS, {}, [0.5]),
+        ("callback_start;callback_end\n5000;7500\n",
+         {"sample": "callback_start", "command": "callback_end", "unit": "ns"}, [2.5]),
+        ("sample_us,command_us\n10,8\n20,19\n", {"offset_us": 4.0}, [2.0, 3.0]),
+        ("t,/arm.stats/execution_time/current_value\n0,12\n1,14\n",
+         {"column": "/arm.stats/execution_time/current_value", "unit": "us"}, [12.0, 14.0]),
+        ("callback_start_timestamp [ns],latency [ms]\n7,0.25\n", {}, [250.0]),
+    ],
+)  # fmt: skip
+def test_formats(tmp_path: Path, content: str, table: dict[str, Any], expected: Any) -> None:
+    assert latencies(tmp_path, content, **table) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
+    found = latencies(tmp_path, HISTOGRAM, "resample", thread=0)
+    assert sorted(found) == [3.0] * 5 + [7.0]
+    long = HISTOGRAM.replace("000003 000005", "000003 90000000")
+    found = latencies(tmp_path, long, "resample", thread=0)
+    assert len(found) <= MOST_LATENCIES
+    assert found.count(7.0) == 1  # rare latencies stay
+
+
+@pytest.mark.parametrize(
+    ("content", "table", "message"),
+    [
+        (TWO_THREADS, {}, "has the threads 0, 1. Choose one"),
+        (TWO_THREADS, {"thread": 2}, "thread 2: is not in the file"),
+        (" 0: 0: 82469\n 0: 1: 76145\n", {}, "may be us, or ns of cyclictest -N"),
+        (" 0: 0: 3\n 0: 2: 3\n", {}, "cycle 2 follows cycle 0"),
+        (HISTOGRAM, {"thread": 0}, "does not say in what order"),
+        (HISTOGRAM, {"thread": 1}, "1 cycles are above the histogram"),
+        (HISTOGRAM[:60], {"thread": 0}, "cut off or damaged"),
+        (HISTOGRAM.replace("000005", "9" * 40), {"thread": 0}, "cut off or damaged"),
+        ("average delay: 0.1\n min: 0.1s max: 0.2s std dev: 0.01s window: 9\n", {}, "--window 1"),
+        ("average delay: 0.1\n", {}, "1 lines have an average delay and 0 a window"),
+        ("sample_us,command_us\n10,8\n", {}, "2 us earlier than its sample, as their clocks"),
+        ("a,b\n1,2\n", {}, "several columns"),
+        ("a,b\n1,2\n", {"column": "c"}, "0 columns are called 'c'. The columns are 'a', 'b'"),
+        ("latency_ms\n1\n", {"unit": "us"}, "names another unit"),
+        ("latency_ms\n1\n", {"topic": "/x"}, "topic: has no meaning for a text table"),
+        ("1\n", {"colour": "red"}, "colour: unknown key"),
+        ("1\n", {"sample": "a"}, "belong together"),
+    ],
+)
+def test_what_can_mean_two_things_is_refused(
+    tmp_path: Path, content: str, table: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=r"controller\.latency_trace") as error:
+        latencies(tmp_path, content, **table)
+    assert message in str(error.value)
+
+
+def test_message_times_of_another_recorder(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channels = [writer.register_channel(topic, "json", 0) for topic in ("/cmd", "/still")]
+        for i in range(3):
+            writer.add_message(channels[0], 10_000 * i + 1000 * (i + 1), b"{}", 10_000 * i)
+            writer.add_message(channels[1], 7, b"{}", 7)
+        writer.finish()
+    assert latencies_of_file({"file": "bag.mcap", "topic": "/cmd"}, None, tmp_path) == [1, 2, 3]
+    whole = path.read_bytes()
+    for damaged in (b"", b"text", whole[: len(whole) // 2], whole[:-20], whole[:80] + whole[90:]):
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        with pytest.raises(ValueError, match="cannot be read to its end"):
+            latencies_of_file({"file": "damaged.mcap", "topic": "/cmd"}, None, tmp_path)
+    for topic, message in (
+        ({}, "with one of /cmd, /still"),
+        ({"topic": "/x"}, "has no topic '/x'"),
+        ({"topic": "/still"}, "are equal in all messages"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            latencies_of_file({"file": "bag.mcap", **topic}, None, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["cyclictest-list.txt", "stamps.csv", "topic-delay.txt"])
+def test_examples(name: str) -> None:
+    assert all(1.0 < latency < 1e5 for latency in latencies_of_file({"file": name}, None, EXAMPLES))

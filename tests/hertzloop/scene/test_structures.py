@@ -1,0 +1,248 @@
+"""What is struck, from scene to recording: edges, files of modes, materials of one's own."""
+
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hertzloop
+from hertzloop.loop.in_process import record_in_process
+from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.plant.metrics.impacts import modal_displacement
+from hertzloop.plant.plant import modes_of
+from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.recording import Recording
+from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.deflection import deflection, modes_of_scene
+from hertzloop.results.recorded import truth_of
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.controller import build_controller
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.loading import shipped
+from hertzloop.scene.setup import Setup, load, parse
+from hertzloop.scene.toml import to_toml
+from hertzloop.studies.margin.flight import margin_of
+from hertzloop.views.run_json import run_as_json
+
+SHORT = ["run.duration_s=0.002"]
+CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
+
+
+def recorded(
+    folder: Path, scene: Setup, name: str = "run.mcap", compiled: bool = True
+) -> Recording:
+    record_in_process(scene, folder / name, RunOptions(overwrite=True), compiled=compiled)
+    found = read(folder / name)
+    assert not found.problems
+    return found
+
+
+@pytest.mark.parametrize(("name", "suffix"), zip(CONSISTENT, cycle(SUFFIXES), strict=False))
+def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
+    tmp_path: Path, name: str, suffix: str
+) -> None:
+    scene = load(name, ["run.duration_s=0.012"])
+    file = tmp_path / f"modes{suffix}"
+    file.write_bytes(write_modes(suffix, modes_of_scene(scene)))
+    by_file = load(name, ["run.duration_s=0.012", f"plate.modes={file}"])
+    one, other = recorded(tmp_path, scene, "one.mcap"), recorded(tmp_path, by_file, "other.mcap")
+    assert first_difference(one, other) is None
+    assert truth_of(one)[4].max() > 0.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.theory=3d", "plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.radiation=one_face"],
+    ],
+    ids=lambda settings: " ".join(settings) or "plain",
+)
+def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: list[str]) -> None:
+    """No row that no force moves, none twice, and the same oscillators, to the last bit, with
+    shapes that are those at both points there."""
+    scene = load("aluminium-3mm", [*SHORT, "run.accuracy=0.1", *settings])
+    spec = scene.plant
+    table = modes_of_scene(scene, grid=True)
+    assert np.all((table.shape_contact != 0.0) | (table.shape_actuator != 0.0))
+    names, same = ("omega", "contact", "actuator"), spec.same_point
+    again = np.diff(table.omega_rad_s) == 0.0
+    assert not np.any(again[1:] & again[:-1])
+    assert not np.any(again) or not same
+    file = tmp_path / "modes.npz"
+    file.write_bytes(write_modes(".npz", table))
+    read_back = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"]).plant
+    assert read_back.same_point == same
+    plant, by_file = modes_of(spec), modes_of(read_back)
+    assert all(np.array_equal(getattr(plant, n), getattr(by_file, n)) for n in names)
+    assert np.array_equal(np.broadcast_to(plant.eta, len(plant.omega)),
+                          np.broadcast_to(by_file.eta, len(by_file.omega)))  # fmt: skip
+    assert table.grid is not None
+    x, y, shapes = table.grid
+    i, j = (int(np.argmin(abs(a - p))) for a, p in zip((x, y), spec.contact_point_m, strict=True))
+    assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
+
+
+@pytest.mark.full
+def test_edges_keep_the_balance_and_move_as_drawn(tmp_path: Path) -> None:
+    settings = ["plate.edges=cfsf", "plate.size_m=[0.4, 0.6]", "plate.contact_point_m=[0.21, 0.17]"]
+    # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
+    scene = load("aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring"])
+    recording = recorded(tmp_path, scene)
+    balance = recording.balance
+    assert balance is not None
+    assert abs(balance.energy_residual) < 1e-10
+    assert abs(balance.momentum_residual) < 1e-12
+    plate = deflection(scene, recording)
+    moved = modal_displacement(scene.plant, truth_of(recording))
+    moved = moved[plate.times_ns // recording.truth.step_ns]
+    i, j = plate.contact_node
+    assert abs(moved).max() > 1e-6
+    assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * abs(moved).max()
+
+
+def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
+    """What the forces give a free plate is momentum: m v of its mean deflection."""
+    scene = load(
+        "aluminium-3mm",
+        [*SHORT, "plate.edges=ffff", "controller.law=off", "run.accuracy=0.1",
+         "plate.size_m=[0.1, 0.08]", "plate.contact_point_m=[0.05, 0.04]"],
+    )  # fmt: skip
+    recording = recorded(tmp_path, scene)
+    rows, h = truth_of(recording), scene.step_s
+    plate = deflection(scene, recording, frames=np.array([1900, 1999]))
+    weights = np.outer(np.gradient(plate.x_m), np.gradient(plate.y_m))
+    weights[[0, -1]] *= 0.5
+    weights[:, [0, -1]] *= 0.5
+    mean = np.tensordot(plate.w_m, weights, 2) / weights.sum()
+    speed = (mean[1] - mean[0]) / (99 * h)
+    mass = 2700.0 * 0.003 * 0.1 * 0.08
+    assert mass * speed == pytest.approx(-rows[4].sum() * h, rel=0.01)
+
+
+@pytest.mark.full
+def test_processes_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
+    plain = load("aluminium-3mm", [*SHORT, "run.accuracy=0.05"])
+    table = modes_of_scene(plain)
+    losses = np.linspace(1e-3, 5e-2, len(table.omega_rad_s))
+    table = type(table)(
+        table.omega_rad_s, losses, table.per_modal_mass_1_kg, table.shape_contact,
+        table.shape_actuator, table.residual_flexibility_m_n,
+    )  # fmt: skip
+    file = tmp_path / "lossy.csv"
+    file.write_bytes(write_modes(".csv", table))
+    scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
+    assert parse(to_toml(scene.scene)) == scene
+    file.unlink()  # nobody needs it any more
+    recordings = []
+    for transport in (Transport.COMPILED, Transport.ZENOH):
+        path = tmp_path / f"{transport.value}.mcap"
+        report = run_as_json(run_and_assess(scene, path, RunOptions(transport, timeout_s=120.0)))
+        assert abs(report["residuals"]["energy"]) < 1e-10
+        assert "the modes of lossy.csv" in report["struck"]["name"]
+        recordings.append(read(path))
+    assert first_difference(*recordings) is None
+
+
+MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
+30000,0.01,0.4,1.0
+90000,0.02,0.4,-0.9
+"""
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["plate.edges=cccc"], "plate.edges = 'cccc': cannot be combined with plate.modes"),
+        (["plate.loss_factor=0.1"], "plate.loss_factor = 0.1: plate.modes give a loss factor"),
+        (["run.scheme=thesis2008"], "supports a simply supported plate only"),
+        (["plate.thickness_m=0.3"], "times as mobile as an infinite plate"),
+    ],
+)
+def test_what_does_not_go_with_a_file_of_modes(
+    tmp_path: Path, settings: list[str], words: str
+) -> None:
+    rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
+    (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
+    with pytest.raises(SceneError) as caught:
+        build_plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
+    assert words in str(caught.value), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def modes_alone(tmp_path: Path) -> str:
+    """A shipped scene on the modes of m.csv, which need not be those of a plate."""
+    text = Path(__file__).parents[3] / "hertzloop/scene/aluminium-3mm.toml"
+    lines = [
+        line for line in text.read_text().splitlines()
+        if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
+    ]  # fmt: skip
+    plain = "\n".join(lines).replace("[plate]", '[plate]\nmodes = "m.csv"')
+    (tmp_path / "scene.toml").write_text(plain)
+    return str(tmp_path / "scene.toml")
+
+
+def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_path: Path) -> None:
+    def up_to(highest_hz: float) -> Setup:
+        rows = [f"{highest_hz * (i + 1) / 5:.6f},0.01,0.4,1.0" for i in range(5)]
+        text = "\n".join(["# residual_flexibility_m_n = 1e-9", MODES.splitlines()[0], *rows])
+        (tmp_path / "m.csv").write_text(text)
+        law = ["controller.law=linear", "controller.numerator=[-0.01]", "sensors.quantity=v_p"]
+        return load(modes_alone(tmp_path), law)
+
+    with pytest.raises(
+        SceneError, match=r"reach up to 4,000 Hz.*give modes up to ([\d,]+) Hz"
+    ) as e:
+        build_plant(up_to(4000.0))
+    advice = float(str(e.value).partition("modes up to ")[2].split()[0].replace(",", ""))
+    build_plant(up_to(advice))
+    with pytest.raises(SceneError, match="too low for an impact"):
+        build_plant(up_to(0.99 * advice))
+    assert len(hertzloop.linear(up_to(4000.0)).poles) >= 5
+    assert margin_of(up_to(4000.0)).applicable
+
+
+def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
+    file = modes_alone(tmp_path)
+    scene = load(file)
+    build_controller(scene)
+    for law in ("shifted_threshold", "predicted", "velocity_feedback"):
+        with pytest.raises(SceneError, match=r"Give plate\.thickness_m"):
+            build_controller(load(file, [f"controller.law={law}"]))
+        build_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
+
+
+@pytest.mark.parametrize("key", ["size_m", "thickness_m"])
+def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
+    text = Path(__file__).parents[3] / "hertzloop/scene/aluminium-3mm.toml"
+    lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
+    with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
+        parse("\n".join(lines))
+
+
+def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) -> None:
+    """The file says where the actuator is; the scene names no point of its own."""
+    apart = ["plate.actuator_point_m=[0.3, 0.2]", "run.accuracy=0.1"]
+    table = modes_of_scene(load("aluminium-3mm", [*SHORT, *apart]))
+    (tmp_path / "apart.npz").write_bytes(write_modes(".npz", table))
+    scene = load("aluminium-3mm", [*SHORT, f"plate.modes={tmp_path / 'apart.npz'}"])
+    assert scene.scene.plate.actuator_point_m is None
+    memory = hertzloop.simulate(scene.scene)
+    assert np.abs(memory.truth["xi_a_m"] - memory.truth["xi_p_m"]).max() > 1e-9
+    recorded = hertzloop.run(scene.scene, transport="inprocess")
+    assert recorded.truth.identical(memory.truth)
+    assert recorded.impacts == memory.impacts
+
+
+def test_a_point_may_lie_near_an_edge_that_is_free() -> None:
+    near = ["plate.contact_point_m=[1e-6, 0.2]"]
+    load("aluminium-3mm", ["plate.edges=fccc", *near])
+    for edges in ("cfff", "sfff", "ssss"):
+        with pytest.raises(SceneError, match="lies on a supported edge"):
+            load("aluminium-3mm", [f"plate.edges={edges}", *near])
