@@ -99,14 +99,13 @@ class KnownModes:
 
 @dataclass(frozen=True)
 class HeldHit:
-    """A hit that a method predicts by the others: its modes, the error over the first 40 ms (rms
-    over rms, and largest over largest)."""
+    """A hit that a method predicts by the others: its modes, the error over the first 40 ms, rms
+    over rms."""
 
     hit: str
     method: str
     modes: int
     rms: float
-    peak: float
 
 
 def estimates(hz: np.ndarray, accelerance: np.ndarray, grid: Grid) -> Iterator[Estimate]:
@@ -242,15 +241,15 @@ def held_hits(hits: Sequence[HitResponse], held: int, grid: Grid) -> list[HeldHi
     """Predict a hit by the others, by both methods."""
     fitted, hit, name = [*hits[:held], *hits[held + 1 :]], hits[held], f"hit {held + 1}"
     check = modes_of_hits(fitted, [hit], False, lambda *_: None).held_out[0]
-    found = HeldHit(name, OURS, check.modes, check.rms, check.peak)
+    found = HeldHit(name, OURS, check.modes, check.rms)
     others = []
     for window_s in grid.windows_s:
         for estimate in estimates(*accelerance_of(fitted, window_s), grid):
             modelled = predicted(estimate, hit, window_s)[hit.checked]
             errors = prediction_errors(modelled, hit.response[hit.checked])
-            others.append((*errors, len(estimate.poles)))
-    rms, peak, modes = min(others)
-    return [found, HeldHit(name, SDYPY, modes, rms, peak)]
+            others.append((errors[0], len(estimate.poles)))
+    rms, modes = min(others)
+    return [found, HeldHit(name, SDYPY, modes, rms)]
 
 
 def main(
@@ -294,7 +293,6 @@ def main(
                 "method": "{.method}",
                 "modes": "{.modes}",
                 "error/rms, %": lambda one: f"{100 * one.rms:.1f}",
-                "largest error/peak, %": lambda one: f"{100 * one.peak:.1f}",
             },
             held,
             text=2,

@@ -55,7 +55,6 @@ class SearchedLoop:
 
     Attributes:
         loop: number of the loop.
-        modes, every, delay: of the loop.
         margin: jitter margin.
         constant: first constant latency that is unstable; nan beyond the search.
         unstable: smallest latency with an unstable sequence; nan if none was found.
@@ -64,9 +63,6 @@ class SearchedLoop:
     """
 
     loop: int
-    modes: int
-    every: int
-    delay: int
     margin: float
     constant: float
     unstable: float
@@ -246,8 +242,7 @@ def searched(number: int, loop: RandomLoop) -> SearchedLoop:
         else:
             good = middle
     first = float(worst) if kind else math.nan
-    modes = len(loop.plant.poles)
-    return SearchedLoop(number, modes, loop.every, loop.delay, margin, constant, first, kind, below)
+    return SearchedLoop(number, margin, constant, first, kind, below)
 
 
 def run(seed: int, count: int) -> list[SearchedLoop]:
