@@ -14,9 +14,8 @@ from hertzloop.plant.metrics.truth_kernels import METRICS
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_residual, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P, XI_S
+from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P
 
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
 # Means F_0 and first moments F_1 of x^0 ... x^3 over the steps [-1, 0] and [0, 1], where over
@@ -38,8 +37,8 @@ class Impact:
         rebound_speed_m_s: speed of the sphere at the end, positive upwards, m/s.
         peak_force_n: largest contact force, N.
         plate_energy_j: work of contact force and actuator force on the plate, J, from the start
-            of this contact until the impact is over (`impact_kernels`; in `impacts` below until
-            the next contact or the end of the time series).
+            of this contact until the impact is over (`impact_kernels`; in `impacts_in` until the
+            next contact or the end of the time series).
         plate_speed_max_m_s: largest plate speed at the contact point, m/s.
     """
 
@@ -60,118 +59,6 @@ def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
         edges = np.empty(count, np.int64)
         truth_kernels.edges_of(f_c, edges)
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
-
-
-def step_work_j(
-    xi_p: np.ndarray,
-    f_c: np.ndarray,
-    f_a: np.ndarray,
-    xi_a: np.ndarray,
-    f_c1: np.ndarray,
-    v_p: np.ndarray | None,
-    step_s: float,
-    impedance_n_s_m: float | None,
-    f_a1: np.ndarray | None = None,
-    same_point: bool = True,
-    mobility_m_ns: float = math.nan,
-) -> np.ndarray:
-    """Work of contact and actuator force on the plate over every step, the last zero; J, shape
-    (steps,). See `impacts`."""
-    unknown = np.zeros(0)
-    v_p = unknown if v_p is None else v_p
-    work = np.empty(len(xi_p))
-    truth_kernels.plate_work(
-        xi_p,
-        xi_a,
-        v_p,
-        f_c,
-        f_a,
-        f_c1,
-        unknown if f_a1 is None else f_a1,
-        0,
-        same_point,
-        mobility_m_ns,
-        math.nan if impedance_n_s_m is None else impedance_n_s_m,
-        step_s,
-        np.empty(len(v_p)),
-        work,
-    )
-    return work
-
-
-def impacts(
-    xi: np.ndarray,
-    xi_s: np.ndarray,
-    xi_p: np.ndarray,
-    f_c: np.ndarray,
-    f_a: np.ndarray,
-    xi_a: np.ndarray | None,
-    mass_kg: float,
-    step_s: float,
-    f_c1: np.ndarray | None = None,
-    v_p: np.ndarray | None = None,
-    impedance_n_s_m: float | None = None,
-    first_step: int = 0,
-    f_a1: np.ndarray | None = None,
-    dent_m: np.ndarray | None = None,
-    mobility_m_ns: float = math.nan,
-    gravity_m_s2: float = GRAVITY_M_S2,
-) -> list[Impact]:
-    """All impacts of a run from its truth (arrays of shape (steps,)).
-
-    `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
-    contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
-    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement; `mobility_m_ns`:
-    of a part of that velocity that follows the forces at once, nan without. On an infinite
-    plate of `impedance_n_s_m`, v = F/Z, it is F_1^2 h/(3 Z). `f_a1`: the same of the actuator's
-    force; at a point of its own the velocity is taken from its places. A contact that the run's
-    end cuts off counts with what there is of it, if there is any. `first_step`: step of the
-    first row. A contact within one step counts with the whole step. `dent_m`: of a contact that
-    yields, at every step: there is contact below it.
-    """
-    if len(xi) < 3:
-        return []
-    starts, ends = contacts(f_c)
-    if not starts:
-        return []
-    slope = np.zeros(len(xi)) if f_c1 is None else f_c1
-    speeds = np.zeros(len(xi)) if v_p is None else v_p
-    at_actuator = xi_p if xi_a is None else xi_a
-    work = step_work_j(
-        xi_p,
-        f_c,
-        f_a,
-        at_actuator,
-        slope,
-        v_p,
-        step_s,
-        impedance_n_s_m,
-        f_a1,
-        xi_a is None,
-        mobility_m_ns,
-    )
-    dents, metrics, found = np.zeros(0) if dent_m is None else dent_m, np.empty(METRICS), []
-    for i, start in enumerate(starts):
-        end = ends[i] if i < len(ends) else -1
-        if truth_kernels.contact_metrics(
-            xi,
-            xi_s,
-            f_c,
-            slope,
-            speeds,
-            dents,
-            first_step,
-            start,
-            end,
-            mass_kg,
-            gravity_m_s2,
-            step_s,
-            TO_CUBIC,
-            metrics,
-        ):
-            until = starts[i + 1] if i + 1 < len(starts) else len(xi)
-            found.append(impact_of(metrics, step_s, float(work[start:until].sum())))
-    return found
 
 
 def impact_of(metrics: np.ndarray, step_s: float, work_j: float) -> Impact:
@@ -309,30 +196,48 @@ def modal_displacement(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
 
 
 def impacts_in(spec: PlantSpec, truth: np.ndarray) -> list[Impact]:
-    """Contact metrics of every impact from truth (10, steps) alone, each to the start of
-    the next one or the end of the steps."""
-    mobility, impedance = _answers_at_once(spec)
-    return impacts(
-        truth[XI],
-        truth[XI_S],
-        modal_displacement(spec, truth),
-        truth[F_C],
-        truth[F_A],
-        None if spec.same_point else truth[XI_A],
-        spec.sphere.mass_kg,
-        spec.step_s,
-        truth[F_C1],
-        truth[V_P],
-        impedance,
-        f_a1=truth[F_A1],
-        dent_m=dents_m(spec.contact, truth[DEEPEST]),
-        mobility_m_ns=mobility,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
-    )
+    """Contact metrics of every impact from truth (COLUMNS, steps) alone, each to the start of
+    the next one or the end of the steps.
+
+    A contact that the run's end cuts off counts with what there is of it, if there is any; one
+    within one step with the whole step.
+    """
+    xi, xi_s, _, v_p, f_c, _, _, f_c1, *_ = truth
+    starts, ends = contacts(f_c)
+    if len(xi) < 3 or not starts:
+        return []
+    work, dents = step_work_j(spec, truth), dents_m(spec.contact, truth[DEEPEST])
+    metrics, found = np.empty(METRICS), []
+    for i, start in enumerate(starts):
+        if truth_kernels.contact_metrics(
+            xi,
+            xi_s,
+            f_c,
+            f_c1,
+            v_p,
+            work[:0] if dents is None else dents,
+            0,
+            start,
+            ends[i] if i < len(ends) else -1,
+            spec.sphere.mass_kg,
+            spec.sphere.gravity_m_s2,
+            spec.step_s,
+            TO_CUBIC,
+            metrics,
+        ):
+            until = starts[i + 1] if i + 1 < len(starts) else len(xi)
+            found.append(impact_of(metrics, spec.step_s, float(work[start:until].sum())))
+    return found
 
 
-def work_j(spec: PlantSpec, truth: np.ndarray, first: int) -> float:
-    """Work of both forces on the plate over steps (10, steps) from `first` on, J."""
+def step_work_j(spec: PlantSpec, truth: np.ndarray, first: int = 0) -> np.ndarray:
+    """Work of contact and actuator force on the plate over every step from `first` on, the last
+    zero; J, (steps,), with room for those before.
+
+    Where a force changes over a step, F_1 adds F_1 h (v_1 - v_0)/6 by Hermite's mean of the
+    displacement; on an infinite plate, where v = F/Z, F_1^2 h/(3 Z). Of an actuator elsewhere, the
+    velocity is taken from its places.
+    """
     work, speeds = np.empty((2, truth.shape[1]))
     truth_kernels.plate_work(
         modal_displacement(spec, truth),
@@ -349,4 +254,9 @@ def work_j(spec: PlantSpec, truth: np.ndarray, first: int) -> float:
         speeds,
         work,
     )
-    return float(work[first:].sum())
+    return work
+
+
+def work_j(spec: PlantSpec, truth: np.ndarray, first: int) -> float:
+    """Work of both forces on the plate over steps (COLUMNS, steps) from `first` on, J."""
+    return float(step_work_j(spec, truth, first)[first:].sum())

@@ -111,8 +111,7 @@ def _gradient(values, at, step_s):
 
 @kernel
 def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance, same_point, work):
-    """See plant.metrics.impacts.step_work_j; `impedance` is nan, and arrays that are not known are
-    empty."""
+    """See plant.metrics.impacts.step_work_j; `impedance` is nan where there is none."""
     if work.size == 0:
         return
     work[work.size - 1] = 0.0
@@ -121,9 +120,9 @@ def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance,
     if not math.isnan(impedance):
         for i in range(work.size - 1):
             work[i] += f_c1[i] * f_c1[i] * step_s / (3.0 * impedance)
-    elif v_start.size:
+    else:
         _add_work_of_slopes(f_c1, v_p, v_start, -1.0, step_s, work)
-    if f_a1.size == 0 or v_start.size == 0 or work.size == 1 or nonzero(f_a1)[1] == 0:
+    if work.size == 1 or nonzero(f_a1)[1] == 0:
         return
     if same_point:
         _add_work_of_slopes(f_a1, v_p, v_start, 1.0, step_s, work)
@@ -347,7 +346,7 @@ def contact_metrics(
     metrics,
 ):
     """Metrics of the contact from row `start` to before `end`, which is -1 of one without an end;
-    returns whether it has any. `dents` may be empty. See plant.metrics.impacts.impacts."""
+    returns whether it has any. `dents` may be empty. See plant.metrics.impacts.impacts_in."""
     last, ends = xi.size - 1, end >= 0
     if not ends:
         end = last

@@ -5,6 +5,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
+from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
@@ -13,7 +14,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
     rigid_peak_force_n,
 )
-from hertzloop.plant.metrics.impacts import impacts
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
@@ -30,12 +31,12 @@ def hertz_errors(step_s: float) -> tuple[float, float]:
     plant = rigid(step_s, Contact(STIFFNESS), speed_m_s=SPEED)
     mass = plant.model.mass_kg
     contact_s = rigid_contact_time_s(mass, STIFFNESS, SPEED)
-    rows = run(plant, round(1.3 * contact_s / step_s))
-    assert abs(rows.xi_p).max() < 1e-20  # the support does not give way
-    (found,) = impacts(rows.xi, rows.xi_s, rows.xi_p, rows.f_c, rows.f_a, None, mass, step_s)
+    truth = ts.series_under(plant, np.zeros(round(1.3 * contact_s / step_s)))
+    assert abs(truth[ts.XI_P]).max() < 1e-20  # the support does not give way
+    (found,) = impacts_in(plant.spec, truth)
     # Peak of the parabola through the three largest forces: no error from where samples fall.
-    top = int(np.argmax(rows.f_c))
-    a, b, c = rows.f_c[top - 1 : top + 2]
+    top = int(np.argmax(truth[ts.F_C]))
+    a, b, c = truth[ts.F_C, top - 1 : top + 2]
     peak = b - (a - c) ** 2 / (8.0 * (a - 2.0 * b + c))
     return (
         found.duration_s / contact_s - 1.0,

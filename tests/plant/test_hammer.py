@@ -15,7 +15,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_peak_force_n,
     tangent_stiffness_n_m,
 )
-from hertzloop.plant.metrics.impacts import impacts
+from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
@@ -61,10 +61,7 @@ def test_every_exponent_has_its_closed_form_on_a_rigid_wall(exponent: float) -> 
     stiffness = STIFFNESS[exponent]
     plant, rows = hit(exponent, stiffness, 2e-6)
     rigid = rigid_impact(plant.spec.sphere, plant.spec.contact)
-    (found,) = impacts(
-        rows[ts.XI], rows[ts.XI_S], rows[ts.XI_P], rows[ts.F_C], rows[ts.F_A], None, MASS, 2e-6,
-        f_c1=rows[ts.F_C1], v_p=rows[ts.V_P], gravity_m_s2=0.0,
-    )  # fmt: skip
+    (found,) = impacts_in(plant.spec, rows)
     # The contact time is found by linear interpolation of the gap within a step.
     assert found.duration_s == pytest.approx(rigid.contact_s, rel=1e-6)
     assert found.peak_force_n == pytest.approx(rigid.peak_n, rel=1e-8)

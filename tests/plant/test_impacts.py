@@ -1,25 +1,31 @@
 """Metrics of each impact from rows of truth made by hand, with known crossings."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics.impacts import Impact, impacts, impacts_in, step_work_j
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.metrics.impacts import Impact, impacts_in, step_work_j
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
+from tests.plant.rigs import spec
 
-MASS = 0.1
 H = 0.5  # s; round numbers keep the expected values readable
+WHAT = spec(step_s=H)
+MASS = WHAT.sphere.mass_kg
 
 
 def of(xi, f_c, xi_p=0.0, f_a=0.0, xi_a=None) -> list[Impact]:
-    gap, force = np.array(xi), np.array(f_c)
-    plate, push = xi_p + 0.0 * gap, f_a + 0.0 * gap
-    at = None if xi_a is None else np.array(xi_a)
-    return impacts(gap, gap + plate, plate, force, push, at, MASS, H)
+    truth, what = np.zeros((ts.COLUMNS, len(xi))), WHAT
+    truth[ts.XI], truth[ts.XI_P], truth[ts.F_C], truth[ts.F_A] = xi, xi_p, f_c, f_a
+    truth[ts.XI_S] = truth[ts.XI] + truth[ts.XI_P]
+    if xi_a is not None:
+        truth[ts.XI_A], what = xi_a, replace(WHAT, actuator_point_m=(0.2, 0.2))
+    return impacts_in(what, truth)
 
 
 def test_no_contact_no_impact() -> None:
@@ -53,7 +59,7 @@ def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
         x, v = x + v * H + 0.5 * a * H * H, v + a * H
     sphere = np.array(xs)
     plate = np.array([0.0, 0.0, 5.0, 2.0, 1.0])
-    (one,) = impacts(sphere - plate, sphere, plate, np.array(forces), np.zeros(5), None, MASS, H)
+    (one,) = of(sphere - plate, forces, plate)
     assert one.impact_speed_m_s == pytest.approx(-speeds[1], rel=1e-13)
     assert one.rebound_speed_m_s == pytest.approx(speeds[3], rel=1e-13)
 
@@ -136,6 +142,5 @@ def test_a_contact_shorter_than_a_step_is_refused(step_ns: int, scheme: str) -> 
 
 def test_a_single_step_has_no_work_yet() -> None:
     """A run of one row, with an actuator of its own place whose force changes."""
-    one = np.ones(1)
-    work = step_work_j(one, one, one, one, one, one, 1e-6, None, one, same_point=False)
-    assert work.tolist() == [0.0]
+    what = replace(WHAT, actuator_point_m=(0.2, 0.2))
+    assert step_work_j(what, np.ones((ts.COLUMNS, 1))).tolist() == [0.0]

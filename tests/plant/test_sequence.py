@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics.impacts import Impact, impacts
+from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.scene.setup import load
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
@@ -19,12 +19,8 @@ def contacts(name: str, *settings: str) -> tuple[list[Impact], list[int]]:
     """Contacts of a scene without control, and the steps of each that ends."""
     scene = load(name, [*FREE, "run.lead_in_s=0", *settings])
     rows = simulate(scene).truth
-    mass = scene.plant.sphere.mass_kg
     touching = np.flatnonzero(np.diff(rows[4] != 0.0, prepend=False, append=False))
-    found = impacts(
-        rows[0], rows[1], rows[2], rows[4], rows[5], None, mass, scene.step_s, rows[7], rows[3]
-    )
-    return found, np.diff(touching)[::2].tolist()
+    return impacts_in(scene.plant, rows), np.diff(touching)[::2].tolist()
 
 
 def rounded(values: list[float], digits: int) -> list[float]:
