@@ -85,8 +85,8 @@ def _wanted(problem: Any) -> str:
 
 def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, ...] = ()) -> str:
     """The first problem of a scene, or of the table `within` it, checked against `model`, as one
-    sentence."""
-    problem = error.errors()[0]
+    sentence. An unknown key comes first: it may be a missing one, misspelt."""
+    problem = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
     path = tuple(str(p) for p in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return unknown_key((*within, *path), list(table_at(path[:-1], model).model_fields))
