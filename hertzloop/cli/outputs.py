@@ -78,7 +78,7 @@ def check_writable(folder: Path) -> None:
         # Tried, since permissions do not tell of read-only and special file systems.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}")
+        fail(f"cannot write to the folder {folder}: {error.strerror}. Choose another.")
 
 
 def make_folder(folder: Path) -> None:

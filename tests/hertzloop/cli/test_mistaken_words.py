@@ -34,7 +34,7 @@ ANSWERS = {
     "run --out a.txt": "--out = a.txt: a recording must end in .mcap",
     "run --out no/such/folder/a.mcap": "the folder no/such/folder does not exist",
     "run --out pipe.mcap": "not a regular file. Choose another name",
-    "run --out link.mcap": "/none/x, which does",
+    "run --out link.mcap": "/none: No such file or directory. Choose another",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
