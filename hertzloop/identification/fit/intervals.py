@@ -18,7 +18,7 @@ from hertzloop.identification.fit.verdicts import NORMAL, WIDEST, KeyVerdict, ha
 from hertzloop.scene.errors import SceneError
 
 _STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
-_YIELDED = 10.827566170662733  # at 99.9 %: yielding that is only probable sets no upper limit
+_YIELDED = 10.827566170662733  # at 99.9 %: yielding sets an upper limit only if it is this sure
 _CLEAR = 30.0  # rise of chi-square beyond which the quadratic interval of a pressure is right
 _ONE_SIDED = 2.705543454095404  # at 95 % on one side
 

@@ -92,7 +92,7 @@ def key_uncertainty(
 
 def _covariance_by_shared_discrepancy(problem: FitProblem, iterate: Iterate) -> np.ndarray:
     """Covariance of the keys' logarithms by a discrepancy that a whole record shares: of its
-    size and of its time, each as large as the prior of a gain or of a clock lets it act."""
+    size and of its time, each limited by the prior of a gain or of a clock."""
     n = len(problem.varied_keys)
     found = np.zeros((n, n))
     sds: dict[int, float] = {}

@@ -91,7 +91,7 @@ class FitResult:
         reasons: sentences on the verdict.
         combinations: products of keys with their half-widths, the worst known first.
         measure_next: sentences on what to measure.
-        hold_out: `residual_over_noise` of the held-out records; None without any.
+        hold_out: Comparison with the held-out records; None without any.
         evaluations: number of simulations.
         wall_s: duration of the fit, s.
         covariance: covariance of the natural logarithms of the keys, shape (keys, keys).

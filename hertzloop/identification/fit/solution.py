@@ -56,8 +56,8 @@ class Solution:
 def solve(problem: FitProblem, x: np.ndarray, shorter: Sequence[Iterate], exact: bool) -> Solution:
     """Return the solution of the whole records.
 
-    Without a discrepancy in the problem the whole record may have bent the keys too far. So, where
-    the solution has one, it is also sought from the solution of the first window.
+    `x` was found with an exact model, so errors late in the record may have pulled the keys away.
+    Where the solution has a discrepancy, it is also sought from the solution of the first window.
 
     Args:
         problem: the fit; its channels stay as they are.

@@ -22,7 +22,7 @@ class Series(NamedTuple):
         time_s: times of its own, s, (samples,); None if other series hold them.
         is_time: whether it holds the times of others.
         zero: value that means zero.
-        levels: values of the file for one of its unit.
+        levels: counts of the file that make one unit.
     """
 
     name: str

@@ -25,7 +25,7 @@ class Format(NamedTuple):
     """A format of files.
 
     Attributes:
-        name: on the page of formats.
+        name: in the table of formats of docs/how-to/fit.md.
         endings: of its files.
         extra: that reads it; "" if none is needed.
         read: its reader.

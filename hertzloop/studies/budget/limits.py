@@ -31,7 +31,7 @@ class BudgetLimit:
 
     `value`: the last value that does, None where no limit was found; `first_failure`: the next
     value of the list, which misses a goal; `searched`: least and largest value that the search
-    reached; `interval`: whether no value of the scan beyond the boundary meets the goals again;
+    reached; `interval`: whether every scanned value beyond the limit misses a goal;
     `holds_again`: those that do; `share`: the part of the searched list between the scene's own
     value and the boundary, negative where the scene is beyond it; `reason`: why there is no limit,
     or why the scene refuses values; `remark`: what a table says behind the value; `impact_alone`:
@@ -82,7 +82,7 @@ class BudgetQuantity:
     what the last value means, in a sentence; `usual`: place of the last value that the scan tries
     before it goes on to the end, None for all; `scale`: reported value over value of the key;
     `own`: place in the list of the scene's own value; `by_chance`: whether the effect depends on
-    the seed; `finer`: times as many values in the scan as `Search.points`, where the tolerated
+    the seed; `finer`: the scan has so many times `SearchEffort.points` values, where the tolerated
     values often have gaps; `scan`: places of a scan in all variants, as for bits and sampling
     periods, which are few and have more gaps; evenly spread places if empty.
     """

@@ -106,7 +106,7 @@ def probability(
     """
     rows: Rows = []
     drawn: list[Case] = []
-    holds: list[bool] = []  # by case, whether its linear loop is stable
+    holds: list[bool] = []  # by case; false if the goals are met but the loop is unstable
     wanted = min(FIRST, draws.most)
     while True:
         new = [draws.inputs.draw(setup.seed, number) for number in range(len(drawn), wanted)]

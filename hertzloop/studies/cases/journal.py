@@ -143,8 +143,8 @@ class Journal:
         for key, value in json.loads(json.dumps(header)).items():
             if found.get(key) != value:
                 raise JournalError(
-                    f"{self.path} holds unfinished work with another {key}. Finish it with its "
-                    "own command, or remove the file."
+                    f"{self.path} holds other unfinished work: its entry '{key}' differs. Finish "
+                    "it with its own command, or remove the file."
                 )
 
     def add(self, row: dict[str, Any]) -> None:

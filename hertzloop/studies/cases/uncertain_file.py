@@ -106,10 +106,13 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
     kind = table.get("distribution")
     resolutions = (setup.resolution_of(key),)
     if kind == "values":
-        values = table.get("values", [])
-        numbers = _floats(values if isinstance(values, list) else [], len(values), key, name)
-        if not numbers:
-            raise SceneError(f"{name}, {key}.values = []: is empty. Give measured values")
+        values = table.get("values")
+        if not isinstance(values, list) or not values:
+            raise SceneError(
+                f"{name}, {key}.values = {shown(values)}: must be a list of measured values. "
+                "Give one"
+            )
+        numbers = _floats(values, len(values), key, name)
         return UncertainInput((key,), "values", numbers, (), resolutions)
     if kind not in _NUMBERS:
         raise SceneError(
@@ -133,12 +136,14 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
 
 def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
     table = given if isinstance(given, dict) else {}
-    keys = tuple(map(str, table.get("keys", ())))
+    for part in ("keys", "covariance"):
+        if not isinstance(table.get(part), list):
+            raise SceneError(
+                f"{name}, correlated.{part} = {shown(table.get(part))}: must be a list. Give one"
+            )
+    keys = tuple(map(str, table["keys"]))
     mean = _floats(table.get("mean", []), len(keys), "correlated.mean", name)
-    rows = [
-        _floats(row, len(keys), "correlated.covariance", name)
-        for row in table.get("covariance", [])
-    ]
+    rows = [_floats(row, len(keys), "correlated.covariance", name) for row in table["covariance"]]
     try:
         matrix = np.array(rows)
         if len(keys) < 2 or len(rows) != len(keys) or not np.allclose(matrix, matrix.T):

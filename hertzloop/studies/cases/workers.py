@@ -30,8 +30,7 @@ _ASK_S = 0.1  # between two looks for an interrupt, and for a worker that has en
 
 
 class WorkersLost(RuntimeError):
-    """A worker process was lost, or none could be started. Commands keep the finished cases in a
-    journal."""
+    """A worker process was lost, or none could be started."""
 
     exit_status = 1
 

@@ -81,8 +81,8 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         keys = keys_of(header["design"])
         searched = header["design"]["worst"]
         worst = worst_columns(searched) if searched else ()
-        needed = ["case", *keys, "status", "state"]
-        names = [*needed, *CASE_METRICS, *worst, "growth_per_s"]
+        needed = ["case", *keys, "status", "state", *([LATENCIES] if searched else [])]
+        names = dict.fromkeys([*needed, *CASE_METRICS, *worst, "growth_per_s"])
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # An earlier version may lack a metric.
