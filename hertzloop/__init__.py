@@ -1,7 +1,7 @@
 """Test an active-control law against a simulated impact, at 1 MHz and repeatable to the bit."""
 
 import os
-from importlib import import_module
+from importlib import import_module as _import_module
 
 __version__ = "0.3.0"
 
@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> object:
     """Load the Python interface when it is used: a process of a run needs only its part."""
-    if name.startswith("_") and name != "__all__":
-        raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
-    api = import_module("hertzloop.api")
-    return [*api.__all__, "__version__"] if name == "__all__" else getattr(api, name)
+    if name == "__all__" or not name.startswith("_"):
+        api = _import_module("hertzloop.api")
+        if name == "__all__":
+            return [*api.__all__, "__version__"]
+        if name in (*api.__all__, "ImpactEnv"):
+            return getattr(api, name)
+    raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
     # ImpactEnv needs gymnasium, so that `from hertzloop import *` leaves it out.
-    return [*import_module("hertzloop.api").__all__, "__version__", "ImpactEnv"]
+    return [*_import_module("hertzloop.api").__all__, "__version__", "ImpactEnv"]

@@ -62,6 +62,7 @@ def test_documented_commands_exist(page: Path) -> None:
 
 
 PROGRAM = re.compile(r"python -m ((?:benchmarks|paper)\.\w+)((?: [^`\n]*)?)")
+PROGRAM_OF_TESTS = re.compile(r"python -m (tests\.[\w.]+)")
 
 
 @pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
@@ -72,6 +73,12 @@ def test_documented_programs_exist(page: Path) -> None:
         options = {option for param in command.params for option in param.opts}
         for word in rest.split():
             assert not word.startswith("-") or word.partition("=")[0] in options, (name, word)
+
+
+@pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
+def test_documented_programs_of_tests_exist(page: Path) -> None:
+    for name in PROGRAM_OF_TESTS.findall(page.read_text()):
+        assert importlib.util.find_spec(name), name
 
 
 def test_every_program_has_its_line() -> None:

@@ -31,6 +31,7 @@ def check_output(
         option: The option that named the file.
         read: Input files of the command, which it never replaces.
     """
+    _check_reachable(path)
     for file in read:
         if path.is_file() and os.path.exists(file) and path.samefile(file):
             fail(f"{option} = {path}: is an input of this command. Choose another name.")
@@ -57,10 +58,26 @@ def check_picture(path: Path) -> None:
     need("matplotlib")
 
 
+def _check_reachable(path: Path) -> None:
+    """End the command for a path that the system refuses to look at, such as one too long."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}. Choose another name.")
+
+
 def check_folder(path: Path | None) -> None:
     """End the command unless the folder of a file, if there is one to write, takes it."""
     if path is None:
         return
+    _check_reachable(path)
+    if path.is_symlink() and not path.exists():
+        fail(
+            f"cannot write {path}: links to {os.readlink(path)}, which does not exist. Remove the "
+            "link, or choose another name."
+        )
     if path.is_dir():
         fail(f"{path}: is a folder. Give the name of a file.")
     if not path.parent.is_dir():

@@ -93,14 +93,14 @@ class RunOptions:
         for option in ("pace", "repeat", "controller"):
             if getattr(self, option) and self.transport is not Transport.ZENOH:
                 raise OptionError(
-                    f"--{option}: not available with --transport {self.transport}. Use --transport "
-                    "zenoh."
+                    f"{option} = {getattr(self, option)}: not available with transport = "
+                    f"'{self.transport}'. Use transport zenoh."
                 )
         for option in ("horizon", "verify", "repeat"):
             if getattr(self, option) and self.pace is not None:
                 raise OptionError(
-                    f"--{option}: cannot be combined with --pace, which does not wait for forces. "
-                    "Remove one of the two."
+                    f"{option} = {getattr(self, option)}: cannot be combined with pace = "
+                    f"{self.pace:g}, which does not wait for forces. Remove one of the two."
                 )
 
 

@@ -1,6 +1,6 @@
 """The effects that a model may neglect, one row each: value, formula, threshold and words.
 
-Sources are with the formulas, in hertzloop.plant.estimates.plate_theory.
+Sources are with the formulas, in hertzloop.plant.estimates: `criteria` and `plate_theory`.
 """
 
 import math

@@ -86,6 +86,16 @@ class Scene(SceneTable):
             self.sensors.mass_kg,
         )
 
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.run.step_s
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return self.run.steps
+
     def without_control(self) -> "Scene":
         """The same scene with the law switched off."""
         return self.replaced(controller=without_law(self.controller))

@@ -184,3 +184,18 @@ def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
         next(c for c in end.count if c.stream == stream).messages += 1
         with pytest.raises(StreamFault, match=f"stream '{stream}' is incomplete"):
             checker.reconcile(end)
+
+
+def test_counts_may_be_announced_in_any_order() -> None:
+    """Whoever brings a plant names its streams as it likes, also first those not heard here."""
+    sent = [e for e in plant_says() if e.stream in SUBSCRIPTIONS[CONTROLLER]]
+    end = RunEnd.FromString(sent[-1].payload)
+    counts = sorted(end.count, key=lambda one: one.stream in SUBSCRIPTIONS[CONTROLLER])
+    assert counts[0].stream not in SUBSCRIPTIONS[CONTROLLER]
+    checker = SequenceChecker(role=CONTROLLER)
+    for envelope in sent:
+        checker.accept(envelope)
+    checker.reconcile(RunEnd(role=PLANT, count=counts))
+    next(one for one in counts if one.stream == "daq").messages += 1
+    with pytest.raises(StreamFault, match="stream 'daq' is incomplete"):
+        checker.reconcile(RunEnd(role=PLANT, count=counts))

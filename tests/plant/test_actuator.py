@@ -111,6 +111,15 @@ def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
         assert faster < 2e-5 * abs(ideal).max()
 
 
+def test_mass_loaded_modes_without_a_spring_are_those_of_the_matrices() -> None:
+    what = replace(spec(actuator_point_m=(0.3, 0.21)), residual_flexibility=False)
+    bare, scale = modes_of(what), what.plate.modal_scale_per_kg
+    loaded = modes_of(replace(what, actuator=Actuator(mass_kg=1e-3)))
+    mass = np.eye(len(bare.omega)) / scale + 1e-3 * np.outer(bare.actuator, bare.actuator)
+    squared = eigh(np.diag(bare.omega**2 / scale), mass, eigvals_only=True)
+    assert loaded.omega == pytest.approx(np.sqrt(squared), rel=1e-7)
+
+
 @pytest.mark.parametrize("point", [None, (0.3, 0.21), (0.2, 0.25)])
 @pytest.mark.parametrize("mass_kg", [1e-4, 1e-2, 10.0])
 def test_mass_loaded_modes_are_those_of_the_matrices(

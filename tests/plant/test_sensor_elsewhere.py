@@ -1,4 +1,4 @@
-"""A sensor beside the contact, and its mass: against modes, exact eigenvalues and simulations."""
+"""A sensor beside the contact, and its mass: against modes and simulations."""
 
 from dataclasses import replace
 from pathlib import Path

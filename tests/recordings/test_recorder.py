@@ -94,6 +94,7 @@ def check_fault(path: Path, heard: Sequence[Envelope], pattern: str) -> None:
     [
         ("daq", "gap", "gap on stream 'daq': sequence 2 came, 1 was expected"),
         ("balance", "lost tail", "stream 'balance' is incomplete"),
+        ("end/plant", "malformed", "malformed message on stream 'end/plant' where sequence 0"),
     ],
 )
 def test_a_fault_of_a_stream(path: Path, stream: str, fault: str, pattern: str) -> None:
@@ -101,8 +102,10 @@ def test_a_fault_of_a_stream(path: Path, stream: str, fault: str, pattern: str) 
     at = places(heard, stream)
     if fault == "gap":
         del heard[at[1]]
-    else:
+    elif fault == "lost tail":
         del heard[at[-1]]
+    else:
+        heard[at[-1]] = replace(heard[at[-1]], payload=heard[at[-1]].payload[:-1])
     check_fault(path, heard, pattern)
 
 

@@ -56,6 +56,8 @@ def test_an_event_that_says_another_time_than_its_record(whole: Path, tmp_path: 
     event = Log(name="plant", message="never")
     event.timestamp.seconds = -5
     writer.write("events/plant", event.SerializeToString(), 0, 2**63 - 1)
+    with pytest.raises(RecordingError, match="stream 'events/plant' sequence 1 is at -5 ns"):
+        writer.write("events/plant", b"", 1, -5)
     writer.finish({})
     kept = read(path)
     assert kept.events == []
@@ -220,3 +222,10 @@ def test_no_text_of_a_recording_controls_the_terminal(
         assert done.exception is None or isinstance(done.exception, SystemExit), words
         if words[0] == "inspect":
             assert "\\x1b[2J\\x9b31m\\u202egnol\\u2066\\u200b[red]\\x7f" in done.output
+
+
+def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    for more in (b"\0", b"behind" * 100, whole.read_bytes()):
+        path.write_bytes(whole.read_bytes() + more)
+        assert any("damaged" in words for words in read(path).problems)

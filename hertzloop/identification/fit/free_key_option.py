@@ -41,7 +41,7 @@ def parse_free_key(setup: Setup, text: str) -> FreeKey:
         if not low <= start <= high:
             start = math.sqrt(low * high)
             if resolution is not None:
-                start = resolution * round(high / resolution / 2.0)
+                start = resolution * round((low + high) / resolution / 2.0)
     if sign and resolution is not None:
         raise FitError(
             f"--free {text}: a key in whole steps has no prior. Give it a range, {key}=LOW:HIGH."

@@ -32,10 +32,15 @@ def split_hold_out(
     numbers = {one for one in hold_out if isinstance(one, int)}
     if numbers - set(hits) or (numbers and numbers == set(hits)):
         raise FitError(
-            f"--hold-out {min(numbers)}: cannot be held out. The hits are "
+            f"--hold-out {min(numbers - set(hits) or numbers)}: cannot be held out. The hits are "
             f"{', '.join(map(str, hits)) or 'not several'}; at least one is fitted."
         )
     others = split_hits([one for one in hold_out if isinstance(one, Record)], setup)
+    if numbers and any(one.hit for one in others):
+        raise FitError(
+            f"--hold-out {min(numbers)}: cannot be combined with the hits of {others[0].name}, "
+            "which have numbers of their own. Hold out numbers or files."
+        )
     fitted = [one for one in records if one.hit not in numbers]
     return fitted, [one for one in records if one.hit in numbers] + others
 

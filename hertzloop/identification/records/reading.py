@@ -48,8 +48,10 @@ def read_records(path: Path, given: Mapping[str, Any] | None = None) -> list[Rec
         return _read_record_list(path, dict(given or {}))
     contents = _read_contents(path)
     tables, beside = contents.tables, path.with_suffix(".toml")
-    if beside.is_file() and (named := tables_of_toml_file(beside)):
-        tables = [(tables[0] if len(tables) == 1 else {}) | table for table in named]
+    # A list of records beside the file has tables with the key `file`.
+    named = tables_of_toml_file(beside) if beside.is_file() else []
+    if about := [table for table in named if "file" not in table]:
+        tables = [(tables[0] if len(tables) == 1 else {}) | table for table in about]
     chosen = {key: value for key, value in (given or {}).items() if key in _CHOICES}
     if len(tables) > 1 and chosen:
         tables = _tables_of(contents, tables, chosen)

@@ -15,7 +15,7 @@ METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_METRICS.items
 SPANS = {"impact": "the first impact", "run": "the whole run"}
 AXES = {
     "sensors.bits": "bits of the sensor",
-    "sensors.every_steps": "sampling period (us)",
+    "sensors.every_steps": "sampling period (steps)",
     "controller.kappa": "kappa",
     "controller.v_thr_m_s": "threshold v_thr (m/s)",
     "controller.jitter_us": "largest jitter (us)",

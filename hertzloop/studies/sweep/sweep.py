@@ -3,12 +3,13 @@
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
 from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, not_run, run_cases
-from hertzloop.studies.cases.journal import Journal
+from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.cases.pool import local_cores, local_pool
 from hertzloop.studies.sweep.growth import with_growth
 from hertzloop.studies.sweep.plan import SweepPlan
@@ -65,7 +66,8 @@ def _run(
     on_progress(len(done))
     started = time.perf_counter()
     if chunks:
-        count = min(request.workers or local_cores(), len(chunks))
+        # Two at least: a law that is not shipped runs beside this process.
+        count = min(request.workers or local_cores(), max(2, len(chunks)))
         address = request.dask
         with dask_pool(address, on_wait, run) if address else local_pool(count, run) as pool:
             for some in pool(plan.header["scene_toml"], request.span, chunks):
@@ -89,7 +91,9 @@ def finished(plan: SweepPlan, out: Path) -> SweepResult | None:
         return None
     if header != json.loads(json.dumps(plan.header)):
         return None
-    journal_of(out).unlink(missing_ok=True)
+    if journal_of(out).exists():  # of this sweep, which was killed at its end, or of another one
+        with suppress(JournalError), Journal(journal_of(out), plan.header):
+            journal_of(out).unlink()
     return SweepResult([{"growth_per_s": None} | row for row in rows], 0, 0.0, [])
 
 

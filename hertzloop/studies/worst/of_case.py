@@ -34,7 +34,7 @@ def run_cases_with_worst(
             try:
                 row |= _worst_of_case(setup.vary(values), metric, span)
             except Exception as error:  # one case must not end the others
-                row["status"] = f"failed: {error!r}"
+                row |= {"status": f"failed: {error!r}", "state": CaseState.NOT_RUN.value}
         yield row
 
 

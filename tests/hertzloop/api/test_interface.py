@@ -133,11 +133,11 @@ def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
         "this needs gymnasium, which is not installed: pip install 'hertzloop[interop]'\n"
     )
     assert set(interface.__all__) | {"__version__"} == set(hertzloop.__all__)
-    documented = set(re.findall(r"`(\w+(?:Error|Failed|Fault))`", PAGE.read_text())) - {
+    documented = set(re.findall(r"`(\w+(?:Error|Failed|Fault|Lost))`", PAGE.read_text())) - {
         "ValueError",
         "RuntimeError",
     }
-    assert documented == {n for n in hertzloop.__all__ if re.search("(Error|Failed|Fault)$", n)}
+    assert documented == {n for n in hertzloop.__all__ if re.search("(Error|Failed|Fault|Lost)$", n)}
     assert all(issubclass(getattr(hertzloop, name), Exception) for name in documented)
 
 
@@ -191,8 +191,14 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter() -> None:
         (lambda s: hertzloop.modes(hertzloop.vary(s, {"run.plate_model": "infinite"})), "no modes"),
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
-        (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "pace: not available with"),
-        (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon: cannot be combined with"),
+        (
+            lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"),
+            "pace = 1.0: not available with transport = 'inprocess'",
+        ),
+        (
+            lambda s: hertzloop.run(s, pace=1.0, horizon=3),
+            "horizon = 3: cannot be combined with pace = 1",
+        ),
         (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
     ],
 )

@@ -34,7 +34,11 @@ ANSWERS = {
     "run --out a.txt": "--out = a.txt: a recording must end in .mcap",
     "run --out no/such/folder/a.mcap": "the folder no/such/folder does not exist",
     "run --out pipe.mcap": "not a regular file. Choose another name",
-    "run --out link.mcap": "/none: No such file or directory. Choose another",
+    "run --out link.mcap": "/none/x, which does not exist. Remove the link",
+    "export a.mcap --out pipe.csv": "not a regular file",
+    "sweep --over sensors.bits=8 --out pipe.csv": "not a regular file",
+    "scene modes --out pipe.csv": "not a regular file",
+    f"run --out {'a' * 300}.mcap": "File name too long. Choose another name",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
@@ -82,7 +86,8 @@ DASK = {
 def test_it_is_answered(words: str, here: Path) -> None:
     (here / "folder.json").mkdir()
     (here / "link.mcap").symlink_to(here / "none" / "x")
-    os.mkfifo(here / "pipe.mcap")
+    for name in ("pipe.mcap", "pipe.csv"):
+        os.mkfifo(here / name)
     for name, content in FILES.items():
         (here / name).write_bytes(content)
     before = set(here.iterdir())

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import PLANT
@@ -23,7 +24,7 @@ from hertzloop.loop.plant_node import PlantNode
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.results.recorded import class_ends_ns, pacing_of
+from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.scene.setup import Setup
 from tests.commands import as_options, call, refused
 from tests.hertzloop.commands import (
@@ -190,11 +191,11 @@ class TestProcesses:
     ("words", "said"),
     [
         (["--pace", "1e-8"], "use a pace of"),
-        (["--pace", "1", "--horizon", "3"], "--horizon: cannot be combined with --pace"),
-        (["--pace", "1", "--verify"], "--verify: cannot be combined with --pace"),
+        (["--pace", "1", "--horizon", "3"], "horizon = 3: cannot be combined with pace = 1"),
+        (["--pace", "1", "--verify"], "verify = True: cannot be combined with pace = 1"),
         (
             ["--pace", "1", "--transport", "compiled"],
-            "--pace: not available with --transport compiled",
+            "pace = 1.0: not available with transport = 'compiled'",
         ),
         (["--repeat", "no.mcap", "--seed", "3"], "--repeat: the recording fixes scene and seed"),
         (["--repeat", "no.mcap"], "cannot read no.mcap"),
@@ -229,3 +230,27 @@ def test_classes_of_response_times() -> None:
         at = pace_kernels.class_of(ns)
         assert starts[at] <= ns < ends[at]
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32
+
+
+def test_what_is_no_histogram(tmp_path: Path) -> None:
+    """A file may hold anything."""
+    pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
+    recording = pair.recorded(tmp_path / "a.mcap")
+    assert recording.pacing is not None
+    assert responses_of(recording) is not None
+    header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
+    wrong: list[tuple[str, Any]] = [
+        ("pace", float("nan")), ("pace", 0.0), ("classes_an_octave", 0), ("step_ns", 0),
+    ]  # fmt: skip
+    for field, value in wrong:
+        spoiled = type(header)()
+        spoiled.CopyFrom(header)
+        setattr(spoiled, field, value)
+        recording.pacing = DecodedBlock(spoiled, {"answers": answers})
+        found = pacing_of(recording)
+        assert found is not None
+        assert found.clock is None
+    for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
+                   np.ones(10**6)):  # fmt: skip
+        recording.pacing = DecodedBlock(header, {"answers": values})
+        assert responses_of(recording) is None

@@ -18,6 +18,10 @@ def errors(tmp_path: Path) -> Path:
     return tmp_path / "stderr"
 
 
+def servers() -> list[psutil.Process]:
+    return [c for c in psutil.Process().children() if "fork" in " ".join(c.cmdline())]
+
+
 def test_a_role_has_this_folder_and_environment(
     errors: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -57,3 +61,15 @@ def test_a_role_ends_when_its_standard_input_does(errors: Path) -> None:
     role = fork_server.start(words, errors)
     role.stdin.close()
     assert role.wait() != 0
+
+
+@pytest.mark.full
+def test_a_killed_server_is_replaced(errors: Path) -> None:
+    fork_server.start(["--version"], errors).wait()
+    [server] = servers()
+    server.kill()
+    server.wait(60)
+    role = fork_server.start(["--version"], errors)
+    assert role.stdout.read().startswith("hertzloop ")
+    assert role.wait() == 0
+    assert len(servers()) == 1

@@ -86,3 +86,12 @@ def test_one_that_does_not_end_is_named(
     finally:
         launcher._end_all()
     assert all(child.process.poll() is not None for child in launcher.children)
+
+
+def test_processes_of_roles_that_are_done_keep_nobody(tmp_path: Path) -> None:
+    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, DONE + "; time.sleep(600)"))
+    try:
+        launcher.wait()
+    finally:
+        launcher._end_all()
+    assert all(child.process.poll() is not None for child in launcher.children)

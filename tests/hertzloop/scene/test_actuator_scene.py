@@ -18,6 +18,7 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import load
+from hertzloop.studies.margin.flight import margin_of
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -136,7 +137,7 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
 
 
 def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
-    """Its metrics and limits are those of the commanded force."""
+    """Its metrics, margin and limits are those of the commanded force, and no case runs on."""
     short = ["run.duration_s=0.0016", "actuator.force_limit_n=60"]
     plain, preloaded = (aluminium_3mm(*short, f"actuator.preload_n={n}") for n in (0, 3))
     off = aluminium_3mm(*short, "actuator.preload_n=3", "controller.law=off")
@@ -156,6 +157,11 @@ def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
     slews = [metrics.demand.slew_n_s for metrics in found]
     assert slews == [pytest.approx(slews[1], rel=0.05), slews[1], 0.0]
     assert found[2].push is None
+    assert metrics_of_case(preloaded).steps < preloaded.steps
+    feedback = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
+    margins = [margin_of(aluminium_3mm(*feedback, f"actuator.preload_n={n}")) for n in (0, 3)]
+    assert margins[0].stable is not None
+    assert margins[0] == margins[1]
 
 
 def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on() -> None:

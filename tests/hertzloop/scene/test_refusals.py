@@ -59,8 +59,10 @@ REFUSED = {
         f"{SOLID} run.scheme=thesis2008": "plate.theory = '3d': not supported by run.scheme",
         "plate.tail=damped actuator.mass_kg=1e-3": "plate.tail = 'damped': not supported with",
         "plate.tail=damped run.scheme=thesis2008": "plate.tail = 'damped': not supported by",
-        "plate.radiation=one_face run.plate_model=infinite": "run.plate_model",
-        "plate.radiation=one_face plate.edges=cccc": "plate.edges",
+        "plate.radiation=one_face run.plate_model=infinite": "plate.radiation = 'one_face': not "
+        "supported by run.plate_model = 'infinite'. Remove the key, or use run.plate_model = ",
+        "plate.radiation=one_face plate.edges=cccc": "plate.edges = 'cccc': plate.radiation = "
+        "'one_face' supports a simply supported plate only",
         # Branches beyond bending have four fifths of the modes.
         f"{SOLID} plate.size_m=[2.6,2.0] plate.thickness_m=0.02 sphere.radius_m=0.002 "
         "run.accuracy=1e-9 run.step_ns=100": "about 2.4e+06 modes",
@@ -96,9 +98,11 @@ REFUSED = {
         "actuator.stroke_m=1": "actuator.stroke_m: unknown scene key",
         "actuator.mass_kg=0.001 plate.edges=ffff": "is not supported for a free plate",
         "actuator.mass_kg=0.001 run.scheme=thesis2008": "use the scheme 'modal'",
-        "actuator.preload_n=5 run.scheme=thesis2008": "preload_n = 5",
+        "actuator.preload_n=5 run.scheme=thesis2008": "preload_n = 5: not supported by "
+        "run.scheme = 'thesis2008'. Remove the key, or use the scheme 'modal'",
         "actuator.bandwidth_hz=1e5 run.plate_model=infinite": "plate_model = 'auto'",
-        "actuator.preload_n=5 run.plate_model=infinite": "preload_n = 5",
+        "actuator.preload_n=5 run.plate_model=infinite": "preload_n = 5: not supported by "
+        "run.plate_model = 'infinite'. Remove the key, or use run.plate_model = 'auto'",
         "controller.latency_trace={median_us=3,sigma=0.1}":
         "latency_trace.autocorrelation: is missing",
         "controller.latency_trace=[-1]": "latency_trace",

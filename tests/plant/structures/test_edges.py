@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from hertzloop.plant.structures.edged_plate import EdgedPlate
 from hertzloop.plant.structures.materials import Material
@@ -149,3 +150,61 @@ def test_only_plates_alike_in_all_but_poissons_ratio_share() -> None:
         assert plate.beside(other) is plate
     negative = edged("ccff", OBLONG, nu=-0.2)
     assert negative.beside(plate) is negative
+
+
+def by_levy(edges: str, size_m: tuple[float, float], count: int) -> np.ndarray:
+    """k^2 where the first two edges are simply supported: exact, from the plate's equation.
+
+    sin(m pi x/l_x) Y(y); Y has the exponents sqrt(a^2 +- k^2), and its four conditions a
+    determinant that is zero at every mode.
+    """
+    (lx, ly), found = size_m, []
+
+    def determinant(squared: float, a: float) -> float:
+        slow = np.emath.sqrt(a * a - squared)
+        fast = math.sqrt(a * a + squared)
+        rows = []
+        for edge, y in zip(edges[2:], (0.0, 1.0), strict=True):
+            for order in {"s": (0, 2), "c": (0, 1), "f": (2, 3)}[edge]:
+                row = []
+                for r in (slow, fast):
+                    # cosh and sinh, scaled against overflow; derivatives by the exponent
+                    x = r * ly
+                    size = np.exp(-abs(x.real))
+                    even, odd = np.cosh(x * y) * size, np.sinh(x * y) * size / r
+                    values = (even, odd, r * r * even, r * r * odd)
+                    slopes = (r * r * odd, even, r**4 * odd, r * r * even)
+                    if edge == "f" and order == 2:
+                        row += [
+                            v - NU * a * a * w for v, w in zip(values[2:], values[:2], strict=True)
+                        ]
+                    elif edge == "f":
+                        row += [
+                            v - (2 - NU) * a * a * w
+                            for v, w in zip(slopes[2:], slopes[:2], strict=True)
+                        ]
+                    elif order == 0:
+                        row += list(values[:2])
+                    elif order == 1:
+                        row += list(slopes[:2])
+                    else:
+                        row += list(values[2:])
+                rows.append(row)
+        return float(np.linalg.det(np.array(rows)).real)
+
+    highest = 1.05 * lowest(edges, size_m, count)[-1]
+    for m in range(1, int(math.sqrt(highest) * lx / np.pi) + 2):
+        a = m * np.pi / lx
+        grid = np.linspace(1e-3, highest, 1001)
+        values = np.array([determinant(x, a) for x in grid])
+        for i in np.flatnonzero(values[:-1] * values[1:] < 0.0):
+            root = brentq(determinant, grid[i], grid[i + 1], args=(a,), xtol=1e-12)
+            if abs(root - a * a) > 1e-6 * a * a:  # there slow = 0, which is no mode
+                found.append(root)
+    return np.sort(found)[:count]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("edges", ["sscc", "sscf", "ssff", "sssf", "sssc"])
+def test_twenty_frequencies_between_two_supported_edges(edges: str) -> None:
+    np.testing.assert_allclose(lowest(edges, OBLONG), by_levy(edges, OBLONG, 20), rtol=1e-5)

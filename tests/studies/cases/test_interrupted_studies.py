@@ -138,3 +138,25 @@ def test_a_case_asked_for_twice_is_run_once(tmp_path: Path) -> None:
 def test_other_work_has_another_file(tmp_path: Path) -> None:
     with kept(tmp_path, "a", {"seed": 1}) as one, kept(tmp_path, "a", {"seed": 2}) as other:
         assert one.journal.path != other.journal.path
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        command(*TUNE, "-o", str(tmp_path)),
+        start_new_session=True,
+        text=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    _wait_for(tmp_path, 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=240)  # running chunks are finished first
+    path = _journal(tmp_path)
+    assert process.returncode == 130
+    assert path.name.startswith("tune-aluminium-3mm-")
+    assert said.splitlines()[-1] == (
+        f"interrupted; finished cases are kept in {path}. Run the same command again to continue"
+    )
+    assert "Traceback" not in said
