@@ -64,3 +64,8 @@ def test_a_default_range_ends_where_the_scene_does() -> None:
 def test_a_key_that_is_free_twice_is_refused() -> None:
     with pytest.raises(FitError, match="given twice"):
         fitted(scene(), record(scene()), RADIUS, RADIUS)
+
+
+def test_a_latency_starts_within_its_range() -> None:
+    free = parse_free_key(load("aluminium-3mm"), "controller.latency_us=90:100")
+    assert free.start == 95.0

@@ -13,7 +13,9 @@ from hertzloop.identification.fit.fit import fit
 from hertzloop.identification.fit.fit_text import sentences
 from hertzloop.identification.fit.fitted_scene import fit_table
 from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.hold_out import split_hold_out
 from hertzloop.identification.fit.verdicts import KeyVerdict
+from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.reading import read_record, read_records
 from hertzloop.identification.records.record import Record
@@ -82,6 +84,12 @@ def test_any_hit_can_be_held_out() -> None:
     with pytest.raises(FitError, match=r"--hold-out 3: cannot be held out\. The hits are 1, 2"):
         fit(rig(), [record], free, hold_out=[3])
     assert len(check(rig(), [record], free).estimates) == 3
+
+
+def test_a_number_and_a_record_with_hits_are_not_held_out_together() -> None:
+    records = split_hits([of_speeds(1.0, 0.8)], rig())
+    with pytest.raises(FitError, match="cannot be combined with the hits of"):
+        split_hold_out(records, [1, of_speeds(1.0, 0.8)], rig())
 
 
 def test_check_lists_the_hits(tmp_path: Path) -> None:

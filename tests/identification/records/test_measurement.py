@@ -45,3 +45,12 @@ def test_a_list_of_records_does_not_name_itself(tmp_path: Path) -> None:
     path.write_text('[[record]]\nfile = "drop.toml"\n')
     with pytest.raises(RecordError, match=r"drop\.toml: record\.file = 'drop\.toml': is a TOML"):
         read_records(path)
+
+
+def test_a_list_of_records_beside_its_file_is_no_table_of_it(tmp_path: Path) -> None:
+    rows = "".join(f"{i * 1e-6},{i % 7}\n" for i in range(40))
+    (tmp_path / "drop.csv").write_text("time (s),force (N)\n" + rows)
+    path = tmp_path / "drop.toml"
+    path.write_text('[[record]]\nfile = "drop.csv"\nquantity = "contact_force"\n')
+    assert [one.quantity for one in read_records(path)] == ["contact_force"]
+    assert read_records(tmp_path / "drop.csv", {"quantity": "contact_force"})

@@ -96,7 +96,7 @@ def test_the_journal_of_another_sweep_is_left_alone(tmp_path: Path) -> None:
     with Journal(path, {"span": "impact"}) as journal:
         journal.add({"case": 0})
     before = path.read_bytes()
-    with pytest.raises(JournalError, match="another span"):
+    with pytest.raises(JournalError, match="its entry 'span' differs"):
         Journal(path, {"span": "run"})
     assert path.read_bytes() == before
 
@@ -133,7 +133,7 @@ def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Pat
     kept = {row["case"]: row for row in _lines(study.journal_of(out))}
     other = subprocess.run([*words, "--over", "controller.kappa=1,2"], capture_output=True)
     assert other.returncode == 2
-    assert b"another design" in other.stderr
+    assert b"its entry 'design' differs" in other.stderr
     report = tmp_path / "r.json"
     subprocess.run([*words, "--json", str(report)], check=True, timeout=280)
     rows, _ = read_results(out)
