@@ -164,8 +164,9 @@ def conclusion(points: list[Point]) -> str:
     """How fast the default scheme is against the fastest general solver, in one sentence."""
     solvers = _COMPETITORS["the best of SciPy and SUNDIALS"]
     found = [other / modal for _, error, modal, other in ratios(points, solvers) if error == _ERROR]
+    times = float(f"{median(found):.2g}")
     return (
-        f"At an error of {_ERROR:g} the default scheme is {median(found):.2g} times as fast as the "
+        f"At an error of {_ERROR:g} the default scheme is {times:g} times as fast as the "
         f"fastest general solver, median of {len(found)} scenes."
     )
 

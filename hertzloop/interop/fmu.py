@@ -253,8 +253,8 @@ def write_library(
         (folder / "kernels.o").write_bytes(kernels)
         sources = [C / source for source in _SOURCES] + list(more)
         include = [f"-I{path}" for path in (folder, C, headers)]
-        parts = [*sources, "kernels.o", _NORMAL, "-lm"]
-        command = ["cc", *_FLAGS, *include, *_LINK, "-o", "made.so", *parts]
+        parts: list[str | Path] = [*sources, "kernels.o", _NORMAL, "-lm"]
+        command: list[str | Path] = ["cc", *_FLAGS, *include, *_LINK, "-o", "made.so", *parts]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:
             reason = next(iter(done.stderr.strip().splitlines()), "no reason given")

@@ -142,7 +142,7 @@ def fit(
         result = check_records(setup, measured, keys)
     else:
         numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
-        held_out = [*compared, *numbers] if hold_out else None
+        held_out: list[Record | int] | None = [*compared, *numbers] if hold_out else None
         result = _fit_with_progress(setup, measured, keys, held_out, exact)
     out.print(parameter_table(result))
     for sentence in sentences(result):

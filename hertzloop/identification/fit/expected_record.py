@@ -1,5 +1,6 @@
 """A made-up record of a scene, for a check before an experiment."""
 
+import math
 import re
 
 import numpy as np
@@ -38,7 +39,7 @@ def expected_record(
     """
     match = _EXPECTED.fullmatch(text.strip())
     numbers = [float(number) for number in match.groups("2")[1:]] if match else []
-    if match is None or match[1] not in QUANTITIES or min(numbers) <= 0.0:
+    if match is None or match[1] not in QUANTITIES or not all(0.0 < x < math.inf for x in numbers):
         raise FitError(
             f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz] with positive numbers, "
             f"such as contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."

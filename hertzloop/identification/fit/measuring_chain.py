@@ -5,10 +5,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import scipy
 
+from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.quantities import QUANTITIES
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
-from hertzloop.sensors.acquisition import Filters
+from hertzloop.sensors.acquisition import Filters, SensorSpec
 
 _REACH = 12.0  # periods of the corner that a brick wall reaches on both sides
 
@@ -63,6 +64,7 @@ class MeasuringChain(Filters):
 def chain_of_record(record: Record, setup: Setup) -> MeasuringChain:
     """Return the chain of a record: that of its table, else that of the scene's sensor where this
     samples the same quantity."""
+    filters: Measurement | SensorSpec
     if record.measurement.filtered:
         filters = record.measurement
     elif QUANTITIES[record.quantity].sensed == setup.quantity:

@@ -100,7 +100,9 @@ def _records_of(path: Path) -> Iterator[Record]:
     for quantity in ORDERS if first.quantity in _FORCES else _FORCES:
         with suppress(RecordError):
             other = read_record(path, {"quantity": quantity})
-            if not np.array_equal(other.value, first.value):  # which one column alone would give
+            if not np.array_equal(
+                other.value, first.value, equal_nan=True
+            ):  # which one column alone would give
                 yield other
                 return
 

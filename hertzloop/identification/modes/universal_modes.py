@@ -176,9 +176,9 @@ def _mode_of(one: dict[str, Any], path: Path) -> _Mode | None:
         if one.get("data_type") in (5, 6):
             shapes = shapes[:, ::2] + 1j * shapes[:, 1::2]
         shapes = np.pad(shapes, ((0, 0), (0, max(0, 3 - shapes.shape[1]))))[:, :3]
-        keys = [f"record12_field{i}" for i in (2, 4, 5, 6)]
-        keys += [f"record13_field{i}" for i in (1, 2, 3, 4)]
-        hz, mass, viscous, hysteretic, *parts = (float(one.get(key) or 0.0) for key in keys)
+        fields = [f"record12_field{i}" for i in (2, 4, 5, 6)]
+        fields += [f"record13_field{i}" for i in (1, 2, 3, 4)]
+        hz, mass, viscous, hysteretic, *parts = (float(one.get(key) or 0.0) for key in fields)
         eigenvalue, modal_a = complex(*parts[:2]), complex(*parts[2:])
     else:
         return None

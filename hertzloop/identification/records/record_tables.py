@@ -37,7 +37,7 @@ def _tables_in_toml(text: str) -> list[dict[str, Any]]:
 def tables_in_comments(text: str | bytes) -> list[dict[str, Any]]:
     """Return the `[record]` tables of comment lines, at least one; other comments mean nothing.
     Raises RecordError."""
-    said = text.decode("utf-8") if isinstance(text, bytes) else text
+    said = text.decode("utf-8") if isinstance(text, bytes) else str(text)
     first = re.search(r"\[?\[record\]", said)
     try:
         return (_tables_in_toml(said[first.start() :]) if first else []) or [{}]

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
@@ -21,7 +22,7 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
     NAME.csv.json. Raises NotWritten."""
     keys = keys_of(header["design"])
     alike = _one_type_a_column(rows, keys, out.suffix)
-    table = pa.table({name: [row[name] for row in alike] for name in alike[0]})
+    table = pa.table({name: column_of([row[name] for row in alike]) for name in alike[0]})
     about = json.dumps(header, indent=2)
     with whole_file(out) as unfinished:
         if out.suffix == ".parquet":
@@ -30,6 +31,31 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
         else:
             pyarrow.csv.write_csv(table, unfinished)
             atomic_write(_beside(out), about + "\n")
+
+
+_TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
+
+
+def column_of(values: list[Any]) -> pa.Array:
+    """Return a column of a table. Numbers and texts are passed as buffers, since `pa.array` imports
+    pandas if it is installed, which takes longer than a hundred cases."""
+    kinds = {type(value) for value in values if value is not None}
+    if not kinds:
+        return pa.nulls(len(values))
+    kind = kinds.pop() if len(kinds) == 1 else None
+    if kind is str:
+        builder = pa.lib.StringBuilder()
+        builder.append_values(values)
+        return builder.finish()
+    if kind not in _TYPES:
+        return pa.array(values)
+    known = np.array([value is not None for value in values])
+    data = np.array([kind() if value is None else value for value in values])
+    memory = [
+        np.packbits(part, bitorder="little") if part.dtype == bool else part
+        for part in (known, data)
+    ]
+    return pa.Array.from_buffers(_TYPES[kind], len(values), [pa.py_buffer(m) for m in memory])
 
 
 def _beside(out: Path) -> Path:
