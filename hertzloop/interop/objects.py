@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as ll
-from numba import float64, intp, typeof
+from numba import config, float64, intp, typeof
 
 from hertzloop.common.jit.folder import cache_folder
 from hertzloop.common.jit.storage import keep
@@ -50,7 +50,9 @@ def needed(cpu: str) -> list[str]:
 
 
 def _kept(outline: "Unit", cpu: str) -> Path:
-    what = f"{typeof(outline)}\n{cpu}\n{needed(cpu)}"
+    # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say what Numba takes for the host.
+    host = (ll.get_host_cpu_name(), config.CPU_NAME, config.CPU_FEATURES) if cpu == HOST else ()
+    what = f"{typeof(outline)}\n{cpu}\n{needed(cpu)}\n{host}"
     return cache_folder() / f"plant-{hashlib.sha256(what.encode()).hexdigest()[:24]}.o"
 
 
