@@ -31,11 +31,12 @@ def check_output(
         option: The option that named the file.
         read: Input files of the command, which it never replaces.
     """
-    _check_reachable(path)
+    # False, without an error, for a path that check_folder refuses.
+    exists = os.path.isfile(path)
     for file in read:
-        if path.is_file() and os.path.exists(file) and path.samefile(file):
+        if exists and os.path.exists(file) and path.samefile(file):
             fail(f"{option} = {path}: is an input of this command. Choose another name.")
-    if path.is_file() and not overwrite:
+    if exists and not overwrite:
         fail(f"{path} exists. Choose another name with {option}, or add --overwrite.")
     check_folder(path)
 

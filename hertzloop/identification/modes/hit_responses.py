@@ -100,9 +100,8 @@ def _records_of(path: Path) -> Iterator[Record]:
     for quantity in ORDERS if first.quantity in _FORCES else _FORCES:
         with suppress(RecordError):
             other = read_record(path, {"quantity": quantity})
-            if not np.array_equal(
-                other.value, first.value, equal_nan=True
-            ):  # which one column alone would give
+            # One column alone gives the same record again.
+            if not np.array_equal(other.value, first.value, equal_nan=True):
                 yield other
                 return
 
