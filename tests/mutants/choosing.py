@@ -33,7 +33,7 @@ def distances(root: Path, module: str) -> dict[str, int]:
 def ranks(root: Path, module: str) -> dict[str, int]:
     """Test files by how likely they notice a change of `module`, 0 the likeliest."""
     near = distances(root, module)
-    mirrored = f"tests/{module.split('/')[0]}/"
+    mirrored = _mirror(root, module)
 
     def rank(test: str) -> int:
         ours, away = test.startswith(mirrored), near.get(test, _NEAR + 1)
@@ -68,6 +68,17 @@ def chosen(
         if total > 0.9 * most_s:
             break
     return sorted(files, key=lambda test: (order[test], seconds[test] or 0.0))
+
+
+def _mirror(root: Path, module: str) -> str:
+    """The folder of tests that mirrors a module's: as tests/identification/fit/ and tests/bus/."""
+    parts = module.split("/")[:-1]
+    for size in range(len(parts), 0, -1):
+        inner, outer = "/".join(parts[:size]), "/".join(parts[1:size])
+        for folder in (f"tests/{inner}", f"tests/{outer}"):
+            if folder != "tests/" and (root / folder).is_dir():
+                return f"{folder}/"
+    return f"tests/{parts[0]}/"
 
 
 @cache
