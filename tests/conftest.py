@@ -150,7 +150,7 @@ def _alone(name: str) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def warm_kernels() -> None:
+def warm_kernels():
     """Compiled kernels, for tests whose processes must not spend their time on compiling."""
     from hertzloop.warmup import ensure_compiled
 

@@ -20,7 +20,7 @@ SCRIPTS = Path(sys.executable).parent
         pytest.param("mypy", marks=pytest.mark.full),
     ],
 )
-def test_check(command: str) -> None:
+def test_check(command):
     program, *words = command.split()
     done = subprocess.run([SCRIPTS / program, *words], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

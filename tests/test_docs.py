@@ -30,7 +30,7 @@ PAGES = sorted(
 
 @pytest.mark.full
 @pytest.mark.parametrize("page", PAGES, ids=str)
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+def test_the_python_of_a_page_runs(page, tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
     script = tmp_path / "page.py"
     script.write_text("import matplotlib\nmatplotlib.use('Agg')\n" + "\n".join(blocks))
@@ -45,7 +45,7 @@ def commands(page: Path) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
-def test_documented_commands_exist(page: Path) -> None:
+def test_documented_commands_exist(page):
     """Command and options; the files that they name need not be there."""
     for words in commands(page):
         [entry] = [
@@ -66,7 +66,7 @@ PROGRAM_OF_TESTS = re.compile(r"python -m (tests\.[\w.]+)")
 
 
 @pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
-def test_documented_programs_exist(page: Path) -> None:
+def test_documented_programs_exist(page):
     """Module and options of every program that is named, in a block or within a sentence."""
     for name, rest in PROGRAM.findall(page.read_text()):
         command = typer.main.get_command(app_of(importlib.import_module(name).main))
@@ -76,12 +76,12 @@ def test_documented_programs_exist(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
-def test_documented_programs_of_tests_exist(page: Path) -> None:
+def test_documented_programs_of_tests_exist(page):
     for name in PROGRAM_OF_TESTS.findall(page.read_text()):
         assert importlib.util.find_spec(name), name
 
 
-def test_every_program_has_its_line() -> None:
+def test_every_program_has_its_line():
     told = {name for name, _ in PROGRAM.findall((DOCS / "reference" / "commands.md").read_text())}
     for package in ("benchmarks", "paper"):
         for path in (ROOT / package).glob("*.py"):
@@ -89,34 +89,34 @@ def test_every_program_has_its_line() -> None:
                 assert f"{package}.{path.stem}" in told
 
 
-def test_every_command_has_its_line() -> None:
+def test_every_command_has_its_line():
     told = (DOCS / "reference" / "commands.md").read_text()
     for entry in all_commands():
         assert re.search(rf"`(hertzloop )?{entry.words}\b", told), entry.words
 
 
 @pytest.mark.full
-def test_the_site_builds_strictly(tmp_path: Path) -> None:
+def test_the_site_builds_strictly(tmp_path):
     # Without --quiet, with which MkDocs does not count the warnings that --strict refuses.
     python("-m", "mkdocs", "build", "--strict", "-d", tmp_path, cwd=ROOT)
     assert (tmp_path / "how-to" / "laws" / "index.html").exists()
 
 
-def test_every_key_is_explained() -> None:
+def test_every_key_is_explained():
     assert [key.name for key in keys() if not key.meaning or len(key.meaning) > 200] == []
 
 
-def test_the_page_of_keys_is_what_the_code_says() -> None:
+def test_the_page_of_keys_is_what_the_code_says():
     """Mend: hertzloop scene keys --markdown > docs/reference/keys.md"""
     assert (DOCS / "reference" / "keys.md").read_text() == page()
 
 
-def test_the_page_of_metrics_is_what_the_code_says() -> None:
+def test_the_page_of_metrics_is_what_the_code_says():
     """Mend: python -c 'from tests import metric_page as p; print(p.page(), end="")'"""
     assert (DOCS / "reference" / "metrics.md").read_text() == metric_page.page()
 
 
-def test_every_public_name_has_its_entry() -> None:
+def test_every_public_name_has_its_entry():
     """The page of the Python interface is generated from the docstrings that it names."""
     entries = re.findall(r"^::: (\S+)", (DOCS / "reference" / "python.md").read_text(), re.M)
     names = {*dir(hertzloop), "hertzloop_run", "hertzloop_sweep"} - {"__version__"}
@@ -128,14 +128,14 @@ def test_every_public_name_has_its_entry() -> None:
         assert inspect.getdoc(pkgutil.resolve_name(entry)), entry
 
 
-def test_the_topics_of_a_recording() -> None:
+def test_the_topics_of_a_recording():
     text = (DOCS / "reference" / "recording-format.md").read_text()
     rows = re.findall(r"^\| `(/\w+)` \| `(\S+)` \|", text, re.M)
     kept = {s.topic: (s.recorded_as or s.message).DESCRIPTOR.full_name for s in STREAMS.values()}
     assert rows == list(kept.items())
 
 
-def test_links_outside_the_site_lead_to_files() -> None:
+def test_links_outside_the_site_lead_to_files():
     """The site checks the links within docs."""
     for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
         for link in re.findall(r"\]\(([^)#:]+)[#)]", (ROOT / name).read_text()):
@@ -146,10 +146,10 @@ FOLDERS = "benchmarks|bus|common|controller|docs|hertzloop|paper|plant|recording
 
 
 @pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", *EVERY], ids=lambda page: page.name)
-def test_named_files_exist(page: Path) -> None:
+def test_named_files_exist(page):
     for name in re.findall(rf"`((?:{FOLDERS})/[\w/]*(?:/|\.\w+))`", page.read_text()):
         assert (ROOT / name).exists(), name
 
 
-def test_the_readme_is_short() -> None:
+def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 90

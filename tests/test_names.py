@@ -26,7 +26,7 @@ PRODUCT = product()
 MODULES = {path.removesuffix(".py").replace("/", ".") for path in PRODUCT}
 
 
-def test_a_class_name_is_defined_once() -> None:
+def test_a_class_name_is_defined_once():
     found = defaultdict(list)
     for path, tree in PRODUCT.items():
         for node in ast.walk(tree):
@@ -38,7 +38,7 @@ def test_a_class_name_is_defined_once() -> None:
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
 
 
-def test_an_alias_means_one_thing() -> None:
+def test_an_alias_means_one_thing():
     """A module, or what is imported under another name, has one name in the whole product."""
     found = defaultdict(set)
     for tree in PRODUCT.values():
@@ -79,7 +79,7 @@ def compared(node: ast.Compare) -> set[str]:
     ],
     ids=["law", "scheme", "structure"],
 )
-def test_no_name_of_a_plug_in_is_compared(names: tuple[str, ...], homes: tuple[str, ...]) -> None:
+def test_no_name_of_a_plug_in_is_compared(names, homes):
     found = [
         f"{path}:{node.lineno}: {ast.unparse(node)}"
         for path, tree in PRODUCT.items()

@@ -209,7 +209,7 @@ def test_the_commands_of_a_page_run_with_the_wheel(
             ended(line, process)
 
 
-def test_what_is_left_out_or_made_shorter_is_there() -> None:
+def test_what_is_left_out_or_made_shorter_is_there():
     lines = [f"{line}  # {page.name}"
              for page in PAGES for block in blocks(ROOT / page) for line in block]  # fmt: skip
     for words in (*LEFT_OUT, *BEFORE, *CODES, *(f"{b}  # {a}" for a, b in EDITS)):

@@ -96,19 +96,19 @@ def helps() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_is_plain(page: Path) -> None:
+def test_a_page_is_plain(page):
     text = re.sub(r"```.*?```|`[^`]*`", "CODE", page.read_text(), flags=re.DOTALL)
     assert coined(re.sub(r"\]\([^)]*\)", "]", text)) == []
     long = [one for one in sentences(prose(page.read_text())) if len(one.split()) > LONGEST]
     assert long == []
 
 
-def test_help_has_no_coined_words() -> None:
+def test_help_has_no_coined_words():
     assert {words: found for words, text in helps() if (found := coined(text))} == {}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_errors_have_no_coined_words(folder: str) -> None:
+def test_errors_have_no_coined_words(folder):
     found = {
         f"{path.relative_to(ROOT)}:{line}": words
         for path in (ROOT / folder).rglob("*.py")
@@ -119,7 +119,7 @@ def test_errors_have_no_coined_words(folder: str) -> None:
     assert found == {}
 
 
-def test_a_coined_word_and_a_long_sentence_are_found() -> None:
+def test_a_coined_word_and_a_long_sentence_are_found():
     assert coined("The struck point is kept in the books.") != []
     assert coined("A notebook holds the contact point.") == []
     assert max(len(one.split()) for one in sentences("word " * 36 + "end.\n\nShort.")) == 37

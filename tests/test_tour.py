@@ -19,7 +19,7 @@ def names_in(file: Path) -> set[str]:
     return found
 
 
-def test_the_tour_leads_through_files_that_exist() -> None:
+def test_the_tour_leads_through_files_that_exist():
     assert len(STOPS) == 28
     for file, name in STOPS:
         assert name in names_in(ROOT / file), (file, name)

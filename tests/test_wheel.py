@@ -23,7 +23,7 @@ def built(root: Path, target: str, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def wheels(tmp_path_factory):
     """The wheel of the clone, and the wheel of its source distribution."""
     folder = tmp_path_factory.mktemp("built")
     source = built(ROOT, "sdist", folder / "source")
@@ -34,7 +34,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.mark.full
-def test_the_wheel_holds_one_package(wheels: tuple[Path, Path]) -> None:
+def test_the_wheel_holds_one_package(wheels):
     names = [set(zipfile.ZipFile(wheel).namelist()) for wheel in wheels]
     assert names[0] == names[1]
     tops = {name.split("/")[0] for name in names[0]}
@@ -47,7 +47,7 @@ def test_the_wheel_holds_one_package(wheels: tuple[Path, Path]) -> None:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """A folder with the user's own modules, which have the names of our folders."""
     for name in OWN:
         file = tmp_path / name
@@ -66,7 +66,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_law_and_a_script_import_the_modules_of_the_user(folder: Path) -> None:
+def test_a_law_and_a_script_import_the_modules_of_the_user(folder):
     place = {"cwd": folder, "env": {**os.environ, "PYTHONPATH": str(ROOT)}}
     law = ["--set", "controller.law=mine.py", "--out", "a.mcap", "--transport", "compiled"]
     python("-m", "hertzloop", "run", "aluminium-3mm", *RUN, *law, **place)
@@ -74,7 +74,7 @@ def test_a_law_and_a_script_import_the_modules_of_the_user(folder: Path) -> None
 
 
 @pytest.fixture(scope="module")
-def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> str:
+def installed(wheels, tmp_path_factory):
     """Python of an environment that holds the wheel and its dependencies: links to our
     site-packages bring these, and leave the editable install out."""
     environment = tmp_path_factory.mktemp("installed") / "env"
@@ -88,7 +88,7 @@ def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.mark.full
-def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
+def test_the_installed_wheel_works(installed, tmp_path):
     def run(*words: str) -> str:
         done = subprocess.run(
             [installed, *words], cwd=tmp_path, capture_output=True, text=True,

@@ -22,7 +22,7 @@ PAGE = (ROOT / "docs" / "reference" / "wire.md").read_text()
 KNOWN = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.S)))
 
 
-def test_the_table_of_streams() -> None:
+def test_the_table_of_streams():
     rows = re.findall(r"^\| `(\S+)` \| (\w+) \| `(\w+)` \| ([\w, ]+) \| (\w+) \|$", PAGE, re.M)
     roles = (PLANT, CONTROLLER, RECORDER)
     assert rows == [
@@ -37,7 +37,7 @@ def test_the_table_of_streams() -> None:
     ]
 
 
-def test_the_worked_session_id() -> None:
+def test_the_worked_session_id():
     digest = hashlib.blake2b(b"hertzloop/controller/0", digest_size=15).digest()
     assert f"`{digest.hex(' ')}`" in PAGE
     assert f"`{digest.hex().lstrip('0')}`" in PAGE
@@ -47,19 +47,19 @@ def test_the_worked_session_id() -> None:
 @pytest.mark.parametrize(
     "name", ["DaqBlock", "ForceBlock", "StreamCount", "ControllerReport", "RunEnd"]
 )
-def test_every_field_that_a_controller_meets(name: str) -> None:
+def test_every_field_that_a_controller_meets(name):
     fields = {field.name for field in getattr(messages_pb2, name).DESCRIPTOR.fields}
     assert fields <= KNOWN
 
 
-def test_ports() -> None:
+def test_ports():
     ports = range(BASE_PORT, BASE_PORT + 3)
     for role in (PLANT, CONTROLLER, RECORDER):
         [listens], _ = default_endpoints(role, ports)
         assert re.search(rf"{role}\s(listens )?on\s`{listens}`", PAGE), role
 
 
-def test_keys_and_numbers_on_a_real_bus() -> None:
+def test_keys_and_numbers_on_a_real_bus():
     """A session that knows the page alone hears what our port says."""
     keys = [key for key in KNOWN if key.startswith("hertzloop/<name>/")]
     [alive] = [key for key in keys if "alive" in key]

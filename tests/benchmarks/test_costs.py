@@ -6,7 +6,7 @@ from benchmarks import costs
 
 
 @pytest.mark.full
-def test_step_and_exchange_costs() -> None:
+def test_step_and_exchange_costs():
     steps, exchanges = costs.measure(2).values()
     assert [cost.case.split(",")[0] for cost in steps[1:3]] == ["flight", "contact"]
     assert [cost.case for cost in exchanges] == ["zenoh port"]

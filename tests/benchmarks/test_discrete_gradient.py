@@ -1,7 +1,6 @@
 """The scheme of the benchmarks: its order, its energy, and a run by the interface for schemes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ CONTACT_S = 40e-6  # longer than any contact below
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_gap_converges_as_the_step_squared(case: str) -> None:
+def test_gap_converges_as_the_step_squared(case):
     changes, push = CASES[case]
     t = STEPS_S[-1] * np.arange(1, round(CONTACT_S / STEPS_S[-1]) + 1)
     solution = reference(spec(**changes), lambda _: np.asarray(push), t)
@@ -43,9 +42,7 @@ def test_gap_converges_as_the_step_squared(case: str) -> None:
 
 
 @pytest.mark.parametrize("beside", [None, (0.3, 0.21)])
-def test_energy_and_momentum_are_kept_under_a_random_force(
-    beside: tuple[float, float] | None,
-) -> None:
+def test_energy_and_momentum_are_kept_under_a_random_force(beside):
     random = np.random.default_rng(11)
     force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
     plant = DiscreteGradientPlant(
@@ -60,7 +57,7 @@ def test_energy_and_momentum_are_kept_under_a_random_force(
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1])
-def test_the_energy_of_a_stiff_contact_is_kept(share: float) -> None:
+def test_the_energy_of_a_stiff_contact_is_kept(share):
     """A contact of 0.3 us: the slowest mode turns by 1e-6 in a step, where a difference of
     exponentials would cancel."""
     base = spec(contact=Contact(4.4e14), loss_factor=0.0)
@@ -73,7 +70,7 @@ def test_the_energy_of_a_stiff_contact_is_kept(share: float) -> None:
 
 
 @pytest.mark.full
-def test_a_scene_runs_by_it_as_the_charts_do(tmp_path: Path) -> None:
+def test_a_scene_runs_by_it_as_the_charts_do(tmp_path):
     keys = ["run.scheme=discrete_gradient", "run.duration_s=0.0013", "run.accuracy=0.1"]
     with known_to_scenes():
         free = load("aluminium-3mm", [*keys, "controller.law=off"])
@@ -94,7 +91,7 @@ def test_a_scene_runs_by_it_as_the_charts_do(tmp_path: Path) -> None:
             load("aluminium-3mm", [*keys, "plate.radiation=one_face"])
 
 
-def test_a_scene_does_not_know_it_otherwise() -> None:
+def test_a_scene_does_not_know_it_otherwise():
     assert list(SCHEMES) == ["modal", "thesis2008"]
     with pytest.raises(SceneError) as found:
         load("aluminium-3mm", ["run.scheme=discrete_gradient"])

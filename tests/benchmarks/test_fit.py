@@ -13,20 +13,18 @@ from benchmarks import fit_coverage, fit_validation
         (1.5, 0.0664),
     ],
 )
-def test_zeners_equation_gives_the_published_restitution(
-    inelasticity: float, restitution: float
-) -> None:
+def test_zeners_equation_gives_the_published_restitution(inelasticity, restitution):
     assert fit_validation.zener(inelasticity) == pytest.approx(restitution, abs=5e-5)
 
 
-def test_the_infinite_plate_follows_zener() -> None:
+def test_the_infinite_plate_follows_zener():
     """Up to gravity, which takes about g T of the speed."""
     simulated = fit_validation.restitution_on_infinite_plate(0.25)
     assert simulated == pytest.approx(fit_validation.zener(0.25), abs=3e-4)
 
 
 @pytest.mark.full
-def test_a_right_class_is_covered_and_a_wrong_one_is_flagged() -> None:
+def test_a_right_class_is_covered_and_a_wrong_one_is_flagged():
     right = fit_coverage.summary("force 90 us", 2)
     wrong = fit_coverage.summary("yield fitted elastic", 2)
     assert wrong.models == {"does not fit": 2}

@@ -8,7 +8,7 @@ from benchmarks.held_force import outcome
 
 @pytest.mark.full
 @pytest.mark.parametrize("law", ["slope_threshold", "constant"])
-def test_the_expected_error_of_a_solid_covers_the_true_one(law: str) -> None:
+def test_the_expected_error_of_a_solid_covers_the_true_one(law):
     random = np.random.default_rng(5)
     for _ in range(2):
         found = outcome("3d", law, 1e-3, random)

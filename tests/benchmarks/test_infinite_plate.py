@@ -15,7 +15,7 @@ WORST_MOTION, WORST_ENERGY = 1.05, 4.5
 
 
 @pytest.fixture(scope="module")
-def found() -> list[study.Outcome]:
+def found():
     return [o for seed in SEEDS for o in study.run(scenes=10, seed=seed)]
 
 
@@ -24,7 +24,7 @@ def known(errors: list[tuple[float, float]]) -> list[float]:
     return sorted(error / request for error, request in errors if not math.isnan(error))
 
 
-def test_requests_are_met_on_random_scenes(found: list[study.Outcome]) -> None:
+def test_requests_are_met_on_random_scenes(found):
     assert len(found) == len(SEEDS) * 10 * len(study.REQUESTS)
     offered = [o for o in found if o.lasts_us and o.request > 1e-4]
     assert len(offered) > 100
@@ -39,9 +39,7 @@ def test_requests_are_met_on_random_scenes(found: list[study.Outcome]) -> None:
     assert sum(error > 0.2 for error in gap) > 0.2 * len(gap)
 
 
-def test_it_is_offered_for_whole_contacts_with_and_without_control(
-    found: list[study.Outcome],
-) -> None:
+def test_it_is_offered_for_whole_contacts_with_and_without_control(found):
     offered = [o for o in found if o.lasts_us and o.request > 1e-4]
     for control in (True, False):
         mine = [o for o in offered if o.control.startswith("off") != control]

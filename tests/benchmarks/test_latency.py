@@ -2,8 +2,6 @@
 
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -12,13 +10,12 @@ from benchmarks import latency as study
 from benchmarks.latency_pictures import draw_chance, draw_maps
 from benchmarks.program import app_of
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.pages.words import METRICS
 
 
 @pytest.fixture(scope="module")
-def pool() -> Iterator[Pool]:
+def pool():
     with local_pool(1) as pool:
         yield pool
 
@@ -29,7 +26,7 @@ def named(*settings: str) -> study.Named:
 
 
 @pytest.mark.full
-def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
+def test_a_map_has_every_pair_and_a_picture(pool, tmp_path):
     maps = study.maps(pool, named(), 4)
     for key, values in study.map_axes(named().scene(), 4).items():
         pairs = {(row["controller.latency_us"], row[key]) for row in maps[key]}
@@ -38,7 +35,7 @@ def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_critical_latency_is_where_the_plate_energy_crosses(pool: Pool) -> None:
+def test_the_critical_latency_is_where_the_plate_energy_crosses(pool):
     early = named("controller.v_thr_m_s=-0.6")
     found = study.critical(pool, early, "slope_threshold", 5)
     scene = early.scene()
@@ -53,18 +50,18 @@ def test_the_critical_latency_is_where_the_plate_energy_crosses(pool: Pool) -> N
     ("good", "bits"),
     [([True] * 16, 3.0), ([False] * 16, math.nan), ([False, True, False, *[True] * 13], 6.0)],
 )
-def test_fewest_bits_from_which_on_all_are_good(good: list[bool], bits: float) -> None:
+def test_fewest_bits_from_which_on_all_are_good(good, bits):
     assert study._fewest_bits(good) == pytest.approx(bits, nan_ok=True)
 
 
-def test_an_unstable_law_survives_nothing(pool: Pool) -> None:
+def test_an_unstable_law_survives_nothing(pool):
     unstable = named("controller.kappa=3.0")
     found = study.critical(pool, unstable, "slope_threshold", 2)
     assert found.ideal_db > 0.0
     assert math.isnan(found.critical_latency_us)
 
 
-def test_the_best_law_and_what_it_buys() -> None:
+def test_the_best_law_and_what_it_buys():
     def row(law: str, us: float) -> study.Critical:
         return study.Critical(
             "s", law, 0.8, -1.0, 100.0, us, 50.0, 3.0, 3.0, -1.0, -1.0, -1.0, us, us
@@ -76,7 +73,7 @@ def test_the_best_law_and_what_it_buys() -> None:
     assert list(study.best_laws(found)) == [("s", "predicted", 50.0, 38.0)]
 
 
-def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
+def test_bands_over_seeds_have_a_picture(pool, tmp_path):
     rows = study.chance(pool, named("controller.v_thr_m_s=-0.6"), ("slope_threshold",))
     assert len({row["run.seed"] for row in rows}) == 20
     draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
@@ -84,7 +81,7 @@ def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_and_gains_of_the_user(tmp_path, monkeypatch):
     """Of that scene alone, at 80 columns without a cell that is cut."""
     monkeypatch.setattr(study, "LAWS", ("slope_threshold", "acceleration_feedback"))
     monkeypatch.setattr(study, "_SEEDS", (1, 2))
@@ -118,6 +115,6 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     assert "plate.thickness" in refused.output
 
 
-def test_a_law_without_kappa_has_maps_of_what_it_has() -> None:
+def test_a_law_without_kappa_has_maps_of_what_it_has():
     scene = load("aluminium-3mm", ["controller.law=off"])
     assert list(study.map_axes(scene, 4)) == ["sensors.bits", "sensors.every_steps"]

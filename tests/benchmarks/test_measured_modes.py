@@ -9,7 +9,7 @@ OMEGA, LOSS = 2.0 * np.pi * np.array([200.0, 206.0, 350.0]), np.array([0.02, 0.0
 CONTACT, OTHER = np.array([1.0, 0.7, 1.2]), np.array([-0.5, 0.9, 0.4])
 
 
-def test_the_bound_is_that_of_the_responses_slopes() -> None:
+def test_the_bound_is_that_of_the_responses_slopes():
     hz, n = np.arange(150.0, 400.0, 1.0), len(OMEGA)
     noise = [np.full(len(hz), 0.01), np.linspace(0.01, 0.03, len(hz))]
 

@@ -4,7 +4,7 @@ from benchmarks import model_order as study
 from benchmarks.random_scenes import drawn
 
 
-def test_requests_are_met_on_random_scenes() -> None:
+def test_requests_are_met_on_random_scenes():
     found = drawn(10, 3, study.outcomes)
     assert len(found) == 30
     free = [o for o in found if not o.capped]

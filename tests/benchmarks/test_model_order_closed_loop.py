@@ -10,7 +10,7 @@ from hertzloop.scene.setup import load
 
 
 @pytest.mark.full
-def test_requests_are_met_by_whole_scenes() -> None:
+def test_requests_are_met_by_whole_scenes():
     found = drawn(3, 3, closed_loop.outcomes)
     assert len(found) == 3 * 2 * len(closed_loop.REQUESTS)
     assert {o.law for o in found} == {"off", "slope_threshold"}
@@ -20,7 +20,7 @@ def test_requests_are_met_by_whole_scenes() -> None:
     assert all(o.gap <= o.request and o.rebound <= o.request for o in free)
 
 
-def test_a_scene_can_be_run_again_from_its_keys() -> None:
+def test_a_scene_can_be_run_again_from_its_keys():
     random = np.random.default_rng(2)
     for _ in range(5):
         keys = closed_loop.random_keys(random)

@@ -10,12 +10,12 @@ from tests.benchmarks.programs import called, said
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def test_every_picture_of_the_documentation_is_noted() -> None:
+def test_every_picture_of_the_documentation_is_noted():
     assert {path.name for path in DOCS.glob("*.png")} == set(drawn.read_notes())
 
 
 @pytest.mark.parametrize("name", drawn.read_notes())
-def test_a_picture_matches_the_code(name: str) -> None:
+def test_a_picture_matches_the_code(name):
     """Mend: python -m benchmarks.pictures --docs -o docs --only NAME, and look at it."""
     noted = drawn.read_notes()[name]
     now = drawn.note_of(noted)
@@ -23,7 +23,7 @@ def test_a_picture_matches_the_code(name: str) -> None:
     assert now["words"] or any(now["metrics"].values())
 
 
-def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not() -> None:
+def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not():
     case = "aluminium-3mm run.duration_s=0.0016"
     now = drawn.note_of({"metrics": {case: {}}, "replayed": None})
     force = now["metrics"][case]["peak_force_n"]
@@ -38,9 +38,7 @@ def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not() -> No
     assert "words was" in words
 
 
-def test_a_run_for_a_picture_that_fails_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_for_a_picture_that_fails_says_why(tmp_path, monkeypatch):
     failing = drawn.Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
     monkeypatch.setitem(drawn.MORE, "paced", failing)
     result = called(drawn.main, "--only", "paced", "-o", str(tmp_path))
@@ -49,7 +47,7 @@ def test_a_run_for_a_picture_that_fails_says_why(
     assert "controller.kappa" in said(result)
 
 
-def test_an_unknown_picture_is_the_users_mistake(tmp_path: Path) -> None:
+def test_an_unknown_picture_is_the_users_mistake(tmp_path):
     result = called(drawn.main, "--only", "none", "-o", str(tmp_path))
     assert result.exit_code == 2
     assert "--only = none: unknown picture" in said(result)

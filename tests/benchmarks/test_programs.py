@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -61,7 +60,7 @@ CONCLUSIONS = {
 QUICK = ("benchmarks.infinite_plate",)
 
 
-def test_every_program_is_listed() -> None:
+def test_every_program_is_listed():
     """A module with a function `main` is a program, and can be run."""
     found = set()
     for package in ("benchmarks", "paper"):
@@ -74,7 +73,7 @@ def test_every_program_is_listed() -> None:
 
 
 @pytest.mark.parametrize("name", CONCLUSIONS)
-def test_the_help_ends_with_an_example(name: str) -> None:
+def test_the_help_ends_with_an_example(name):
     result = called(importlib.import_module(name).main, "--help")
     assert result.exit_code == 0
     text = said(result)
@@ -84,7 +83,7 @@ def test_the_help_ends_with_an_example(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", default(CONCLUSIONS, QUICK))
-def test_a_program_runs_quickly(name: str, tmp_path: Path) -> None:
+def test_a_program_runs_quickly(name, tmp_path):
     if name == "benchmarks.exported" and not shutil.which("cc"):
         pytest.skip("needs a C compiler")
     done = program(name, "--quick", "-o", str(tmp_path / "made"))
@@ -105,7 +104,7 @@ def test_a_program_runs_quickly(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_json_goes_to_standard_output_alone(tmp_path: Path) -> None:
+def test_json_goes_to_standard_output_alone(tmp_path):
     done = program("paper.calibrate", "--quick", "-o", str(tmp_path / "made"), "--json", "-")
     assert done.returncode == 0, done.stderr
     data = json.loads(done.stdout)
@@ -114,7 +113,7 @@ def test_json_goes_to_standard_output_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_cases_are_measured_in_another_checkout_too(tmp_path: Path) -> None:
+def test_cases_are_measured_in_another_checkout_too(tmp_path):
     words = ("--quick", "-o", str(tmp_path / "made"), "--json", "-", "--before", str(ROOT))
     done = program("benchmarks.cases", *words)
     assert done.returncode == 0, done.stderr
@@ -131,9 +130,7 @@ def test_cases_are_measured_in_another_checkout_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", CONCLUSIONS)
-def test_a_folder_that_cannot_be_made_is_said_before_work_starts(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_cannot_be_made_is_said_before_work_starts(name, monkeypatch):
     """In /proc not even root can make a file."""
 
     def work(*_: object) -> None:
@@ -145,7 +142,7 @@ def test_a_folder_that_cannot_be_made_is_said_before_work_starts(
     assert "/proc/no" in said(result)
 
 
-def test_a_missing_package_is_named(tmp_path: Path) -> None:
+def test_a_missing_package_is_named(tmp_path):
     code = (
         "import sys; sys.modules['matplotlib'] = None; sys.argv = ['x', '-o', 'made'];"
         "from benchmarks.program import start; start('benchmarks.cases')"
@@ -162,7 +159,7 @@ def test_a_missing_package_is_named(tmp_path: Path) -> None:
     assert "pip install 'hertzloop[charts]'" in done.stderr
 
 
-def test_the_tool_works_without_the_programs(tmp_path: Path) -> None:
+def test_the_tool_works_without_the_programs(tmp_path):
     """Nothing that `hertzloop --help` imports comes from benchmarks or paper."""
     code = (
         "import sys; from hertzloop.cli import app; app.root_command();"

@@ -2,8 +2,6 @@
 
 import csv
 import math
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -27,7 +25,7 @@ LAWS = ("slope_threshold", "dent_threshold")
 
 
 @pytest.fixture(scope="module")
-def found() -> Iterator[list[study.Effect]]:
+def found():
     patch = pytest.MonkeyPatch()
     patch.setitem(study.REAL, "run.accuracy", 0.1)
     with local_pool(1) as pool:
@@ -36,7 +34,7 @@ def found() -> Iterator[list[study.Effect]]:
 
 
 @pytest.mark.full
-def test_a_dent_takes_the_help_of_the_law_that_does_not_know_it(found: list[study.Effect]) -> None:
+def test_a_dent_takes_the_help_of_the_law_that_does_not_know_it(found):
     by = {(e.law, e.plant): e for e in found}
     ideal, real = (by["slope_threshold", plant] for plant in study.PLANTS)
     assert ideal.takes_off(0, 0.1)
@@ -47,7 +45,7 @@ def test_a_dent_takes_the_help_of_the_law_that_does_not_know_it(found: list[stud
     assert by["dent_threshold", "real"].takes_off(0, 0.1)
 
 
-def test_a_real_case_is_the_one_that_its_settings_say(found: list[study.Effect]) -> None:
+def test_a_real_case_is_the_one_that_its_settings_say(found):
     real = next(e for e in found if (e.law, e.plant) == ("slope_threshold", "real"))
     scene = study.plant_of(COARSE, "real")
     again = [
@@ -59,7 +57,7 @@ def test_a_real_case_is_the_one_that_its_settings_say(found: list[study.Effect])
     assert [min(again), max(again)] == [real.energies[0].least, real.energies[0].most]
 
 
-def test_a_contact_with_a_damper_keeps_its_loss() -> None:
+def test_a_contact_with_a_damper_keeps_its_loss():
     """It has no third dimension, and would lose twice with yield."""
     oak = next(named for named in study.SCENES if named.name == "oak-20mm")
     scene = study.plant_of(oak, "real")
@@ -69,7 +67,7 @@ def test_a_contact_with_a_damper_keeps_its_loss() -> None:
     assert scene.actuator.bandwidth_hz == 300e3
 
 
-def test_bits_are_those_of_the_plant(found: list[study.Effect]) -> None:
+def test_bits_are_those_of_the_plant(found):
     by = {(e.law, e.plant): e for e in found}
     assert 3.0 <= by["slope_threshold", "ideal"].critical_bits <= 10.0
     assert math.isnan(by["slope_threshold", "real"].critical_bits)  # it helps with none
@@ -82,7 +80,7 @@ def test_bits_are_those_of_the_plant(found: list[study.Effect]) -> None:
         )
 
 
-def test_noise_goes_with_the_range_that_law_and_latency_ask_for() -> None:
+def test_noise_goes_with_the_range_that_law_and_latency_ask_for():
     scene = study.plant_of(COARSE, "real")
     noises = [
         study.with_noise(scene, values)["sensors.noise_rms"]
@@ -92,7 +90,7 @@ def test_noise_goes_with_the_range_that_law_and_latency_ask_for() -> None:
     assert "sensors.noise_rms" not in study.with_noise(study.plant_of(COARSE, "ideal"), {})
 
 
-def test_table_and_picture(found: list[study.Effect], tmp_path: Path) -> None:
+def test_table_and_picture(found, tmp_path):
     study.write(Results(tmp_path, None), found)
     with (tmp_path / "real.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

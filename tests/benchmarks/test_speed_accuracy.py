@@ -1,7 +1,6 @@
 """The chart's integrators have the orders and limits they are known for."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from benchmarks import speed_accuracy as study
 
 
 @pytest.fixture(scope="module")
-def small() -> integrators.Problem:
+def small():
     what = integrators.problem("aluminium-3mm", 6e-5)
     keep = np.sqrt(what.omega2) < 2 * np.pi * 30e3
     return integrators.Problem(
@@ -27,7 +26,7 @@ def small() -> integrators.Problem:
         (ik.rk4, 2.5),  # the contact's force has one and a half derivatives
     ],
 )
-def test_order_of_convergence(small: integrators.Problem, kernel, order: float) -> None:  # type: ignore[no-untyped-def]
+def test_order_of_convergence(small, kernel, order):  # type: ignore[no-untyped-def]
     finest = integrators.kernel_run(ik.rk4, small, 3.125e-8)().gaps
     errors = [
         np.abs(integrators.kernel_run(kernel, small, h)().gaps - finest).max()
@@ -39,7 +38,7 @@ def test_order_of_convergence(small: integrators.Problem, kernel, order: float) 
         assert orders.mean() < 2.3
 
 
-def test_reference_is_dop853s(small: integrators.Problem) -> None:
+def test_reference_is_dop853s(small):
     solved = integrators.dop853_run(small, 1e-10)()
     found = integrators.kernel_run(ik.rk4, small, 6.25e-8)().gaps
     assert solved.evaluations > 100
@@ -48,7 +47,7 @@ def test_reference_is_dop853s(small: integrators.Problem) -> None:
 
 
 @pytest.mark.full
-def test_points_are_written_and_modal_leads(tmp_path: Path) -> None:
+def test_points_are_written_and_modal_leads(tmp_path):
     points = study.measure("aluminium-3mm", 6e-5, rounds=1)
     modal = [p for p in points if p.scheme == "modal"]
     assert [p.error for p in modal] == sorted((p.error for p in modal), reverse=True)
@@ -60,7 +59,7 @@ def test_points_are_written_and_modal_leads(tmp_path: Path) -> None:
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
-def test_the_conclusion_takes_the_fastest_solver_that_is_accurate_enough() -> None:
+def test_the_conclusion_takes_the_fastest_solver_that_is_accurate_enough():
     def point(scheme: str, error: float, cpu: float, scene: str = "a") -> study.Point:
         return study.Point(scene, scheme, "", error, 0.0, cpu)
 

@@ -17,14 +17,14 @@ BALANCED = ("modal", "discrete_gradient")
 
 
 @pytest.mark.parametrize("scheme", limits.LIMITS)
-def test_free_vibration_is_stable_just_inside_and_grows_just_outside(scheme: str) -> None:
+def test_free_vibration_is_stable_just_inside_and_grows_just_outside(scheme):
     limit = limits.LIMITS[scheme]
     assert limits.growth_per_step(scheme, 0.999 * limit) <= 1.0 + 1e-12
     assert limits.growth_per_step(scheme, 1.001 * limit) > 1.0 + 1e-4
 
 
 @pytest.mark.full
-def test_only_the_energy_keeping_schemes_keep_the_energy_of_a_contact() -> None:
+def test_only_the_energy_keeping_schemes_keep_the_energy_of_a_contact():
     for one in maps.contact_drift():
         if one.scheme in BALANCED:
             assert abs(one.change) < 1e-12, one
@@ -34,7 +34,7 @@ def test_only_the_energy_keeping_schemes_keep_the_energy_of_a_contact() -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["stiffness", "mass", "shaken", "loss"])
-def test_energy_residual_at_steps_far_too_large(name: str) -> None:
+def test_energy_residual_at_steps_far_too_large(name):
     mine = getattr(maps, f"{name}_map")()
     assert {one.scheme for one in mine} == set(BALANCED)
     assert max(one.step for one in mine) == pytest.approx(100.0)
@@ -63,7 +63,7 @@ def shaken_error(make: type[Plant], step_s: float) -> float:
 
 
 @pytest.mark.full
-def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it() -> None:
+def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it():
     assert shaken_error(CollocationPlant, 2.5e-7) < 1e-7
     coarse, fine = (
         shaken_error(DiscreteGradientPlant, 5e-7),
@@ -74,13 +74,13 @@ def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it() -> None:
 
 
 @pytest.mark.full
-def test_a_shaken_plate_is_struck_more_than_once() -> None:
+def test_a_shaken_plate_is_struck_more_than_once():
     mine = [one for one in maps.shaken_map() if one.scheme == "modal" and one.where >= 1.0]
     assert max(one.contacts for one in mine if one.step < 1.0) >= 3
 
 
 @pytest.mark.full
-def test_the_published_scheme_loses_the_momentum_of_a_contact_at_any_step() -> None:
+def test_the_published_scheme_loses_the_momentum_of_a_contact_at_any_step():
     found = list(maps.thesis_contact())
     for step, _, _, momentum in found:
         assert momentum > 0.02, step
@@ -88,7 +88,7 @@ def test_the_published_scheme_loses_the_momentum_of_a_contact_at_any_step() -> N
     assert max(energy for _, _, energy, _ in found) > 1.0
 
 
-def test_late_actuator_feeds_energy_in() -> None:
+def test_late_actuator_feeds_energy_in():
     found = {(round(p.kappa, 2), p.latency_us): p for p in loop_map()}
     assert found[0.0, 0.0].injected == 0.0
     assert found[0.0, 0.0].plate_energy_db == pytest.approx(0.0, abs=1e-9)
@@ -99,7 +99,7 @@ def test_late_actuator_feeds_energy_in() -> None:
     assert fed == sorted(fed)
 
 
-def test_a_quick_map_holds_points_of_the_whole_one() -> None:
+def test_a_quick_map_holds_points_of_the_whole_one():
     whole, some = list(limits.growth()), list(limits.growth(5))
     assert set(some) < set(whole)
     assert {scheme for scheme, *_ in some} == set(limits.TEXTBOOK)

@@ -1,7 +1,6 @@
 """The map of what matters: places known by hand, picture and numbers."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:
     return study.place(scene.sphere, plate, radius_m, thickness_m, found[1])
 
 
-def test_sizes_by_hand() -> None:
+def test_sizes_by_hand():
     small, large = bodies(0.003, 0.003), bodies(0.02, 0.003)
     # 106 of 433 uJ go into the dent at 1.05 GPa; the 20 mm ball stays elastic there.
     assert study.yield_loss(small) == pytest.approx(106.4 / 433.0, rel=0.35)
@@ -29,7 +28,7 @@ def test_sizes_by_hand() -> None:
     assert study.large_deflection(large) == pytest.approx(0.28**2, rel=0.1)
 
 
-def test_map_picture_and_numbers(tmp_path: Path) -> None:
+def test_map_picture_and_numbers(tmp_path):
     sizes = study.run(load("aluminium-3mm"), Results(tmp_path, None), 9)
     rows = list(csv.DictReader((tmp_path / "validity.csv").open()))
     assert len(rows) == 81

@@ -9,7 +9,7 @@ from hertzloop.bus.access_monitor import names_allowed
 from hertzloop.bus.streams import PLANT
 
 
-def test_names_count_where_access_control_is_on_and_goes_by_them() -> None:
+def test_names_count_where_access_control_is_on_and_goes_by_them():
     config = zenoh.Config()
     assert names_allowed(config) is None
     config.insert_json5("access_control", json.dumps(access_control(PLANT)))

@@ -1,7 +1,5 @@
 """The contract of a port, kept by the in-process and by the zenoh port alike."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from tests.ports import free_ports
 
 
 @pytest.fixture(params=["in-process", "zenoh"])
-def mesh(request: pytest.FixtureRequest) -> Iterator[dict[str, Port]]:
+def mesh(request):
     ports: dict[str, Port] = {}
     ports.update(in_process_mesh() if request.param == "in-process" else zenoh_mesh(free_ports(3)))
     yield ports
@@ -29,7 +27,7 @@ class TestContract:
     """What every port does."""
 
     @pytest.mark.parametrize("stream", ["truth", "events/plant"])
-    def test_all_messages_arrive_in_order(self, mesh: dict[str, Port], stream: str) -> None:
+    def test_all_messages_arrive_in_order(self, mesh, stream):
         """2000 messages as fast as they go, some of a megabyte: congestion loses nothing."""
         noise = np.random.default_rng(1).bytes(1_000_000)
         sent = [noise[i : i + 20_000] if i % 100 else noise for i in range(2000)]
@@ -43,14 +41,14 @@ class TestContract:
             assert got.sequence == i or (numbered and got.sequence is None)
         assert not mesh[RECORDER].pending()
 
-    def test_streams_of_one_publisher_keep_their_order(self, mesh: dict[str, Port]) -> None:
+    def test_streams_of_one_publisher_keep_their_order(self, mesh):
         streams = ["hello", "daq", "truth", "events/plant", "balance", "end/plant"] * 20
         for i, stream in enumerate(streams):
             mesh[PLANT].publish(Envelope(stream, text(i), i // 6))
         got = [mesh[RECORDER].receive(PATIENCE_S, "anything") for _ in streams]
         assert [(e.stream, e.payload) for e in got] == [(s, text(i)) for i, s in enumerate(streams)]
 
-    def test_each_role_hears_what_the_table_says(self, mesh: dict[str, Port]) -> None:
+    def test_each_role_hears_what_the_table_says(self, mesh):
         for stream in STREAMS.values():
             mesh[stream.publisher].publish(Envelope(stream.name, b"", 0))
         for role in ROLES:
@@ -59,11 +57,11 @@ class TestContract:
             with pytest.raises(PeerLost):
                 mesh[role].receive(ABSENCE_S, "nothing more")
 
-    def test_silence_names_who_waits_and_for_what(self, mesh: dict[str, Port]) -> None:
+    def test_silence_names_who_waits_and_for_what(self, mesh):
         with pytest.raises(PeerLost, match=r"^plant wait.* for the force for step 7"):
             mesh[PLANT].receive(ABSENCE_S, "the force for step 7")
 
-    def test_pending(self, mesh: dict[str, Port]) -> None:
+    def test_pending(self, mesh):
         assert not mesh[PLANT].pending()
         mesh[CONTROLLER].publish(Envelope("force", b"a"))
         mesh[CONTROLLER].publish(Envelope("force", b"b"))
@@ -72,7 +70,7 @@ class TestContract:
         assert not mesh[PLANT].pending()
 
 
-def test_answers_published_from_a_handler_wait_their_turn() -> None:
+def test_answers_published_from_a_handler_wait_their_turn():
     """In one process: all subscribers see all streams in the same order."""
     bus, seen = InProcessBus(), []
     controller: InProcessPort
@@ -89,7 +87,7 @@ def test_answers_published_from_a_handler_wait_their_turn() -> None:
     assert seen == [b"1", b"to 1", b"after 1", b"2", b"to 2", b"after 2"]
 
 
-def test_a_failing_handler_leaves_the_bus_usable() -> None:
+def test_a_failing_handler_leaves_the_bus_usable():
     bus, seen = InProcessBus(), []
 
     def fail(envelope: Envelope) -> None:

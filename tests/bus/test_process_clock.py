@@ -7,7 +7,7 @@ import pytest
 from hertzloop.bus.process_clock import ProcessClock
 
 
-def test_a_pause_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pause_does_not_count(monkeypatch):
     at = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: at[0])
     clock = ProcessClock()

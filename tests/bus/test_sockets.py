@@ -5,7 +5,6 @@ import os
 import socket
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,7 +26,7 @@ LONG_AGO = 3600.0
 
 
 @pytest.fixture
-def temporary(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def temporary(monkeypatch):
     """A short folder for temporary files: that of the tests may be too long for sockets."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         monkeypatch.setattr(tempfile, "tempdir", folder)
@@ -35,7 +34,7 @@ def temporary(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield Path(folder)
 
 
-def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> None:
+def test_a_folder_that_only_its_user_enters_and_that_goes(temporary):
     with own_endpoints() as endpoints:
         [folder] = temporary.iterdir()
         assert endpoints == [f"{KIND}{folder}/{number}" for number in range(3)]
@@ -48,9 +47,7 @@ def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> No
 
 @pytest.mark.parametrize("runtime", ["set", "unset"])
 @pytest.mark.parametrize("name", ["x" * 100, "a#b"])
-def test_a_folder_that_cannot_hold_sockets_is_passed_over(
-    temporary: Path, monkeypatch: pytest.MonkeyPatch, name: str, runtime: str
-) -> None:
+def test_a_folder_that_cannot_hold_sockets_is_passed_over(temporary, monkeypatch, name, runtime):
     """Its path is too long, or has characters that mean something in an endpoint."""
     unfit = temporary / name
     unfit.mkdir()
@@ -63,9 +60,7 @@ def test_a_folder_that_cannot_hold_sockets_is_passed_over(
         assert not list(unfit.iterdir())
 
 
-def test_loopback_where_there_is_no_other_way(
-    temporary: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_loopback_where_there_is_no_other_way(temporary, monkeypatch):
     def refuse(*_: object, **__: object) -> str:
         raise PermissionError
 
@@ -75,7 +70,7 @@ def test_loopback_where_there_is_no_other_way(
         assert all(url.startswith("tcp/127.0.0.1:") for url in endpoints)
 
 
-def test_the_longest_path_is_one_that_binds(temporary: Path) -> None:
+def test_the_longest_path_is_one_that_binds(temporary):
     for length in (107, 108):
         path = f"{temporary}/{'x' * (length - len(str(temporary)) - 1)}"
         assert too_long(KIND + path) == (length > 107)
@@ -88,7 +83,7 @@ def test_the_longest_path_is_one_that_binds(temporary: Path) -> None:
     assert not too_long("tcp/" + "x" * 200)
 
 
-def test_what_a_killed_process_left_goes_with_the_next_run(temporary: Path) -> None:
+def test_what_a_killed_process_left_goes_with_the_next_run(temporary):
     left, used, young, others = (temporary / f"hertzloop-bus-{name}" for name in "abcd")
     for folder in (left, used, young, others):
         folder.mkdir()
@@ -107,7 +102,7 @@ def test_what_a_killed_process_left_goes_with_the_next_run(temporary: Path) -> N
     assert {used.name, young.name, "hertzloop-other"} <= kept
 
 
-def test_the_folder_of_a_long_run_outlives_the_start_of_another(temporary: Path) -> None:
+def test_the_folder_of_a_long_run_outlives_the_start_of_another(temporary):
     """Its age says that it may be left over; the lock of its maker says that it is not."""
     with own_folder() as folder:
         os.utime(folder, (time.time() - LONG_AGO,) * 2)
@@ -116,7 +111,7 @@ def test_the_folder_of_a_long_run_outlives_the_start_of_another(temporary: Path)
     assert not list(temporary.iterdir())
 
 
-def test_only_an_empty_folder_of_ours_is_removed(temporary: Path) -> None:
+def test_only_an_empty_folder_of_ours_is_removed(temporary):
     ours, full, theirs = (temporary / name for name in ("hertzloop-bus-1", "hertzloop-bus-2", "x"))
     for folder in (ours, full, theirs):
         folder.mkdir()
@@ -125,7 +120,7 @@ def test_only_an_empty_folder_of_ours_is_removed(temporary: Path) -> None:
     assert sorted(temporary.iterdir()) == [full, theirs]
 
 
-def test_who_knows_them_listens_on_them_again_and_again() -> None:
+def test_who_knows_them_listens_on_them_again_and_again():
     with reserved_ports(3, in_a_row=True) as ports:
         assert ports == [ports[0], ports[0] + 1, ports[0] + 2]
         for number in [*ports, *ports]:
@@ -136,7 +131,7 @@ def test_who_knows_them_listens_on_them_again_and_again() -> None:
                 server.accept()[0].close()
 
 
-def test_a_row_is_held_once() -> None:
+def test_a_row_is_held_once():
     with reserved_ports(2, in_a_row=True) as one, reserved_ports(2, in_a_row=True) as other:
         assert not set(one) & set(other)
         for number in one:

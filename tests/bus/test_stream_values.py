@@ -15,7 +15,7 @@ from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 
 
 @pytest.mark.parametrize(("value", "number"), [(math.nan, 0), (-math.inf, 2)])
-def test_truth_that_is_no_number(value: float, number: int) -> None:
+def test_truth_that_is_no_number(value, number):
     sent = plant_says()
     place = places(sent, "truth")[number]
     block = codec.decode(TruthBlock, sent[place].payload)
@@ -26,7 +26,7 @@ def test_truth_that_is_no_number(value: float, number: int) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_publisher_sends_only_numbers(value: float) -> None:
+def test_a_publisher_sends_only_numbers(value):
     tape = Tape(PLANT)
     publisher = Publisher(tape, RUN)
     with pytest.raises(StreamFault, match=r"'truth' sequence 0 holds xi_m = .* at step 1;"):
@@ -37,7 +37,7 @@ def test_a_publisher_sends_only_numbers(value: float) -> None:
     assert {c.messages for c in publisher.counters.values()} == {0}
 
 
-def test_what_has_no_limit_may_be_infinite() -> None:
+def test_what_has_no_limit_may_be_infinite():
     """A promise that no sample breaks; an error of which there is no estimate."""
     publisher = Publisher(Tape(CONTROLLER), RUN)
     publisher.send("force", ForceBlock(step_ns=1000, promise_level=-math.inf), {})
@@ -53,7 +53,7 @@ def event_at(seconds: int, nanos: int) -> Event:
 
 
 @pytest.mark.parametrize(("seconds", "nanos"), [(-1, 0), (0, -1), (2**62, 0), (0, 10**9)])
-def test_an_event_at_no_time_of_a_run(seconds: int, nanos: int) -> None:
+def test_an_event_at_no_time_of_a_run(seconds, nanos):
     sent = plant_says()
     place = places(sent, "events/plant")[1]
     event = event_at(seconds, nanos).SerializeToString()
@@ -61,7 +61,7 @@ def test_an_event_at_no_time_of_a_run(seconds: int, nanos: int) -> None:
     refused(sent, f"stream 'events/plant' sequence 1 has an event at {seconds} s and {nanos} ns")
 
 
-def test_an_event_after_the_runs_end() -> None:
+def test_an_event_after_the_runs_end():
     """12 steps of 1 us; also when the event comes before the run is announced."""
     sent = plant_says()
     place = places(sent, "events/plant")[2]
@@ -82,7 +82,7 @@ def test_an_event_after_the_runs_end() -> None:
          "stream 'end/plant' carries the end of 'controller', not of the plant"),
     ],
 )  # fmt: skip
-def test_a_field_that_cannot_be(stream: str, change: dict, words: str) -> None:
+def test_a_field_that_cannot_be(stream, change, words):
     sent = plant_says()
     [place] = places(sent, stream)
     sent[place] = changed(sent[place], **change)

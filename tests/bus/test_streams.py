@@ -1,7 +1,6 @@
 """The checker: anything that does not continue its stream is named, with its number."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 
 
 @pytest.mark.parametrize("every_steps", [1, 3])
-def test_a_whole_run_passes(every_steps: int) -> None:
+def test_a_whole_run_passes(every_steps):
     checker = feed(plant_says(every_steps=every_steps))
     counts = {name: (c.messages, c.samples) for name, c in checker.counters.items()}
     assert counts == {
@@ -51,9 +50,7 @@ def test_a_whole_run_passes(every_steps: int) -> None:
         ("daq", 1, {"saturated": bytes(3)}, ["3 flags for 4 samples"]),
     ],
 )
-def test_a_block_that_does_not_fit_its_run(
-    stream: str, place: int, fields: dict[str, Any], words: list[str]
-) -> None:
+def test_a_block_that_does_not_fit_its_run(stream, place, fields, words):
     sent = plant_says()
     at = places(sent, stream)[place]
     sent[at] = changed(sent[at], **fields)
@@ -107,14 +104,12 @@ def spoilt(stream: str, fault: str) -> list[Envelope]:
          ["a second message came on stream '{}': a plant sends one a run"]),
     ],
 )  # fmt: skip
-def test_messages_that_do_not_follow_each_other(
-    fault: str, streams: list[str], words: list[str]
-) -> None:
+def test_messages_that_do_not_follow_each_other(fault, streams, words):
     for stream in streams:
         refused(spoilt(stream, fault), *(word.format(stream) for word in words))
 
 
-def test_the_length_of_a_step_may_be_known_before() -> None:
+def test_the_length_of_a_step_may_be_known_before():
     force = ForceBlock(run_id=RUN, step_ns=2000)
     with pytest.raises(StreamFault, match=r"'force' sequence 0 has steps of 2000 ns.* 1000 ns"):
         SequenceChecker(RUN, 1000).accept(
@@ -123,7 +118,7 @@ def test_the_length_of_a_step_may_be_known_before() -> None:
 
 
 @pytest.mark.parametrize(("field", "by"), [("messages", 1), ("messages", -1), ("samples", 1)])
-def test_a_wrong_announced_count(field: str, by: int) -> None:
+def test_a_wrong_announced_count(field, by):
     sent = plant_says()
     end = RunEnd.FromString(sent[-1].payload)
     truth = next(c for c in end.count if c.stream == "truth")
@@ -132,7 +127,7 @@ def test_a_wrong_announced_count(field: str, by: int) -> None:
     refused(sent, "stream 'truth'", f"{truth.messages} messages with {truth.samples} samples")
 
 
-def test_a_stream_without_announced_count() -> None:
+def test_a_stream_without_announced_count():
     sent = plant_says()
     end = RunEnd.FromString(sent[-1].payload)
     del end.count[next(i for i, c in enumerate(end.count) if c.stream == "truth")]
@@ -140,13 +135,13 @@ def test_a_stream_without_announced_count() -> None:
     refused(sent, "plant announced no count for stream 'truth'")
 
 
-def test_plant_and_controller_hear_each_other_and_no_truth() -> None:
+def test_plant_and_controller_hear_each_other_and_no_truth():
     """What a card and an actuator would tell them, who else is at work, and nothing more."""
     assert set(SUBSCRIPTIONS[PLANT]) == {"force", "end/controller"}
     assert set(SUBSCRIPTIONS[CONTROLLER]) == {"scene", "hello", "daq", "end/plant"}
 
 
-def test_an_end_says_why() -> None:
+def test_an_end_says_why():
     tape = Tape(PLANT)
     Publisher(tape, RUN).end("the plate broke")
     end = RunEnd.FromString(tape.sent[-1].payload)
@@ -154,7 +149,7 @@ def test_an_end_says_why() -> None:
     assert {c.messages for c in end.count} == {0}
 
 
-def test_an_absent_array_does_not_count() -> None:
+def test_an_absent_array_does_not_count():
     tape = Tape(PLANT)
     publisher = Publisher(tape, RUN)
     arrays = {"xi_m": np.zeros(5), "xi_a_m": np.empty(0)}
@@ -164,7 +159,7 @@ def test_an_absent_array_does_not_count() -> None:
     assert checker.counters["truth"].samples == publisher.counters["truth"].samples == 5
 
 
-def test_a_role_ends_once() -> None:
+def test_a_role_ends_once():
     tape = Tape(PLANT)
     publisher = Publisher(tape, RUN)
     publisher.end()
@@ -172,7 +167,7 @@ def test_a_role_ends_once() -> None:
     assert [RunEnd.FromString(e.payload).fault for e in tape.sent] == [""]
 
 
-def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
+def test_a_role_reconciles_all_that_it_hears_and_no_more():
     """The controller hears the hello and the samples, not the truth."""
     sent = [e for e in plant_says() if e.stream in SUBSCRIPTIONS[CONTROLLER]]
     checker = SequenceChecker(role=CONTROLLER)
@@ -186,7 +181,7 @@ def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
             checker.reconcile(end)
 
 
-def test_counts_may_be_announced_in_any_order() -> None:
+def test_counts_may_be_announced_in_any_order():
     """Whoever brings a plant names its streams as it likes, also first those not heard here."""
     sent = [e for e in plant_says() if e.stream in SUBSCRIPTIONS[CONTROLLER]]
     end = RunEnd.FromString(sent[-1].payload)

@@ -29,7 +29,7 @@ Contents = tuple[Message, dict[str, np.ndarray]]
 
 @given(contents())
 @settings(max_examples=200, deadline=None)
-def test_ours_and_the_library_write_and_read_the_same(made: Contents) -> None:
+def test_ours_and_the_library_write_and_read_the_same(made):
     header, arrays = made
     ours, theirs = codec.encode(header, **arrays), by_the_library(header, arrays)
     message = type(header).FromString(ours)
@@ -38,7 +38,7 @@ def test_ours_and_the_library_write_and_read_the_same(made: Contents) -> None:
     assert same_contents(message, codec.decode(type(header), theirs))
 
 
-def test_arrays_are_views_of_the_payload() -> None:
+def test_arrays_are_views_of_the_payload():
     payload = codec.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
     block, memory = codec.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
     for name in ("xi_m", "f_a_n"):
@@ -47,13 +47,13 @@ def test_arrays_are_views_of_the_payload() -> None:
 
 
 @pytest.mark.parametrize("values", [VALUES[::-1], np.arange(6.0).reshape(2, 3).T[1], [1, 2]])
-def test_any_array_layout_can_be_sent(values: np.ndarray) -> None:
+def test_any_array_layout_can_be_sent(values):
     block = codec.decode(ForceBlock, codec.encode(ForceBlock(), force_n=values))
     assert block.arrays["force_n"].tobytes() == np.array(values, float).tobytes()
 
 
 @pytest.mark.parametrize("length", [0, 1, 15, 16, 2000, 3_000_000])
-def test_lengths_around_those_of_the_length_prefix(length: int) -> None:
+def test_lengths_around_those_of_the_length_prefix(length):
     payload = codec.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
     block = codec.decode(ForceBlock, payload)
     assert np.array_equal(block.arrays["force_n"], np.arange(float(length)))
@@ -91,7 +91,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("name", MALFORMED)
-def test_malformed_payload(name: str) -> None:
+def test_malformed_payload(name):
     kind, payload = MALFORMED[name]
     with pytest.raises(codec.MessageError, match=kind.DESCRIPTOR.name):
         codec.decode(kind, payload)
@@ -122,7 +122,7 @@ ALIKE = {(DaqBlock, ForceBlock), (Hello, RunEnd)}
 
 @pytest.mark.parametrize("kind", SAMPLES)
 @pytest.mark.parametrize("sent", SAMPLES)
-def test_another_message_in_its_place(kind: type[Message], sent: type[Message]) -> None:
+def test_another_message_in_its_place(kind, sent):
     if kind is sent or (kind, sent) in ALIKE:
         assert codec.decode(kind, SAMPLES[sent]).header.run_id == 1
         return
@@ -131,7 +131,7 @@ def test_another_message_in_its_place(kind: type[Message], sent: type[Message]) 
 
 
 @pytest.mark.parametrize("stream", STREAMS)
-def test_no_field_of_any_stream_is_taken_for_another_kind(stream: str) -> None:
+def test_no_field_of_any_stream_is_taken_for_another_kind(stream):
     """Also those that we never fill, as the line in a source that an event can have."""
     message = STREAMS[stream].message()
     some = {FieldDescriptor.TYPE_STRING: "a", FieldDescriptor.TYPE_BYTES: b"a"}
@@ -161,7 +161,7 @@ def check_against_the_library(kind: type[Message], payload: bytes) -> bool:
 
 
 @pytest.mark.parametrize("kind", SAMPLES)
-def test_cut_off_at_every_byte(kind: type[Message]) -> None:
+def test_cut_off_at_every_byte(kind):
     """Only a cut between two fields leaves a whole message; any other raises."""
     payload = SAMPLES[kind]
     readable = [
@@ -179,9 +179,7 @@ def test_cut_off_at_every_byte(kind: type[Message]) -> None:
     st.binary(max_size=4),
 )
 @settings(max_examples=400, deadline=None)
-def test_damaged_bytes(
-    kind: type[Message], changes: list[tuple[int, int]], at: int, inserted: bytes
-) -> None:
+def test_damaged_bytes(kind, changes, at, inserted):
     """Some bytes of a good message changed, some inserted."""
     payload = bytearray(SAMPLES[kind])
     for place, value in changes:
@@ -190,7 +188,7 @@ def test_damaged_bytes(
     check_against_the_library(kind, bytes(payload))
 
 
-def test_the_generated_module_is_up_to_date(tmp_path: Path) -> None:
+def test_the_generated_module_is_up_to_date(tmp_path):
     """Compared as descriptors: the generated text depends on the compiler's version."""
     protoc = pytest.importorskip("grpc_tools.protoc")
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet

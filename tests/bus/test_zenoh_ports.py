@@ -1,10 +1,9 @@
 """Ports between processes: who is there, and what a zenoh port opens."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import psutil
@@ -19,7 +18,7 @@ from tests.ports import free_ports
 
 
 @pytest.fixture
-def zenoh() -> Iterator[dict[str, ZenohPort]]:
+def zenoh():
     ports = zenoh_mesh(free_ports(3))
     yield ports
     for port in ports.values():
@@ -27,7 +26,7 @@ def zenoh() -> Iterator[dict[str, ZenohPort]]:
 
 
 @pytest.fixture
-def opened() -> Iterator[Callable[..., ZenohPort]]:
+def opened():
     """Opens a port, which is closed after the test."""
     with ExitStack() as closing:
 
@@ -43,7 +42,7 @@ Opened = Callable[..., ZenohPort]
 
 
 @pytest.mark.parametrize("twice", [PLANT, CONTROLLER, RECORDER])
-def test_a_role_that_is_there_twice_is_refused_before_a_run(opened: Opened, twice: str) -> None:
+def test_a_role_that_is_there_twice_is_refused_before_a_run(opened, twice):
     """One of the others sees both, whatever the order in which they came."""
     looks = RECORDER if twice == PLANT else PLANT
     a, b, c = (url(port) for port in free_ports(3))
@@ -66,7 +65,7 @@ def heard(plant: ZenohPort, recorder: ZenohPort) -> None:
 class TestPresence:
     """Who is there: only ports between processes can tell."""
 
-    def test_a_departure_is_reported_after_what_was_sent(self, zenoh: dict[str, ZenohPort]) -> None:
+    def test_a_departure_is_reported_after_what_was_sent(self, zenoh):
         zenoh[PLANT].publish(Envelope("daq", b"last words"))
         zenoh[PLANT].close()
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
@@ -75,7 +74,7 @@ class TestPresence:
         with pytest.raises(PeerLost, match=r"plant left the run; controller was sending 'force'"):
             zenoh[CONTROLLER].publish(Envelope("force", b""))
 
-    def test_a_role_that_was_released_may_leave(self, zenoh: dict[str, ZenohPort]) -> None:
+    def test_a_role_that_was_released_may_leave(self, zenoh):
         for role in (CONTROLLER, RECORDER):
             zenoh[role].liveliness.release(PLANT)
         zenoh[PLANT].close()
@@ -85,7 +84,7 @@ class TestPresence:
         with pytest.raises(PeerLost, match="nothing came"):
             zenoh[RECORDER].receive(ABSENCE_S, "more")
 
-    def test_a_role_that_left_before_the_start_may_come_again(self, opened: Opened) -> None:
+    def test_a_role_that_left_before_the_start_may_come_again(self, opened):
         here, there = map(url, free_ports(2))
         plant, first = (
             opened(PLANT, "again", [here]),
@@ -97,9 +96,7 @@ class TestPresence:
         assert plant.liveliness.wait_until_gone(RECORDER, PATIENCE_S)
         heard(plant, opened(RECORDER, "again", [there], [here]))
 
-    def test_a_role_leaves_with_or_without_confirming_completion(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_a_role_leaves_with_or_without_confirming_completion(self, zenoh):
         zenoh[RECORDER].liveliness.confirm_completion()
         zenoh[RECORDER].close()
         zenoh[PLANT].liveliness.wait_for_completion(RECORDER, PATIENCE_S)
@@ -107,9 +104,7 @@ class TestPresence:
         with pytest.raises(PeerLost, match="controller left the run before its part was complete"):
             zenoh[PLANT].liveliness.wait_for_completion(CONTROLLER, PATIENCE_S)
 
-    def test_a_token_that_overtakes_the_last_words_of_its_role_is_no_loss(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_a_token_that_overtakes_the_last_words_of_its_role_is_no_loss(self, zenoh):
         """The recorder has heard them; the plant's token is gone before the controller has."""
         zenoh[RECORDER].liveliness.confirm_completion()
         zenoh[RECORDER].close()
@@ -121,9 +116,7 @@ class TestPresence:
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
 
-    def test_last_words_that_come_after_a_departure_explain_it(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_last_words_that_come_after_a_departure_explain_it(self, zenoh):
         """Two links, nothing confirmed: the plant may be about to say why the recorder left."""
         zenoh[RECORDER].close()
         assert zenoh[CONTROLLER].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
@@ -132,9 +125,7 @@ class TestPresence:
         zenoh[PLANT].publish(Envelope("end/plant", b"interrupted"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"interrupted"
 
-    def test_a_departure_that_nobody_explains_is_reported(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_a_departure_that_nobody_explains_is_reported(self, zenoh):
         zenoh[RECORDER].close()
         left = "recorder left the run; controller was waiting for samples"
         with pytest.raises(PeerLost, match=left):
@@ -145,23 +136,21 @@ class TestPresence:
         with pytest.raises(PeerLost, match="recorder left the run; controller was sending 'force'"):
             zenoh[CONTROLLER].publish(Envelope("force", b""))
 
-    def test_a_wait_that_ends_in_vain_says_whose_message_was_awaited(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_a_wait_that_ends_in_vain_says_whose_message_was_awaited(self, zenoh):
         """The launcher blames by these roles, whatever the words of the sentence."""
         for senders in ((), (CONTROLLER,), (CONTROLLER, RECORDER)):
             with pytest.raises(PeerLost) as caught:
                 zenoh[PLANT].receive(ABSENCE_S, "something", senders)
             assert set(caught.value.roles) == {*senders}
 
-    def test_a_wait_can_be_aborted(self, zenoh: dict[str, ZenohPort]) -> None:
+    def test_a_wait_can_be_aborted(self, zenoh):
         zenoh[PLANT].abort(KeyboardInterrupt())
         with pytest.raises(KeyboardInterrupt):
             zenoh[PLANT].receive(PATIENCE_S, "forces")
         with pytest.raises(KeyboardInterrupt):
             zenoh[PLANT].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
 
-    def test_waiting_names_who_is_missing(self, opened: Opened) -> None:
+    def test_waiting_names_who_is_missing(self, opened):
         here, there = map(url, free_ports(2))
         plant = opened(PLANT, "lonely", [here])
         opened(RECORDER, "lonely", [there], [here]).liveliness.announce()
@@ -171,7 +160,7 @@ class TestPresence:
         assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
         assert "recorder" not in str(caught.value)
 
-    def test_runs_of_other_names_are_not_heard(self, opened: Opened) -> None:
+    def test_runs_of_other_names_are_not_heard(self, opened):
         here, *others = map(url, free_ports(3))
         recorder = opened(RECORDER, "mine", [here])
         plants = [
@@ -191,16 +180,12 @@ class TestPresence:
 class TestLargeMessages:
     """They are sent in a thread of their own."""
 
-    def test_what_was_published_before_the_port_is_closed_is_sent(
-        self, zenoh: dict[str, ZenohPort]
-    ) -> None:
+    def test_what_was_published_before_the_port_is_closed_is_sent(self, zenoh):
         zenoh[PLANT].publish(Envelope("truth", bytes(3_000_000)))
         zenoh[PLANT].close()
         assert len(zenoh[RECORDER].receive(PATIENCE_S, "truth").payload) == 3_000_000
 
-    def test_one_that_cannot_be_sent_ends_the_next_wait_and_message(
-        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_one_that_cannot_be_sent_ends_the_next_wait_and_message(self, zenoh, monkeypatch):
         plant = zenoh[PLANT]
 
         def refuse(envelope: Envelope) -> None:
@@ -221,7 +206,7 @@ class TestLargeMessages:
 class TestEndpoints:
     """What a zenoh port opens."""
 
-    def test_only_the_given_loopback_endpoints_listen(self) -> None:
+    def test_only_the_given_loopback_endpoints_listen(self):
         def connections() -> set[tuple[str, int, str]]:
             found = psutil.Process().net_connections("inet")
             return {(c.laddr.ip, c.laddr.port, f"{c.type.name} {c.status}") for c in found}
@@ -239,7 +224,7 @@ class TestEndpoints:
         assert {ip for ip, _, _ in opened} == {"127.0.0.1"}
         assert not [o for o in opened if "DGRAM" in o[2]]  # no multicast, no UDP at all
 
-    def test_opening_and_closing_leaves_no_handle(self) -> None:
+    def test_opening_and_closing_leaves_no_handle(self):
         [number] = free_ports(1)
         counts = []
         for _ in range(12):
@@ -249,9 +234,7 @@ class TestEndpoints:
             counts.append(psutil.Process().num_fds())
         assert counts[-1] <= counts[1]
 
-    def test_a_configuration_file_without_endpoints_opens_none(
-        self, opened: Opened, tmp_path: Path
-    ) -> None:
+    def test_a_configuration_file_without_endpoints_opens_none(self, opened, tmp_path):
         """zenoh's own default would be every interface."""
         file = tmp_path / "bus.json5"
         file.write_text("{ transport: { link: { tx: { lease: 4000 } } } }")
@@ -260,7 +243,7 @@ class TestEndpoints:
         after = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
         assert after == before
 
-    def test_a_port_in_use_gives_a_sentence(self, opened: Opened) -> None:
+    def test_a_port_in_use_gives_a_sentence(self, opened):
         [where] = map(url, free_ports(1))
         opened(PLANT, "taken", [where])
         with pytest.raises(BusError) as caught:
@@ -270,11 +253,11 @@ class TestEndpoints:
         assert "\n" not in sentence
         assert ".rs" not in sentence  # zenoh adds where it says so in its own source
 
-    def test_an_endpoint_that_is_none(self) -> None:
+    def test_an_endpoint_that_is_none(self):
         with pytest.raises(BusError, match="plant cannot open the bus at"):
             ZenohPort(PLANT, "wrong", ["pigeon/1"])
 
-    def test_a_configuration_file_gives_the_endpoints(self, opened: Opened, tmp_path: Path) -> None:
+    def test_a_configuration_file_gives_the_endpoints(self, opened, tmp_path):
         here, there = map(url, free_ports(2))
         file = tmp_path / "bus.json5"
         file.write_text(f'{{ listen: {{ endpoints: ["{here}"] }} }}')
@@ -290,9 +273,7 @@ class TestEndpoints:
             ('{"listen_private_key_base64":\n\n"KEY1', "line 3 is wrong"),
         ],
     )
-    def test_a_configuration_file_that_cannot_be_used_is_not_quoted(
-        self, tmp_path: Path, content: str | None, why: str
-    ) -> None:
+    def test_a_configuration_file_that_cannot_be_used_is_not_quoted(self, tmp_path, content, why):
         file = tmp_path / "bus.json5"
         if content is not None:
             file.write_text(content)
@@ -305,7 +286,7 @@ class TestEndpoints:
 class TestCompiling:
     """A role that compiles says so, and is waited for."""
 
-    def test_a_wait_lasts_until_after_a_compilation(self, zenoh: dict[str, ZenohPort]) -> None:
+    def test_a_wait_lasts_until_after_a_compilation(self, zenoh):
         plant, controller = zenoh[PLANT], zenoh[CONTROLLER]
         controller.compiling(True)
         wait_for(lambda: plant.liveliness.compiling._seen)
@@ -317,16 +298,14 @@ class TestCompiling:
             with pytest.raises(PeerLost, match=r"plant waited 0\.2 s for forces .* nothing came$"):
                 waiting.result(PATIENCE_S)
 
-    def test_one_that_never_ends_is_named(
-        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_one_that_never_ends_is_named(self, zenoh, monkeypatch):
         monkeypatch.setattr("hertzloop.bus.compiling.LONGEST_S", ABSENCE_S)
         zenoh[CONTROLLER].compiling(True)
         said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
         with pytest.raises(PeerLost, match=said):
             zenoh[PLANT].receive(2 * ABSENCE_S, "forces from the controller")
 
-    def test_a_stranger_that_says_so_holds_nobody_up(self, zenoh: dict[str, ZenohPort]) -> None:
+    def test_a_stranger_that_says_so_holds_nobody_up(self, zenoh):
         forged = (
             zenoh[RECORDER]
             ._session.liveliness()
@@ -338,7 +317,7 @@ class TestCompiling:
         forged.undeclare()
 
 
-def test_a_forged_token_does_not_keep_a_finished_run(zenoh: dict[str, ZenohPort]) -> None:
+def test_a_forged_token_does_not_keep_a_finished_run(zenoh):
     """Somebody else on the bus says to be the recorder, and stays."""
     plant = zenoh[PLANT]
     token = (
@@ -357,8 +336,6 @@ def test_a_forged_token_does_not_keep_a_finished_run(zenoh: dict[str, ZenohPort]
             token.undeclare()
 
 
-def test_the_wait_for_a_recorder_that_does_not_finish_is_bounded(
-    zenoh: dict[str, ZenohPort],
-) -> None:
+def test_the_wait_for_a_recorder_that_does_not_finish_is_bounded(zenoh):
     with pytest.raises(PeerLost, match="recorder did not complete its part within 0 s"):
         zenoh[PLANT].liveliness.wait_for_completion(RECORDER, ABSENCE_S)

@@ -3,7 +3,6 @@
 import errno
 import shutil
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -36,7 +35,7 @@ class Heard(event.Listener):
 
 
 @pytest.fixture
-def heard() -> Iterator[Heard]:
+def heard():
     listener = Heard()
     event.register("numba:compile", listener)
     yield listener
@@ -48,9 +47,7 @@ def unseen(path: Path, text: str) -> Any:
     return find(str(path))
 
 
-def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(
-    tmp_path: Path, heard: Heard
-) -> None:
+def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(tmp_path, heard):
     """With their helpers, which a process compiles once."""
     law = unseen(tmp_path / "new.py", (SHIPPED / "slope_threshold.py").read_text())
     keys, about = law.keys(), LawContext(sphere_mass_kg=1e-4, impact_speed_m_s=1.0)
@@ -67,7 +64,7 @@ def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(
     assert not bound.trouble
 
 
-def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -> None:
+def test_a_law_in_the_disk_is_not_compiled_again(tmp_path, heard):
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     law.bind(law.keys(), LawContext())
     assert heard.names
@@ -82,10 +79,7 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
 
 
 @pytest.mark.parametrize("broken", ["atomic_write", "save"])
-def test_a_disk_that_takes_nothing_ends_nothing(
-    tmp_path: Path, heard: Heard, monkeypatch: pytest.MonkeyPatch, broken: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+def test_a_disk_that_takes_nothing_ends_nothing(tmp_path, heard, monkeypatch, broken, capsys):
     """Neither text nor machine code of a law: a sentence, once."""
 
     def full(*_: object) -> None:
@@ -105,7 +99,7 @@ def test_a_disk_that_takes_nothing_ends_nothing(
     assert said.count("hertzloop:") == 1
 
 
-def test_what_numba_refuses_is_told_by_its_line(tmp_path: Path) -> None:
+def test_what_numba_refuses_is_told_by_its_line(tmp_path):
     law = unseen(tmp_path / "new.py", "def command(p, s, samples, i):\n    return {}.get(open)\n")
     said = law.bind(law.keys(), LawContext()).trouble
     assert said.startswith("Untyped global name 'open'")
@@ -113,7 +107,7 @@ def test_what_numba_refuses_is_told_by_its_line(tmp_path: Path) -> None:
     assert "\x1b" not in said
 
 
-def test_threads_may_meet_a_law_at_once(tmp_path: Path, heard: Heard) -> None:
+def test_threads_may_meet_a_law_at_once(tmp_path, heard):
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     together = Barrier(8)
 

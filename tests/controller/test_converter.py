@@ -25,7 +25,7 @@ PARTS = st.floats(-1.5, 1.5)  # of the full scale
 
 @given(BITS, FULL_SCALES, PARTS)
 @settings(max_examples=300, deadline=None)
-def test_one_force(bits: int, full_scale: float, part: float) -> None:
+def test_one_force(bits, full_scale, part):
     line, force = line_of(bits, full_scale), part * full_scale
     out = k.convert_force(line, force)
     step = full_scale / (2 ** (bits - 1) - 1)
@@ -40,25 +40,25 @@ def test_one_force(bits: int, full_scale: float, part: float) -> None:
         assert code == math.copysign(2 ** (bits - 1) - 1, force)
 
 
-def test_zero_stays_zero() -> None:
+def test_zero_stays_zero():
     for bits in range(2, 25):
         line = line_of(bits, 0.7)
         for steps in (0.0, -0.0, 0.49, -0.49):
             assert k.convert_force(line, steps * line.lsb_n) == 0.0, bits
 
 
-def test_two_bits_are_three_levels() -> None:
+def test_two_bits_are_three_levels():
     line = line_of(2, 3.0)
     forces = [-9.0, -3.0, -1.6, -1.4, 0.0, 1.4, 1.6, 3.0, 9.0]
     assert [k.convert_force(line, f) for f in forces] == [-3, -3, -3, 0, 0, 0, 3, 3, 3]
 
 
 @pytest.mark.parametrize(("full_scale", "out"), [(None, [-9.5, 0.1, 9.5]), (3.0, [-3.0, 0.1, 3.0])])
-def test_ideal_converter(full_scale: float | None, out: list[float]) -> None:
+def test_ideal_converter(full_scale, out):
     line = line_of(None, full_scale)
     assert [k.convert_force(line, f) for f in (-9.5, 0.1, 9.5)] == out
 
 
-def test_bits_without_a_range_are_refused() -> None:
+def test_bits_without_a_range_are_refused():
     with pytest.raises(ValueError, match="full-scale"):
         line_of(8, None)

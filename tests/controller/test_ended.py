@@ -16,7 +16,7 @@ def scene_with(folder: Path, line: str, duration_s: float) -> Setup:
     return load("aluminium-3mm", [f"controller.law={law}", f"run.duration_s={duration_s}"])
 
 
-def test_what_a_law_lets_pass_is_raised_behind_the_loop(tmp_path: Path) -> None:
+def test_what_a_law_lets_pass_is_raised_behind_the_loop(tmp_path):
     scene = scene_with(tmp_path, "if i == 500: raise KeyboardInterrupt", 0.002)
     for _ in range(2):  # what is kept of the law between runs keeps nothing of this
         with pytest.raises(KeyboardInterrupt):
@@ -25,7 +25,7 @@ def test_what_a_law_lets_pass_is_raised_behind_the_loop(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("after_ms", [2.0, 3.37, 6.8])
-def test_ctrl_c_is_never_lost(after_ms: float, tmp_path: Path) -> None:
+def test_ctrl_c_is_never_lost(after_ms, tmp_path):
     """Also where it comes between two samples: Python hears of it at the start of the next call,
     before anything there can catch it."""
     line = f"if i == 500: __import__('signal').setitimer(0, {1e-3 * after_ms})"

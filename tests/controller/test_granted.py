@@ -23,9 +23,7 @@ ONE_BY_ONE = range(1, 200)
 
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS)
 @settings(max_examples=200, deadline=None)
-def test_forces_granted_ahead_are_those_computed_later(
-    law: LawSpec, line: SignalPath, samples: list[float], cuts: list[int], every_steps: int
-) -> None:
+def test_forces_granted_ahead_are_those_computed_later(law, line, samples, cuts, every_steps):
     """The forces of each reply are kept as granted, so one that changes later would show."""
     later = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE)
     whole = drive(law, line, samples, every_steps=every_steps)
@@ -50,7 +48,7 @@ def test_forces_granted_ahead_are_those_computed_later(
         (CONSTANT, [1, 1, -1, 1, 1], [0, 0, 2, 1, 0]),
     ],
 )
-def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list[int]) -> None:
+def test_how_far_a_reply_reaches(law, samples, known):
     """After each sample: how many commands of samples to come the reply has settled."""
     line = SignalPath(latency_steps=5)
     replies = drive(law, line, samples, cuts=ONE_BY_ONE, look_ahead=True).replies
@@ -61,7 +59,7 @@ def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list
 
 
 @pytest.mark.parametrize("samples", [[-1.0] * 6, [1, -1, -4, -9, -9, -9]])
-def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> None:
+def test_nothing_is_granted_beyond_the_end_of_the_run(samples):
     line = SignalPath(latency_steps=1, jitter_steps=2)
     controller = make(SLOPE, line, len(samples), after=0)
     reply = controller.process(np.array(samples), look_ahead=True)
@@ -69,22 +67,14 @@ def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> N
     assert controller.law_state.counts[laws.COMMANDED] == len(samples)
 
 
-def test_nothing_is_granted_ahead_unless_asked() -> None:
+def test_nothing_is_granted_ahead_unless_asked():
     driven = drive(SLOPE, SignalPath(), [1, -1, -4, -9, -9], cuts=ONE_BY_ONE, look_ahead=False)
     assert [r.first_step + len(r.forces) for r in driven.replies] == [2, 3, 4, 5, 6]
 
 
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS, st.booleans(), st.data())
 @settings(max_examples=200, deadline=None)
-def test_the_promise_of_no_force_is_kept(
-    law: LawSpec,
-    line: SignalPath,
-    samples: list[float],
-    cuts: list[int],
-    every_steps: int,
-    look_ahead: bool,
-    data: st.DataObject,
-) -> None:
+def test_the_promise_of_no_force_is_kept(law, line, samples, cuts, every_steps, look_ahead, data):
     """After any past: the force is zero for as long as later samples stay above the level."""
     controller = make(law, line, len(samples) + 30, every_steps, after=60)
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
@@ -103,7 +93,7 @@ def test_the_promise_of_no_force_is_kept(
 
 @pytest.mark.parametrize("force", [5.0, -5.0])
 @pytest.mark.parametrize("chance", [SignalPath(jitter_steps=6), SignalPath(0, 6, 0.3)])
-def test_no_promise_while_a_late_force_is_on_its_way(force: float, chance: SignalPath) -> None:
+def test_no_promise_while_a_late_force_is_on_its_way(force, chance):
     """A force of one sample, silence before and after: with jitter it acts when law and
     output have long been at zero."""
     law, promised = LawSpec(CONSTANT.law, 1.0, profile_n=(force,)), 0
@@ -122,7 +112,7 @@ def promises(law: LawSpec, line: SignalPath, samples: list[float]) -> str:
     return "".join("y" if r.promise_zero else "." for r in replies)
 
 
-def test_when_a_promise_is_given() -> None:
+def test_when_a_promise_is_given():
     contact = [1, -1, -4, -4, 1, 1, 1, 1, 1, 1]
     # Acting until sample 5; the reply to sample 6 holds its zero as the last force.
     assert promises(SLOPE, SignalPath(), contact) == "y.....yyyy"
@@ -134,13 +124,13 @@ def test_when_a_promise_is_given() -> None:
     assert promises(CONSTANT, SignalPath(), [1, -1, -1, -1, -1, 1]) == "y....y"
 
 
-def test_the_law_off_promises_zero_whatever_comes() -> None:
+def test_the_law_off_promises_zero_whatever_comes():
     law = LawSpec("off", 1.0)
     reply = drive(law, SignalPath(), [1, -1, -4], look_ahead=True).replies[-1]
     assert reply.promise_zero
     assert reply.promise_level == -math.inf
 
 
-def test_the_level_of_the_promise_is_the_law_s_contact_level() -> None:
+def test_the_level_of_the_promise_is_the_law_s_contact_level():
     law = LawSpec(SLOPE.law, 1.0, 0.5, -0.25, contact_level=-0.5)
     assert drive(law, SignalPath(), [1]).replies[-1].promise_level == -0.5

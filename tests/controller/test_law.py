@@ -48,7 +48,7 @@ ROWS = {
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_mode_delay_and_command_after_every_sample(name: str) -> None:
+def test_mode_delay_and_command_after_every_sample(name):
     law, samples, modes, delays, forces = ROWS[name]
     driven = drive(law, SignalPath(), samples)
     assert driven.modes.tolist() == [LETTERS[letter] for letter in modes]
@@ -57,7 +57,7 @@ def test_mode_delay_and_command_after_every_sample(name: str) -> None:
 
 
 @pytest.mark.parametrize(("step_s", "every_steps"), [(0.5, 1), (0.25, 2)])
-def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
+def test_the_slope_is_per_second(step_s, every_steps):
     """Samples half a second apart: the slopes are twice the differences."""
     law = replace(SLOPE, v_thr_m_s=-3.0)
     controller = Controller(
@@ -69,9 +69,7 @@ def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
 
 @given(SEQUENCES, THRESHOLDS, LEVELS, st.sampled_from([0.8, -0.4]))
 @settings(max_examples=150, deadline=None)
-def test_slope_threshold_against_plain_python(
-    samples: list[float], v_thr: float, level: float, kappa: float
-) -> None:
+def test_slope_threshold_against_plain_python(samples, v_thr, level, kappa):
     law = LawSpec("slope_threshold", 3.7, kappa, v_thr, contact_level=level)
     delays, latched = [], {}
     rows = reference.slope_threshold(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
@@ -88,9 +86,7 @@ def test_slope_threshold_against_plain_python(
 
 @given(SEQUENCES, PROFILES, LEVELS)
 @settings(max_examples=100, deadline=None)
-def test_profile_against_plain_python(
-    samples: list[float], forces: tuple[float, ...], level: float
-) -> None:
+def test_profile_against_plain_python(samples, forces, level):
     law = LawSpec("profile", 1.0, profile_n=forces, contact_level=level)
     rows = reference.profile(samples, forces, level)
     assert drive(law, SignalPath(), samples).modes.tolist() == [mode for mode, _ in rows]

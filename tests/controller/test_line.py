@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from hertzloop.controller.controller import SignalPath
 from tests.controller.drive import commands, drive, make
-from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
 from tests.controller.test_law import CONSTANT, PROFILE
 
@@ -24,9 +23,7 @@ def newest_command(forces: np.ndarray) -> np.ndarray:
 
 @given(LAWS, LINES, SEQUENCES, st.integers(1, 20), EVERY_STEPS)
 @settings(max_examples=100, deadline=None)
-def test_latency_is_a_pure_shift(
-    law: LawSpec, line: SignalPath, samples: list[float], latency: int, every_steps: int
-) -> None:
+def test_latency_is_a_pure_shift(law, line, samples, latency, every_steps):
     at_once = drive(law, line, samples, every_steps=every_steps)
     late = drive(law, replace(line, latency_steps=latency), samples, every_steps=every_steps)
     assert len(late.forces) == len(at_once.forces) + latency
@@ -37,9 +34,7 @@ def test_latency_is_a_pure_shift(
 
 @given(LAWS, SEQUENCES, LATENCIES, EVERY_STEPS)
 @settings(max_examples=100, deadline=None)
-def test_sample_k_acts_from_the_step_after_it_plus_latency(
-    law: LawSpec, samples: list[float], latency: int, every_steps: int
-) -> None:
+def test_sample_k_acts_from_the_step_after_it_plus_latency(law, samples, latency, every_steps):
     """Step by step: the command in force is that of the newest sample that may act by then."""
     line = SignalPath(latency_steps=latency)
     forces = drive(law, line, samples, every_steps=every_steps).forces
@@ -60,21 +55,14 @@ def test_sample_k_acts_from_the_step_after_it_plus_latency(
     st.integers(0, 5),
 )
 @settings(max_examples=150, deadline=None)
-def test_chance_does_not_depend_on_the_cutting(
-    law: LawSpec,
-    chance: tuple[int, float],
-    samples: list[float],
-    cuts: list[int],
-    look_ahead: bool,
-    seed: int,
-) -> None:
+def test_chance_does_not_depend_on_the_cutting(law, chance, samples, cuts, look_ahead, seed):
     line = SignalPath(jitter_steps=chance[0], drop_out_probability=chance[1])
     whole = drive(law, line, samples, seed=seed)
     cut = drive(law, line, samples, seed=seed, cuts=cuts, look_ahead=look_ahead)
     assert cut.same_as(whole)
 
 
-def test_chance_is_a_function_of_the_step() -> None:
+def test_chance_is_a_function_of_the_step():
     """A longer run starts like a shorter one, and jitter knows nothing of drop-outs."""
     both = SignalPath(jitter_steps=6, drop_out_probability=0.2)
     long, short = make(COUNTING, both, 500).line, make(COUNTING, both, 200).line
@@ -86,7 +74,7 @@ def test_chance_is_a_function_of_the_step() -> None:
 
 
 @pytest.mark.parametrize("latency", [0, 4])
-def test_jitter_stays_in_range_and_keeps_the_order(latency: int) -> None:
+def test_jitter_stays_in_range_and_keeps_the_order(latency):
     line = SignalPath(latency_steps=latency, jitter_steps=3)
     newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)
     assert np.all(np.diff(newest) >= 0)
@@ -98,7 +86,7 @@ def test_jitter_stays_in_range_and_keeps_the_order(latency: int) -> None:
     assert set(lateness.tolist()) == {0, 1, 2, 3}
 
 
-def test_a_lost_command_leaves_the_last_force() -> None:
+def test_a_lost_command_leaves_the_last_force():
     line = SignalPath(drop_out_probability=0.25)
     newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)[1:]
     arrived = newest == np.arange(len(newest))
@@ -116,20 +104,20 @@ def test_a_lost_command_leaves_the_last_force() -> None:
         ((2, 2), 2.0, [0, 2, 2, 0, 0]),
     ],
 )
-def test_slew_limit(wanted: tuple[float, ...], slew: float, expected: list[float]) -> None:
+def test_slew_limit(wanted, slew, expected):
     law = replace(PROFILE, profile_n=wanted)
     samples = [-1.0] * (len(expected) - 1)
     assert drive(law, SignalPath(slew_n_s=slew), samples).forces.tolist() == expected
 
 
-def test_slew_is_per_second_not_per_sample() -> None:
+def test_slew_is_per_second_not_per_sample():
     """Two steps a second, a sample every second: half the rate in a step."""
     law = replace(PROFILE, profile_n=(4.0, 4.0, 4.0))
     driven = drive(law, SignalPath(slew_n_s=2.0), [-1.0] * 4, every_steps=2)
     assert driven.forces.tolist() == [0, 1, 2, 3, 4, 4, 4, 3, 2]
 
 
-def test_the_run_ends_before_the_last_commands_act() -> None:
+def test_the_run_ends_before_the_last_commands_act():
     controller = make(CONSTANT, SignalPath(latency_steps=50, jitter_steps=9), 10, after=0)
     reply = controller.process(np.full(10, -1.0))
     assert len(reply.forces) == 10

@@ -1,6 +1,5 @@
 """The law `linear`: its samples, its files, and what it refuses."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,7 @@ CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
         ("acceleration_feedback", ["controller.leak_hz=0"]),
     ],
 )  # fmt: skip
-def test_a_filter_gives_the_run_of_the_law_that_it_is(law: str, more: list[str]) -> None:
+def test_a_filter_gives_the_run_of_the_law_that_it_is(law, more):
     other = load("aluminium-3mm", [*SHORT, *more, f"controller.law={law}"])
     known, keys = law_context(other), other.scene.controller.keys
     gain = -keys.kappa * known.impedance_n_s_m
@@ -67,14 +66,14 @@ SECTIONS = {
 
 
 @pytest.mark.parametrize("name", SECTIONS)
-def test_sections_give_the_samples_of_sosfilt(name: str) -> None:
+def test_sections_give_the_samples_of_sosfilt(name):
     samples = np.random.default_rng(4).standard_normal(20_000)
     expected = -3.0 * sg.sosfilt(SECTIONS[name], samples)
     found = forces(setup_of("gain=-3", f"sections={SECTIONS[name].tolist()}"), samples)
     assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
 
 
-def test_a_coarse_converter_leaves_no_dead_zone() -> None:
+def test_a_coarse_converter_leaves_no_dead_zone():
     rows = SECTIONS["butter"].tolist()
     keys = ["sensors.bits=5", "controller.law=linear", f"controller.sections={rows}"]
     run = simulate(load("aluminium-3mm", ["run.duration_s=0.0015", *keys]))
@@ -95,7 +94,7 @@ def test_a_coarse_converter_leaves_no_dead_zone() -> None:
     ],
     ids=["fir", "cheby1", "delay"],
 )
-def test_polynomials_give_the_samples_of_lfilter(b: np.ndarray, a: np.ndarray) -> None:
+def test_polynomials_give_the_samples_of_lfilter(b, a):
     samples = np.random.default_rng(5).standard_normal(5000)
     expected = sg.lfilter(b, a, samples)
     keys = [f"numerator={b.tolist()}", f"denominator={a.tolist()}"]
@@ -104,7 +103,7 @@ def test_polynomials_give_the_samples_of_lfilter(b: np.ndarray, a: np.ndarray) -
 
 
 @pytest.mark.parametrize(("ending", "form"), [(".npz", "sos"), (".mat", "ba"), (".npz", "num")])
-def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
+def test_a_file_is_read(tmp_path, ending, form):
     sos = sg.butter(3, 0.05, output="sos")
     b, a = sg.sos2tf(sos)
     late = sg.TransferFunction([2.0], [1.0, -0.5, 0.2], dt=1e-6)  # 2/(z^2 - 0.5 z + 0.2)
@@ -148,7 +147,7 @@ LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.
         ({"b": [1.0 + 0.0j, 0.5], "a": [1.0]}, "numerator", (1.0, 0.5)),
     ],
 )  # fmt: skip
-def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, value: Any) -> None:
+def test_files_of_other_tools_are_read(tmp_path, arrays, key, value):
     np.savez(tmp_path / "filter.npz", **arrays)
     assert (
         getattr(setup_of(f"filter_file={tmp_path / 'filter.npz'}").scene.controller.keys, key)
@@ -179,7 +178,7 @@ def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, va
         ({"b": [1.0], "a": np.array([{}])}, "cannot be read: Object arrays"),
     ],
 )
-def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: str) -> None:
+def test_a_file_without_a_filter_is_refused(tmp_path, arrays, words):
     np.savez(tmp_path / "filter.npz", **arrays)
     said = [tmp_path / "filter.npz"]
     if "Object" not in words:
@@ -206,20 +205,20 @@ def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: 
         (["filter_file=none.csv"], "ends in .npz or .mat"),
     ],
 )
-def test_what_is_no_filter_is_refused(keys: list[str], words: str) -> None:
+def test_what_is_no_filter_is_refused(keys, words):
     with pytest.raises(SceneError) as error:
         setup_of(*keys)
     assert words in str(error.value)
 
 
-def test_every_quantity_is_sensed() -> None:
+def test_every_quantity_is_sensed():
     assert setup_of("numerator=[1.0]").quantity == "v_p"
     for quantity in ("xi", "acceleration", "contact_force"):
         keys = ["controller.law=linear", "controller.numerator=[1.0]"]
         assert load("aluminium-3mm", [*keys, f"sensors.quantity={quantity}"]).quantity == quantity
 
 
-def test_a_filter_that_is_unstable_by_itself_is_noted() -> None:
+def test_a_filter_that_is_unstable_by_itself_is_noted():
     unstable = setup_of("numerator=[1.0]", "denominator=[1.0, -1.5]")
     assert "poles outside the unit circle: 1; largest magnitude 1.5" in loaded_law(unstable).note(
         unstable.scene.controller.keys

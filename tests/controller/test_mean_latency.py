@@ -36,13 +36,13 @@ def simulated(line: SignalPath, every_steps: int, seed: int) -> float:
         SignalPath(tick_steps=7.01, first_tick_steps=2.0),
     ],
 )
-def test_it_is_that_of_the_forces(line: SignalPath, every_steps: int) -> None:
+def test_it_is_that_of_the_forces(line, every_steps):
     expected = simulated(line, every_steps, seed=3)
     # The last few commands may still be in the line when the block of samples ends.
     assert mean_latency_steps(line, STEPS, every_steps, 3) == pytest.approx(expected, abs=0.02)
 
 
-def test_jitter_ages_the_force_by_more_than_its_mean() -> None:
+def test_jitter_ages_the_force_by_more_than_its_mean():
     assert mean_latency_steps(SignalPath(jitter_steps=20), 200_000, 1, 0) == pytest.approx(
         15.6, abs=0.1
     )
@@ -50,5 +50,5 @@ def test_jitter_ages_the_force_by_more_than_its_mean() -> None:
     assert mean_latency_steps(trace, 200_000, 1, 0) == pytest.approx(15.5, abs=0.01)
 
 
-def test_a_run_without_a_command_has_none() -> None:
+def test_a_run_without_a_command_has_none():
     assert np.isnan(mean_latency_steps(SignalPath(latency_steps=100), 100, 1, 0))

@@ -46,7 +46,7 @@ def acts(law: LawSpec, samples: np.ndarray) -> tuple[int, int, np.ndarray]:
 
 
 @pytest.mark.parametrize("window", [3, 4, 7])
-def test_the_slope_of_a_window_is_that_of_the_least_squares_line(window: int) -> None:
+def test_the_slope_of_a_window_is_that_of_the_least_squares_line(window):
     samples = np.random.default_rng(1).standard_normal(30)
     constants = replace(SLOPE, window=window).constants(0.5)
     for index in range(window - 1, 30):
@@ -55,7 +55,7 @@ def test_the_slope_of_a_window_is_that_of_the_least_squares_line(window: int) ->
         assert slope(constants, samples, index) == pytest.approx(line[0], rel=1e-12, abs=1e-13)
 
 
-def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment() -> None:
+def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment():
     clean, random = gap(), np.random.default_rng(3)
     law = replace(IMPACT, law="slope_threshold")
     wide = replace(law, window=8)
@@ -67,7 +67,7 @@ def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment() -> None:
     assert spread[1] < 0.5 * spread[0]
 
 
-def test_the_force_fades_after_the_contact() -> None:
+def test_the_force_fades_after_the_contact():
     samples = [1.0, -1.0, -4.0, -4.0, 1.0, 1.0, 1.0, 1.0]
     full, faded = (
         commands(SLOPE, samples),
@@ -81,7 +81,7 @@ def test_the_force_fades_after_the_contact() -> None:
 
 
 @pytest.mark.parametrize("lead", [1, 12])
-def test_look_ahead_follows_the_impact_it_models(lead: int) -> None:
+def test_look_ahead_follows_the_impact_it_models(lead):
     samples = gap()
     constants = replace(IMPACT, lead_samples=lead).constants(STEP_S)
     deepest = -samples.min()
@@ -93,7 +93,7 @@ def test_look_ahead_follows_the_impact_it_models(lead: int) -> None:
 
 
 @pytest.mark.parametrize("lead", [1, 20])
-def test_prediction_commands_now_what_is_due_later(lead: int) -> None:
+def test_prediction_commands_now_what_is_due_later(lead):
     """The command `lead` samples early is that of a law without dead time, within 2 % of the
     peak; the two-point law without dead time latches one of the same two samples."""
     samples = gap(lead_in_s=40e-6, steps=110)
@@ -105,13 +105,13 @@ def test_prediction_commands_now_what_is_due_later(lead: int) -> None:
     assert np.abs(shifted - wanted).max() < 0.02 * wanted.max()
 
 
-def test_a_law_that_predicts_does_not_act_twice_on_one_contact() -> None:
+def test_a_law_that_predicts_does_not_act_twice_on_one_contact():
     _, _, command = acts(replace(IMPACT, lead_samples=20), gap())
     on = np.flatnonzero(np.diff((command > 0.0).astype(int), prepend=0) == 1)
     assert len(on) == 1
 
 
-def test_a_sphere_that_passes_by_is_left_alone() -> None:
+def test_a_sphere_that_passes_by_is_left_alone():
     """Near the plate, but rising: nothing is due."""
     rising = 1e-6 * np.arange(5, 60) ** 1.0
     law = replace(IMPACT, lead_samples=10)
@@ -120,7 +120,7 @@ def test_a_sphere_that_passes_by_is_left_alone() -> None:
     assert not controller.forces.any()
 
 
-def test_a_shifted_threshold_is_the_slope_that_much_earlier() -> None:
+def test_a_shifted_threshold_is_the_slope_that_much_earlier():
     samples = gap(impedance=1e12)
     slopes = np.diff(samples) / STEP_S
     at = int(np.flatnonzero(slopes > -0.25)[0])
@@ -130,17 +130,17 @@ def test_a_shifted_threshold_is_the_slope_that_much_earlier() -> None:
         assert abs(at - crossed - earlier) <= 1
 
 
-def test_a_threshold_that_cannot_be_earlier_is_crossed_by_the_first_sample() -> None:
+def test_a_threshold_that_cannot_be_earlier_is_crossed_by_the_first_sample():
     assert shifted_threshold_m_s(STIFFNESS, MASS_KG, IMPEDANCE, SPEED, -0.25, 1.0) == -math.inf
     assert shifted_threshold_m_s(STIFFNESS, MASS_KG, IMPEDANCE, SPEED, 50.0, 1e-6) == 50.0
 
 
-def test_feedback_multiplies_the_smallest_samples_too() -> None:
+def test_feedback_multiplies_the_smallest_samples_too():
     law = LawSpec("force_feedback", 1.0, gain=-2.0)
     assert commands(law, [0.0, 1e-9, -0.5, 1.0, -3.0]).tolist()[:5] == [0, -2e-9, 1, -2, 6]
 
 
-def test_integral_feedback_integrates_and_leaks() -> None:
+def test_integral_feedback_integrates_and_leaks():
     ones = [1.0] * 50
     kept = commands(LawSpec("acceleration_feedback", 1.0, gain=3.0), ones)
     assert kept[:50] == pytest.approx(3.0 * np.arange(1, 51), rel=1e-14)
@@ -149,6 +149,6 @@ def test_integral_feedback_integrates_and_leaks() -> None:
     assert leaking[49] == pytest.approx(3.0 * share / (1.0 - share), rel=1e-6)
 
 
-def test_feedback_never_promises_silence() -> None:
+def test_feedback_never_promises_silence():
     law = LawSpec("force_feedback", 1.0, gain=1.0)
     assert not any(r.promise_zero for r in drive(law, SignalPath(), [0.0, 0.0], cuts=[1]).replies)

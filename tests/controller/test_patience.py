@@ -9,7 +9,7 @@ from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 
 
 @pytest.mark.parametrize("late_s", [-1e-4, 0.0])
-def test_at_the_last_moment_it_is_over_or_overdue_once(late_s: float) -> None:
+def test_at_the_last_moment_it_is_over_or_overdue_once(late_s):
     """Whichever comes first, what follows is not interrupted any more."""
     patience_s, interrupted = 0.003, 0
     for _ in range(50):

@@ -1,7 +1,5 @@
 """A law and its files; its digest is of all that decides what it does, and of nothing else."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.controller.loading import registry
@@ -9,7 +7,7 @@ from hertzloop.controller.loading.registry import digest_of, find
 
 
 @pytest.fixture
-def law(tmp_path: Path) -> Path:
+def law(tmp_path):
     """A law that uses a file beside it, which uses another; and a file that nothing uses."""
     (tmp_path / "mine.py").write_text("import math\nimport shaping\n")
     (tmp_path / "shaping.py").write_text("def late():\n    from tables import GAIN\n")
@@ -19,14 +17,14 @@ def law(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["mine", "shaping", "tables"])
-def test_every_file_that_is_used_counts(law: Path, name: str) -> None:
+def test_every_file_that_is_used_counts(law, name):
     before = digest_of(law)
     file = law.with_name(f"{name}.py")
     file.write_text(file.read_text() + "# again\n")
     assert digest_of(law) != before
 
 
-def test_a_file_that_is_not_used_does_not(law: Path) -> None:
+def test_a_file_that_is_not_used_does_not(law):
     before = digest_of(law)
     law.with_name("notes.py").unlink()
     assert digest_of(law) == before
@@ -36,16 +34,14 @@ def test_a_file_that_is_not_used_does_not(law: Path) -> None:
     "words",
     ["import shaping", "import shaping as s", "from shaping import late", "from . import shaping"],
 )
-def test_however_it_is_imported(law: Path, words: str) -> None:
+def test_however_it_is_imported(law, words):
     law.write_text(f"{words}\n")
     before = digest_of(law)
     law.with_name("tables.py").write_text("GAIN = 2.5\n")
     assert digest_of(law) != before
 
 
-def test_shipped_laws_are_among_those_used(
-    law: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shipped_laws_are_among_those_used(law, tmp_path, monkeypatch):
     """A version of hertzloop that changes them changes the law that builds on them."""
     shipped = tmp_path / "laws" / "slope_threshold.py"
     assert (registry.SHIPPED / shipped.name).is_file()
@@ -58,9 +54,7 @@ def test_shipped_laws_are_among_those_used(
     assert digest_of(law) != before
 
 
-def test_a_file_is_looked_for_in_the_working_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_looked_for_in_the_working_folder(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text((registry.SHIPPED / "off.py").read_text())
     monkeypatch.chdir(tmp_path)
     law = find("mine.py")

@@ -12,14 +12,14 @@ from tests.controller.test_law import CONSTANT
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_a_law_knows_nothing_before_its_first_sample(name: str) -> None:
+def test_a_law_knows_nothing_before_its_first_sample(name):
     state = state_of(find(name).home)
     assert state.data.size == state.dtype.itemsize // 8
     assert not state.data.any()
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_keys_that_laws_share_have_one_default(name: str) -> None:
+def test_keys_that_laws_share_have_one_default(name):
     """Another would change the runs of all scenes that leave it out."""
     keys = find(name).keys.model_fields
     for key, value in {"kappa": 0.8, "v_thr_m_s": -0.25}.items():
@@ -27,7 +27,7 @@ def test_keys_that_laws_share_have_one_default(name: str) -> None:
     assert not find(name).latches or "v_thr_m_s" in keys
 
 
-def test_random_numbers_are_those_of_all_earlier_runs() -> None:
+def test_random_numbers_are_those_of_all_earlier_runs():
     """A stream of its own for noise, jitter and drop-outs: recordings are repeated to the bit by
     later versions, too."""
 

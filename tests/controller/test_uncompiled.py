@@ -16,7 +16,7 @@ print(fingerprint())
 """
 
 
-def test_compiled_and_uncompiled_give_the_same_bits() -> None:
+def test_compiled_and_uncompiled_give_the_same_bits():
     uncompiled = subprocess.run(
         [sys.executable, "-c", SCRIPT],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},

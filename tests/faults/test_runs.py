@@ -36,7 +36,7 @@ FAULTS = [
 
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("fault", default(FAULTS, FAULTS[:1]), ids=str)
-def test_faults(fault: Fault) -> None:
+def test_faults(fault):
     # Not in tmp_path: its path is too long for sockets.
     with tempfile.TemporaryDirectory() as folder:
         outcome = inflict(fault, Path(folder))
@@ -59,7 +59,7 @@ def test_faults(fault: Fault) -> None:
         (LAUNCHER, "terminate", -15, "", "exit code -15"),
     ],
 )  # fmt: skip
-def test_a_wrong_cause_is_found(victim: str, how: str, code: int, said: str, wrong: str) -> None:
+def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
     assert wrong_words(Fault(victim, how, "lane", False, 0.0), code, said) == wrong
 
 
@@ -71,7 +71,7 @@ def ended(
     return ChildProcess(role, process, Path("none"), ready=True, **found)
 
 
-def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
+def test_who_gave_up_is_not_to_blame_for_leaving():
     """The controller paused for longer than the others wait, and lives again."""
     recorder = ended("recorder", "nothing from plant and controller", "plant", "controller")
     plant = ended("plant", "nothing from the controller", "controller")

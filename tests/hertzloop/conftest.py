@@ -1,7 +1,6 @@
 """Fixtures of the tests of the lock-step."""
 
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -11,19 +10,19 @@ from tests.hertzloop.own_laws import ROOT
 
 
 @pytest.fixture
-def short_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_blocks(monkeypatch):
     """More blocks, more answers under way: the plant looks at them between two blocks."""
     monkeypatch.setattr(plant_streams, "BLOCK_STEPS", 50)
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 50)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def warm(warm_kernels: None) -> None:
+def warm(warm_kernels):
     """Processes of these tests start at once, also where this is the first test of all."""
 
 
 @pytest.fixture(scope="session")
-def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def messages(tmp_path_factory):
     """A folder with the messages as the examples of controllers import them."""
     folder = tmp_path_factory.mktemp("messages")
     shutil.copy(ROOT / "bus" / "messages.proto", folder)
@@ -32,7 +31,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     """The working folder: it holds nothing, and processes that start in it find hertzloop."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

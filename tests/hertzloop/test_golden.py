@@ -1,7 +1,5 @@
 """The recordings that ship: readable, and what the present code still produces."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.recordings.compare import first_difference
@@ -17,13 +15,13 @@ TOLERANCE = 1e-9
 
 
 @pytest.mark.parametrize("name", ["first-impact", "first-impact-2us-late"])
-def test_the_same_run_today(name: str, tmp_path: Path) -> None:
+def test_the_same_run_today(name, tmp_path):
     golden = read(GOLDEN / f"{name}.mcap")
     assert not golden.problems
     today = recorded(parse(golden.scene_toml), tmp_path / "today.mcap")
     assert first_difference(golden, today, TOLERANCE) is None
 
 
-def test_tolerance_is_tight_enough_to_tell_two_microseconds() -> None:
+def test_tolerance_is_tight_enough_to_tell_two_microseconds():
     punctual, late = (read(GOLDEN / f"first-impact{end}.mcap") for end in ("", "-2us-late"))
     assert first_difference(punctual, late, 1e-3)

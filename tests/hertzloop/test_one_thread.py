@@ -27,7 +27,7 @@ print(max(found["num_threads"] for found in threadpool_info()))
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_plate_is_the_same_where_numpy_came_first() -> None:
+def test_a_plate_is_the_same_where_numpy_came_first():
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one core: NumPy has one thread anyway")
     unasked = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
@@ -37,7 +37,7 @@ def test_a_plate_is_the_same_where_numpy_came_first() -> None:
     assert before == after == "2"  # what the caller has is left alone
 
 
-def test_calls_in_two_threads_do_not_undo_each_other() -> None:
+def test_calls_in_two_threads_do_not_undo_each_other():
     # Another test of this process may have brought a library that was not there at the first call.
     one_thread._libraries.cache_clear()
     first_in, second_in = Event(), Event()

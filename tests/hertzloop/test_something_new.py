@@ -311,25 +311,25 @@ def run(script: str, folder: Path, **environment: str) -> None:
 
 
 @pytest.mark.full
-def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
+def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path):
     """Setup, transports and `--verify` follow."""
     # Kernels of its own: other processes could not read those of its types.
     run(SCHEME, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
 
 
 @pytest.mark.full
-def test_an_actuator_is_a_row_of_one_table(tmp_path: Path) -> None:
+def test_an_actuator_is_a_row_of_one_table(tmp_path):
     """A constant force on the plate changes no margin, and no sweep runs on because of it."""
     run(ACTUATOR, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
 
 
-def test_a_structure_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
+def test_a_structure_is_a_file_and_a_row_of_one_table(tmp_path):
     """Its modes do in every scheme that supports more than a simply supported plate."""
     run(STRUCTURE, tmp_path)
 
 
 @pytest.mark.full
-def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) -> None:
+def test_the_command_line_takes_the_structure_of_the_examples(tmp_path):
     """A beam, to which nothing applies that needs a plate at the contact point."""
     examples = ROOT / "docs" / "examples"
     # Python imports this in every process that it starts.
@@ -356,11 +356,11 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) ->
     assert "3 of 3 cases" in command("sweep", "--over", "controller.latency_us=0:2:1")
 
 
-def test_a_quantity_is_a_row_of_one_table(tmp_path: Path) -> None:
+def test_a_quantity_is_a_row_of_one_table(tmp_path):
     """Setup, law and its trial, converter, recording, export and replay follow."""
     run(QUANTITY, tmp_path)
 
 
-def test_a_stream_is_a_message_and_a_row_of_one_table(tmp_path: Path) -> None:
+def test_a_stream_is_a_message_and_a_row_of_one_table(tmp_path):
     """Numbering, counts, recorder, reader and comparison follow."""
     run(STREAM, tmp_path)

@@ -1,7 +1,6 @@
 """What has to be compiled follows from the types of a scene's parts."""
 
 import os
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +23,7 @@ KINDS = {
 
 
 @pytest.fixture
-def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Setup]:
+def ran(tmp_path, monkeypatch):
     """The scenes that were run to compile their kernels, from an empty folder on."""
     found: list[Setup] = []
     monkeypatch.setattr(warmup, "cache_folder", lambda: tmp_path)
@@ -34,7 +33,7 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Setup]:
     return found
 
 
-def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
+def test_each_kind_of_plant_is_compiled_once(ran):
     told: list[float] = []
     assert not warmup.anything_compiled()
     for settings in KINDS.values():
@@ -83,7 +82,7 @@ print(told)
 
 
 @pytest.mark.full
-def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
+def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path):
     """From an empty cache."""
     (tmp_path / "cache").mkdir()
     cache = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -104,6 +103,6 @@ print([name for name in late if name in sys.modules])
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_run_loads_neither_the_compiler_nor_scipy() -> None:
+def test_a_run_loads_neither_the_compiler_nor_scipy():
     """Kernels that are in the cache need neither: together they take a third of a second."""
     assert python("-c", LEAN).stdout.strip() == "[]"

@@ -28,14 +28,14 @@ def apart_from(values):
     return summed_apart(values, 3)[0] + 1.0
 
 
-def test_it_gives_the_same_bits_from_python_and_from_kernels() -> None:
+def test_it_gives_the_same_bits_from_python_and_from_kernels():
     values = np.linspace(0.1, 0.7, 11)
     assert apart_from(values) == together(values)
     assert summed_apart(values, 3.0) == summed(values, 3.0)
     assert summed_apart.__doc__ == summed.__doc__
 
 
-def test_a_kernel_that_raises_does_so_through_it() -> None:
+def test_a_kernel_that_raises_does_so_through_it():
     @kernel
     def refuse(x):
         if x > 1.0:

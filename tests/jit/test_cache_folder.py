@@ -28,7 +28,7 @@ def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
 
 
 @pytest.fixture
-def homeless(tmp_path: Path) -> dict[str, str]:
+def homeless(tmp_path):
     """HOME cannot hold a folder; temporary files have a folder of this test."""
     (tmp_path / "home").touch()
     (tmp_path / "tmp").mkdir(mode=0o700)
@@ -40,7 +40,7 @@ def predictable(environment: dict[str, str]) -> Path:
     return Path(environment["TMPDIR"]) / f"hertzloop-{os.getuid()}"
 
 
-def test_without_a_home_a_folder_of_this_user_alone(homeless: dict[str, str]) -> None:
+def test_without_a_home_a_folder_of_this_user_alone(homeless):
     folder, said = where(homeless)
     assert folder.parent == predictable(homeless)
     assert [path.stat().st_mode & 0o7777 for path in (folder.parent, folder)] == [0o700, 0o700]
@@ -74,7 +74,7 @@ PLANTED = {
 
 
 @pytest.mark.parametrize("why", PLANTED)
-def test_a_planted_folder_is_not_used(homeless: dict[str, str], why: str) -> None:
+def test_a_planted_folder_is_not_used(homeless, why):
     PLANTED[why](predictable(homeless))
     folder, said = where(homeless)
     assert why in said
@@ -86,7 +86,7 @@ def test_a_planted_folder_is_not_used(homeless: dict[str, str], why: str) -> Non
 
 
 @pytest.mark.parametrize("usual", [True, False])
-def test_the_usual_places_are_checked_alike(tmp_path: Path, usual: bool) -> None:
+def test_the_usual_places_are_checked_alike(tmp_path, usual):
     why = "is open to other users"
     environment = {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
     place = tmp_path / ".cache" / "hertzloop" if usual else tmp_path / "given"
@@ -118,7 +118,7 @@ class Evil:
         return Path.touch, (self.trace,)
 
 
-def test_a_planted_pickle_does_not_run(homeless: dict[str, str], tmp_path: Path) -> None:
+def test_a_planted_pickle_does_not_run(homeless, tmp_path):
     """The attack itself: a cache that anybody could have put there, under the right names."""
     folder, _ = where(homeless, ATTACKED)
     indices = list(folder.rglob("*.nbi"))

@@ -32,7 +32,7 @@ def compiled_for(call: Any) -> int:
     return seen.count(True)
 
 
-def test_a_kernel_that_kernels_called_first_answers_python_too() -> None:
+def test_a_kernel_that_kernels_called_first_answers_python_too():
     inner = kernel(third)
     outer = of_third(inner)
     assert outer(0.7) == third(0.7) + 1.0
@@ -61,7 +61,7 @@ def choose(part, x):
     return chosen(part, x)
 
 
-def test_the_type_chooses_with_no_function_between() -> None:
+def test_the_type_chooses_with_no_function_between():
     assert (choose(Half(3.0), 5.0), choose(Double(3.0), 5.0), choose(None, 5.0)) == (7.5, 30.0, 5.0)
     assert len(half.parts) == len(double.parts) == 1
     with pytest.raises(TypingError):
@@ -93,6 +93,6 @@ def code_of_caller(inner_first: bool) -> str:
     return re.sub(r"\S*(weighted|outer)\S*|\d{6,}", "name", assembly)
 
 
-def test_code_does_not_depend_on_what_was_compiled_before() -> None:
+def test_code_does_not_depend_on_what_was_compiled_before():
     """Otherwise the transports would round in other places, as they compile in another order."""
     assert code_of_caller(inner_first=True) == code_of_caller(inner_first=False)

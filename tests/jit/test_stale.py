@@ -88,9 +88,7 @@ def edit(path: Path, pattern: str, new: str) -> None:
         (STEPS, "plant/schemes/registry.py", r"step = by_module\(.*\)", PUSHED),
     ],
 )  # fmt: skip
-def test_an_edited_callee_in_another_file_runs(
-    tmp_path: Path, script: str, file: str, pattern: str, new: str
-) -> None:
+def test_an_edited_callee_in_another_file_runs(tmp_path, script, file, pattern, new):
     folder = copy_to(tmp_path)
     before = run(script, folder).splitlines()[0]
     edit(folder / file, pattern, new)
@@ -99,7 +97,7 @@ def test_an_edited_callee_in_another_file_runs(
     assert after == run(script, folder, NUMBA_CACHE_DIR=str(folder / "empty")).splitlines()[0]
 
 
-def test_functions_of_others_are_cached_where_they_were(tmp_path: Path) -> None:
+def test_functions_of_others_are_cached_where_they_were(tmp_path):
     script = """
 import hertzloop.controller.kernels, numba
 @numba.njit(cache=True)
@@ -118,7 +116,7 @@ print(theirs._cache.cache_path)
     assert done.stdout.strip() == str(tmp_path / "__pycache__"), done.stderr
 
 
-def test_the_digest_sees_all_that_is_compiled_in() -> None:
+def test_the_digest_sees_all_that_is_compiled_in():
     """All folders of the wheel are looked through, and what kernels take from other files of
     ours, constants and types too, is in files that the digest covers."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -144,7 +142,7 @@ def test_the_digest_sees_all_that_is_compiled_in() -> None:
                 assert used in sources, f"{file} takes {name.name} from {used}"
 
 
-def test_kernels_are_spelled_in_one_way() -> None:
+def test_kernels_are_spelled_in_one_way():
     spelled = {
         file
         for file, text in kernel_sources().items()

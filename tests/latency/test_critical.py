@@ -6,12 +6,9 @@ scenes by more than 1 us. A band is that plus one step for a changed sum's round
 plate energy crosses that without control at a shallow angle (20 mm), 5 %.
 """
 
-from collections.abc import Iterator
-
 import pytest
 
-from benchmarks.latency import SCENES, Critical, critical
-from hertzloop.studies.cases.evaluate import Pool
+from benchmarks.latency import SCENES, critical
 from hertzloop.studies.cases.pool import local_pool
 
 NAMED = {named.name: named for named in SCENES}
@@ -29,20 +26,18 @@ NEVER_BETTER = [("aluminium-3mm", "slope_threshold"), ("aluminium-3mm", "least_s
 
 
 @pytest.fixture(scope="module")
-def pool() -> Iterator[Pool]:
+def pool():
     with local_pool(1) as pool:
         yield pool
 
 
 @pytest.fixture(scope="module")
-def measured(pool: Pool) -> dict[tuple[str, str], Critical]:
+def measured(pool):
     return {key: critical(pool, NAMED[key[0]], key[1], 12) for key in (*BANDS, *NEVER_BETTER)}
 
 
 @pytest.mark.parametrize("key", BANDS)
-def test_critical_latency_and_bits_are_in_their_bands(
-    key: tuple[str, str], measured: dict[tuple[str, str], Critical]
-) -> None:
+def test_critical_latency_and_bits_are_in_their_bands(key, measured):
     least, most, fewest, bits = BANDS[key]
     found = measured[key]
     assert least <= found.critical_latency_us <= most
@@ -50,9 +45,7 @@ def test_critical_latency_and_bits_are_in_their_bands(
 
 
 @pytest.mark.parametrize("key", NEVER_BETTER)
-def test_the_published_setting_never_helps_the_light_ball(
-    key: tuple[str, str], measured: dict[tuple[str, str], Critical]
-) -> None:
+def test_the_published_setting_never_helps_the_light_ball(key, measured):
     found = measured[key]
     assert found.ideal_db > 0.0
     assert found.critical_latency_us != found.critical_latency_us  # nan

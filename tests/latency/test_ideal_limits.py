@@ -21,7 +21,7 @@ Plate = tuple[str, ...]  # settings
 
 
 @pytest.fixture(scope="module")
-def plate(tmp_path_factory: pytest.TempPathFactory) -> Plate:
+def plate(tmp_path_factory):
     """The modes of the equations below, without a spring for those left out."""
     folder = tmp_path_factory.mktemp("ideal")
     return tuple(modes_alone("aluminium-3mm", 0.2, folder / "modes.csv"))
@@ -101,7 +101,7 @@ def gap_and_force(plate: Plate, step_ns: int) -> tuple[np.ndarray, np.ndarray]:
     return np.interp(t, at, rows[XI]), np.interp(t, at + 0.5 * h, rows[F_A])
 
 
-def test_the_loop_tends_to_the_continuous_law_with_the_step(plate: Plate) -> None:
+def test_the_loop_tends_to_the_continuous_law_with_the_step(plate):
     """The dead time is one step, so what is left falls in proportion to it; in the long run only,
     as the latched delay is a whole number of samples."""
     _, gaps, forces, _ = continuous(plate)
@@ -116,7 +116,7 @@ def test_the_loop_tends_to_the_continuous_law_with_the_step(plate: Plate) -> Non
     assert of_force[-1] < 0.004
 
 
-def test_the_latched_delay_tends_to_the_continuous_one(plate: Plate) -> None:
+def test_the_latched_delay_tends_to_the_continuous_one(plate):
     delay = continuous(plate)[3]
     for step in STEPS_NS:
         latched = simulate(scene(plate, step)).delays[-1] * step * 1e-9

@@ -16,7 +16,7 @@ CHANCE = {
 
 
 @pytest.mark.parametrize("name", CHANCE)
-def test_a_seed_repeats_and_another_differs(name: str) -> None:
+def test_a_seed_repeats_and_another_differs(name):
     digests = [
         metrics_of_case(aluminium_3mm(*KEYS, *CHANCE[name], f"run.seed={seed}")).digest
         for seed in (1, 1, 2, 3)
@@ -25,7 +25,7 @@ def test_a_seed_repeats_and_another_differs(name: str) -> None:
     assert len(set(digests)) == 3
 
 
-def test_a_longer_run_begins_with_the_same_chance() -> None:
+def test_a_longer_run_begins_with_the_same_chance():
     both = [*KEYS, *(key for keys in CHANCE.values() for key in keys)]
     short = simulate(aluminium_3mm(*both))
     long = simulate(aluminium_3mm(*both, "run.duration_s=0.002"))

@@ -13,7 +13,7 @@ SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 
 @pytest.mark.parametrize("law", ["slope_threshold", "force_feedback"])
 @pytest.mark.parametrize("latency_us", [1, 30])
-def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us: int) -> None:
+def test_the_force_is_late_by_the_latency_and_nothing_else(law, latency_us):
     """With a gain so small that the impact does not feel it, the force is the same, shifted."""
     keys = [*SHORT, f"controller.law={law}", "controller.kappa=1e-9"]
     at_once = simulate(aluminium_3mm(*keys)).truth[F_A]
@@ -22,7 +22,7 @@ def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us:
     np.testing.assert_allclose(late[latency_us:], at_once[:-latency_us], rtol=1e-5, atol=1e-18)
 
 
-def test_a_force_after_the_contact_only_feeds_the_plate() -> None:
+def test_a_force_after_the_contact_only_feeds_the_plate():
     """At 40 us the ball has left: the plate gains what the actuator gives, the ball nothing."""
     late = metrics_of_case(aluminium_3mm(*SHORT, "controller.latency_us=40"))
     free = metrics_of_case(aluminium_3mm(*SHORT, "controller.law=off"))

@@ -18,7 +18,7 @@ LATENCY_US = 3
 
 
 @pytest.fixture
-def scene() -> Setup:
+def scene():
     return aluminium_3mm("run.duration_s=0.0015", f"controller.latency_us={LATENCY_US}")
 
 
@@ -39,9 +39,7 @@ def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
 
 
 @pytest.mark.parametrize("steps", [-1, 1])
-def test_compare_notices_a_line_of_another_length(
-    scene: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int
-) -> None:
+def test_compare_notices_a_line_of_another_length(scene, tmp_path, monkeypatch, steps):
     right = run(scene, tmp_path / "right.mcap")
     lie(monkeypatch, steps)
     wrong = run(scene, tmp_path / "wrong.mcap")

@@ -12,7 +12,7 @@ _LINKED = ("common", "plant", "sensors", "controller", "bus", "recordings")
 _NEAR = 2  # imports: directly, or through one other module
 
 
-def test_files(root: Path) -> list[str]:
+def test_files(root):
     """All files of tests."""
     found = (path.relative_to(root).as_posix() for path in (root / "tests").rglob("test_*.py"))
     return sorted(path for path in found if not path.startswith(_LEFT_OUT))

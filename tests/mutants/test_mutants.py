@@ -1,7 +1,5 @@
 """The command that puts deliberate faults into the sources, on a small package of its own."""
 
-from pathlib import Path
-
 import psutil
 import pytest
 
@@ -48,7 +46,7 @@ def test_fails_meanwhile():
 
 
 @pytest.fixture
-def toy(tmp_path: Path) -> Path:
+def toy(tmp_path):
     """Root of sources: a package, and its tests."""
     root = tmp_path / "root"
     for name, text in {
@@ -68,7 +66,7 @@ def toy(tmp_path: Path) -> Path:
     return root
 
 
-def test_only_what_changes_a_program_is_listed(toy: Path) -> None:
+def test_only_what_changes_a_program_is_listed(toy):
     assert sources(toy, "toy") == ["toy/__init__.py", "toy/far.py", "toy/sums.py"]
     found = mutations(toy, "toy/sums.py")
     assert {one.line for one in found} == {4, 5, 12}
@@ -77,9 +75,7 @@ def test_only_what_changes_a_program_is_listed(toy: Path) -> None:
     assert mutated("def f(*, a): 1", Mutation("", 1, "ReplaceBinaryOperator_Mul_Add", 0)) is None
 
 
-def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
-    toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(toy, tmp_path, capsys):
     found = mutations(toy, "toy/sums.py")
     noticed = next(one for one in found if one.operator == "ReplaceBinaryOperator_Mul_Add")
     missed = next(one for one in found if one.operator == "ReplaceBinaryOperator_Add_Sub")
@@ -105,7 +101,7 @@ def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
     assert table(rows).splitlines()[2] == "| toy | 2 | 1 | 0 | 1 | 0 | 50.0% |"
 
 
-def test_what_a_test_leaves_behind_is_ended(toy: Path, tmp_path: Path) -> None:
+def test_what_a_test_leaves_behind_is_ended(toy, tmp_path):
     pid = tmp_path / "pid"
     (toy / "tests/toy/test_sums.py").write_text(LEAVES_A_CHILD.format(path=str(pid)))
     with copy_of(toy, 100.0, folder=tmp_path / "copy") as copy:

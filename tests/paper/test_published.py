@@ -2,7 +2,6 @@
 
 import math
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from paper.equations import PointMobility, longhorn_any_j, longhorn_short_j
 from tests.benchmarks.programs import called
 
 
-def test_grid_is_that_of_the_study() -> None:
+def test_grid_is_that_of_the_study():
     configs = optima.grid()
     assert len(configs) == len(set(configs)) == 184
     assert set(optima.quick_grid()) <= set(configs)
@@ -21,7 +20,7 @@ def test_grid_is_that_of_the_study() -> None:
         assert wanted in configs, row
 
 
-def test_published_optima_computed_again() -> None:
+def test_published_optima_computed_again():
     """All of table 5.7, in the published plant only."""
     chosen, plant = optima.quick_grid(), next(iter(optima.PLANTS))
     listed = optima.listed(chosen, optima.compute_optima(chosen, [plant]))
@@ -39,7 +38,7 @@ def test_published_optima_computed_again() -> None:
     assert abs(longest.difference) < 0.3
 
 
-def test_ranks_and_ties() -> None:
+def test_ranks_and_ties():
     configs = [optima.Config("F_a2", k, 1) for k in (0.2, 0.4, 0.6)]
     published = [dict.fromkeys(tables.FIGURES, x) for x in (1.0, 2.0, 3.0)]
     other = [dict.fromkeys(tables.FIGURES, -x) for x in (1.0, 2.0, 3.0)]
@@ -53,7 +52,7 @@ def test_ranks_and_ties() -> None:
     assert list(optima._best(tied, "EAL")) == [0, 1]
 
 
-def test_flat_reading_of_the_appendix_comes_close() -> None:
+def test_flat_reading_of_the_appendix_comes_close():
     found = {a.column: a for a in tables.agreement(table_a1.computed("flat", "thesis2008"))}
     assert found["dT"].worst <= 0.1 + 1e-9  # within a step in all rows
     assert found["EAL"].median < 0.05
@@ -65,7 +64,7 @@ def test_flat_reading_of_the_appendix_comes_close() -> None:
     assert derived > 4.0 * flat
 
 
-def test_longhorn_of_any_contact_time() -> None:
+def test_longhorn_of_any_contact_time():
     short = longhorn_short_j(0.003, 0.99)
     assert longhorn_any_j(0.003, 0.99, 1e-10) == pytest.approx(short, rel=1e-4)
     near = [longhorn_any_j(0.003, 0.99, x * 0.003 / 340.0) for x in (0.999e-3, 1.001e-3)]
@@ -73,7 +72,7 @@ def test_longhorn_of_any_contact_time() -> None:
     assert short / longhorn_any_j(0.003, 0.99, 28.94e-6) == pytest.approx(10.3, abs=0.05)
 
 
-def test_all_of_the_mobility_integral_is_one_whatever_the_plate() -> None:
+def test_all_of_the_mobility_integral_is_one_whatever_the_plate():
     drawn = random.Random(4)
     for _ in range(12):
         m, s, z = (10 ** drawn.uniform(*ends) for ends in ((-4, 0), (5, 9), (1, 4)))
@@ -84,7 +83,7 @@ def test_all_of_the_mobility_integral_is_one_whatever_the_plate() -> None:
     assert mobility.energy_j(impulse, math.inf) == pytest.approx(impulse**2 / 2.0 / m, rel=1e-6)
 
 
-def test_equations_are_printed(tmp_path: Path) -> None:
+def test_equations_are_printed(tmp_path):
     result = called(equations.main, "--set", "run.duration_s=0.0016", "-o", str(tmp_path))
     assert result.exit_code == 0, result.output
     lines = {line.split("│")[2].strip(): line for line in result.output.splitlines() if "│" in line}

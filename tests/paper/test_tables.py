@@ -20,7 +20,7 @@ def computed(name: str) -> list[dict[str, str]]:
     return rows
 
 
-def test_slope_threshold_rows() -> None:
+def test_slope_threshold_rows():
     rows = computed("slope_threshold.csv")
     median = {a.column: a.median for a in tables.agreement(rows)}
     assert median["EAL"] <= 0.05
@@ -36,13 +36,13 @@ def test_slope_threshold_rows() -> None:
     assert shares["dT within one step or 5 %"] == pytest.approx(11 / 15)
 
 
-def test_parameter_study_rows() -> None:
+def test_parameter_study_rows():
     shares = tables.shares(computed("parameter_study.csv"))
     assert shares["dT within one step"] >= 0.85
     assert shares["vnext within 5 points"] >= 0.8
 
 
-def test_a_table_has_the_figures_of_its_scene() -> None:
+def test_a_table_has_the_figures_of_its_scene():
     row = tables.parse_row({"kappa": "0.8", "v_thr_m_s": "-0.25"}, 1)
     noise = metrics_of(*_run("thesis-aluminium")).noise[0]
     found = tables.noise_of(row, "thesis2008")
@@ -55,7 +55,7 @@ def _run(source: str):  # type: ignore[no-untyped-def]
     return scene, simulate(scene).truth
 
 
-def test_rows_that_were_never_published(tmp_path: Path) -> None:
+def test_rows_that_were_never_published(tmp_path):
     path, folder = tmp_path / "rows.csv", tmp_path / "out"
     path.write_text(
         "material,drop_height_m,kappa,v_thr_m_s,force,shape,t_a_step,EAL,note\n"
@@ -80,7 +80,7 @@ def test_rows_that_were_never_published(tmp_path: Path) -> None:
     assert list(rows[0])[7:10] == ["EAL", "EAL_computed", "EAL_difference"]
 
 
-def test_consistent_scheme_computes_the_same_rows(tmp_path: Path) -> None:
+def test_consistent_scheme_computes_the_same_rows(tmp_path):
     path = tmp_path / "rows.csv"
     path.write_text("kappa,v_thr_m_s,vnext,dT\n0.8,-0.25,2.0,23.1\n")
     new_rows = list(tables.compute_table(tables.read_rows(path), "modal"))
@@ -89,7 +89,7 @@ def test_consistent_scheme_computes_the_same_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
+def test_a_contact_without_end_leaves_its_cells_empty(tmp_path):
     path = tmp_path / "rows.csv"
     path.write_text("material,kappa,v_thr_m_s,EAL\noak,0.95,-0.25,-1\n")
     new_rows = list(tables.compute_table(tables.read_rows(path), "thesis2008"))
@@ -113,7 +113,7 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -> None:
+def test_bad_rows_are_the_users_mistake(tmp_path, text, words):
     path = tmp_path / "rows.csv"
     path.write_text(text)
     result = called(tables.main, str(path), "-o", str(tmp_path / "o"))

@@ -6,7 +6,7 @@ import pytest
 from paper import weaknesses
 
 
-def test_contact_impulse_against_momentum_change() -> None:
+def test_contact_impulse_against_momentum_change():
     for found in weaknesses.momentum():
         if found.scheme == "modal":
             assert found.ratio == pytest.approx(1.0, abs=1e-9), found
@@ -14,7 +14,7 @@ def test_contact_impulse_against_momentum_change() -> None:
             assert found.ratio < 0.01, found
 
 
-def test_the_published_step_does_not_converge_and_the_consistent_one_does() -> None:
+def test_the_published_step_does_not_converge_and_the_consistent_one_does():
     found = weaknesses.refinement()
     published = [r for r in found if r.scheme == "thesis2008"]
     # Contact time falls as the square root of the step: the contact mass scales with it.

@@ -31,7 +31,7 @@ def step_response(t: np.ndarray, bandwidth_hz: float, zeta: float) -> np.ndarray
 
 @pytest.mark.parametrize("zeta", [0.05, 0.3, 0.7, 1.0, 2.5])
 @pytest.mark.parametrize("bandwidth_hz", [1e3, 3e4, 3e5, 3e6])
-def test_step_response_is_the_closed_form(bandwidth_hz: float, zeta: float) -> None:
+def test_step_response_is_the_closed_form(bandwidth_hz, zeta):
     model = build_model(Actuator(bandwidth_hz, zeta), H)
     body = np.zeros(BODY_SIZE)
     nodes, weights = np.polynomial.legendre.leggauss(60)
@@ -45,7 +45,7 @@ def test_step_response_is_the_closed_form(bandwidth_hz: float, zeta: float) -> N
         assert body[ACTUATOR_F] == pytest.approx(end, abs=1e-12)
 
 
-def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest() -> None:
+def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest():
     model = build_model(Actuator(1e5, force_limit_n=50.0), H)
     body = np.zeros(BODY_SIZE)
     assert act.force(model, body, 0.0) == (0.0, 0.0)
@@ -55,7 +55,7 @@ def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest() -> None:
     assert found[-1] == (0.0, 0.0)
 
 
-def test_force_is_limited_at_both_ends_of_every_step() -> None:
+def test_force_is_limited_at_both_ends_of_every_step():
     random = np.random.default_rng(5)
     model, body = build_model(Actuator(2e5, 0.3, force_limit_n=10.0), H), np.zeros(BODY_SIZE)
     found = np.array([act.force(model, body, c) for c in 30.0 * random.standard_normal(500)])
@@ -66,7 +66,7 @@ def test_force_is_limited_at_both_ends_of_every_step() -> None:
     assert [act.force(held, body, c)[0] for c in (-30.0, 4.0, 11.0)] == [-10.0, 4.0, 10.0]
 
 
-def test_a_preload_is_added_to_the_force_of_any_actuator() -> None:
+def test_a_preload_is_added_to_the_force_of_any_actuator():
     for keys in ({}, {"force_limit_n": 10.0}, {"bandwidth_hz": 2e5, "force_limit_n": 10.0}):
         models = [build_model(Actuator(**keys, preload_n=n), H) for n in (0.0, -3.0)]
         bodies = np.zeros(BODY_SIZE), np.zeros(BODY_SIZE)
@@ -80,7 +80,7 @@ def test_a_preload_is_added_to_the_force_of_any_actuator() -> None:
 
 
 @pytest.mark.full
-def test_a_preload_acts_from_the_first_step_on_as_a_command_of_its_size_does() -> None:
+def test_a_preload_acts_from_the_first_step_on_as_a_command_of_its_size_does():
     for beside in ({}, BESIDE):
         what = replace(spec(**beside), residual_flexibility=True)
         preloaded = replace(what, actuator=Actuator(preload_n=20.0))
@@ -96,7 +96,7 @@ def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
 
 
 @pytest.mark.full
-def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
+def test_a_large_bandwidth_is_the_ideal_actuator():
     """What is left is the delay of 2 zeta/w: a hundredth of it with 100 times the bandwidth."""
     assert build_model(IDEAL, H) is None
     push = np.where(np.arange(60) % 20 < 10, 30.0, -10.0)
@@ -111,7 +111,7 @@ def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
         assert faster < 2e-5 * abs(ideal).max()
 
 
-def test_mass_loaded_modes_without_a_spring_are_those_of_the_matrices() -> None:
+def test_mass_loaded_modes_without_a_spring_are_those_of_the_matrices():
     what = replace(spec(actuator_point_m=(0.3, 0.21)), residual_flexibility=False)
     bare, scale = modes_of(what), what.plate.modal_scale_per_kg
     loaded = modes_of(replace(what, actuator=Actuator(mass_kg=1e-3)))
@@ -122,9 +122,7 @@ def test_mass_loaded_modes_without_a_spring_are_those_of_the_matrices() -> None:
 
 @pytest.mark.parametrize("point", [None, (0.3, 0.21), (0.2, 0.25)])
 @pytest.mark.parametrize("mass_kg", [1e-4, 1e-2, 10.0])
-def test_mass_loaded_modes_are_those_of_the_matrices(
-    point: tuple[float, float] | None, mass_kg: float
-) -> None:
+def test_mass_loaded_modes_are_those_of_the_matrices(point, mass_kg):
     """With the modes left out as a spring between mass and plate."""
     what = replace(spec(actuator_point_m=point), residual_flexibility=True)
     bare, scale = modes_of(what), what.plate.modal_scale_per_kg

@@ -1,6 +1,5 @@
 """The balance of energy and momentum: closed to rounding, and open as soon as anything is wrong."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -56,7 +55,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", default(SCENES, list(SCENES)[:11]))
-def test_the_balance_closes(name: str) -> None:
+def test_the_balance_closes(name):
     scene, settings = SCENES[name]
     truth = simulate(load(scene, settings))
     balance, rows = truth.balance, truth.truth
@@ -127,7 +126,7 @@ PARTS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
 @pytest.mark.parametrize("name", default(PARTS, ["elastic"]))
-def test_the_balance_closes_at_any_step_under_random_pushes(name: str, step_us: float) -> None:
+def test_the_balance_closes_at_any_step_under_random_pushes(name, step_us):
     """Flights, contacts and pushes of every length follow each other."""
     random = np.random.default_rng(11)
     force = np.repeat(60.0 * random.standard_normal(25) * (random.random(25) < 0.5), 40)
@@ -202,7 +201,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_in_mid_contact_opens_the_balance(fault: Callable[[Plant], None]) -> None:
+def test_a_fault_in_mid_contact_opens_the_balance(fault):
     # Same run, same fault-free balance; one part in 10 000 wrong shows far above the promise.
     plant = CollocationPlant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)

@@ -38,7 +38,7 @@ CASES: dict[str, tuple[dict, float]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_gap_converges_as_the_fourth_power_of_the_step(case: str) -> None:
+def test_gap_converges_as_the_fourth_power_of_the_step(case):
     changes, push = CASES[case]
     errors = []
     finest = STEPS_S[-1]
@@ -68,9 +68,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(case: str) -> None:
     st.sampled_from(["none", "viscous", "hunt_crossley"]),
     st.floats(0.0, 1.0),
 )
-def test_every_contact_solve_ends_and_closes_its_energy(
-    depth: float, step: float, speed: float, way: float, damping: str, share: float
-) -> None:
+def test_every_contact_solve_ends_and_closes_its_energy(depth, step, speed, way, damping, share):
     """Random states in contact and about to be, at steps from 0.1 us to 0.3 ms."""
     contact = Contact(
         ALUMINIUM,
@@ -99,7 +97,7 @@ def test_every_contact_solve_ends_and_closes_its_energy(
 
 
 @given(st.floats(1e-12, 1e-3), st.floats(0.0, 1e-6))
-def test_spring_in_series_takes_its_share(gap: float, flexibility: float) -> None:
+def test_spring_in_series_takes_its_share(gap, flexibility):
     model = CollocationPlant(spec(limit_hz=8e3)).model._replace(flexibility_m_n=flexibility)
     y = hertz.root_penetration(model, -gap)
     force = model.stiffness * y**3
@@ -115,7 +113,7 @@ def test_spring_in_series_takes_its_share(gap: float, flexibility: float) -> Non
     assert hertz.elastic(model, -gap)[1] == pytest.approx(0.5 * math.sqrt(gap) * work, rel=1e-6)
 
 
-def test_modes_left_out_act_as_a_spring() -> None:
+def test_modes_left_out_act_as_a_spring():
     """Few modes and the spring come close to many modes, far closer than without."""
 
     def found(limit_hz: float, *, sprung: bool) -> np.ndarray:
@@ -134,7 +132,7 @@ def test_modes_left_out_act_as_a_spring() -> None:
     )
 
 
-def test_phi_functions() -> None:
+def test_phi_functions():
     x = np.array([1e-9j, 0.3 - 0.2j, 1.0 + 0.0j, 2.5j, -4.0 + 3.0j])
     exact = [np.exp(x), np.expm1(x) / x]
     np.testing.assert_allclose(phi(0, x), exact[0], rtol=1e-15)
@@ -146,7 +144,7 @@ def test_phi_functions() -> None:
 
 
 @pytest.mark.parametrize("turn", [10.0, 100.0, 500.0])
-def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
+def test_losses_are_booked_where_modes_turn_far_in_a_step(turn):
     highest = CollocationPlant(spec(loss_factor=0.1)).modes.omega[-1]
     plant = CollocationPlant(spec(loss_factor=0.1, step_s=turn / highest, lead_in_s=0.0))
     after_steps(plant, np.zeros(300))

@@ -44,7 +44,7 @@ def hertz_errors(step_s: float) -> tuple[float, float]:
     )
 
 
-def test_hertz_impact_on_a_rigid_half_space() -> None:
+def test_hertz_impact_on_a_rigid_half_space():
     of_time, of_peak = np.abs([hertz_errors(h) for h in STEPS_S]).T
     print("relative error of contact time:", *of_time, "of peak force:", *of_peak)
     # The contact time is found by linear interpolation of the gap within a step.
@@ -65,7 +65,7 @@ def rebound(restitution: float, step_s: float) -> float:
 
 
 @pytest.mark.parametrize("restitution", RESTITUTIONS)
-def test_hunt_crossley_rebounds_with_the_restitution_asked_for(restitution: float) -> None:
+def test_hunt_crossley_rebounds_with_the_restitution_asked_for(restitution):
     errors = [abs(rebound(restitution, h) - restitution) for h in STEPS_S]
     print(f"restitution {restitution}: errors {errors}")
     assert errors[0] < 1e-5
@@ -73,7 +73,7 @@ def test_hunt_crossley_rebounds_with_the_restitution_asked_for(restitution: floa
 
 
 @pytest.mark.parametrize("restitution", [1e-6, 0.02, 0.028, 0.03, 0.5, 0.99, 0.999989, 0.999991])
-def test_hunt_crossley_parameter_solves_its_equation(restitution: float) -> None:
+def test_hunt_crossley_parameter_solves_its_equation(restitution):
     x, e = Decimal(hunt_crossley_parameter(restitution, 1.0)), Decimal(restitution)
     loss = 1.0 - restitution
     # The equation's terms cancel to (1 - e)^2 of themselves; its asymptote is good to 1e-5.
@@ -88,7 +88,7 @@ def test_hunt_crossley_parameter_solves_its_equation(restitution: float) -> None
         assert mismatch(x * (1 + width)) < 0
 
 
-def test_hunt_crossley_parameter_falls_smoothly_to_zero() -> None:
+def test_hunt_crossley_parameter_falls_smoothly_to_zero():
     asked = 1.0 - np.logspace(-15, -0.01, 400)
     found = [hunt_crossley_parameter(e, 1.0) for e in asked]
     assert hunt_crossley_parameter(1.0, 1.0) == 0.0
@@ -97,12 +97,12 @@ def test_hunt_crossley_parameter_falls_smoothly_to_zero() -> None:
 
 
 @pytest.mark.parametrize("restitution", [0.0, -0.5, 1.0000001, float("nan"), float("inf")])
-def test_impossible_restitutions_are_refused(restitution: float) -> None:
+def test_impossible_restitutions_are_refused(restitution):
     with pytest.raises(ValueError, match=r"restitution is .*; it must be above 0 and at most 1"):
         hunt_crossley_parameter(restitution, 1.0)
 
 
-def test_the_faintest_touch_is_a_contact() -> None:
+def test_the_faintest_touch_is_a_contact():
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
     plant = CollocationPlant(spec(loss_factor=0.0))
     plant.state.body[[FLIGHT_X, FLIGHT_V, XI, XI_S]] = 0.0

@@ -18,7 +18,7 @@ def sphere(radius_m: float) -> Sphere:
     return Sphere(STEEL, radius_m, 0.05)
 
 
-def test_pressure_of_the_3_and_the_20_mm_ball() -> None:
+def test_pressure_of_the_3_and_the_20_mm_ball():
     # F = 88.1 N on R = 3 mm: 1.27 GPa, 1.90 GPa in the centre; 370 N on 20 mm: 0.58 GPa.
     for radius_m, force_n, mean in ((0.003, 88.1, 1.27e9), (0.02, 370.0, 0.58e9)):
         stiffness = hertz_stiffness(radius_m, STEEL, ALUMINIUM)
@@ -29,14 +29,14 @@ def test_pressure_of_the_3_and_the_20_mm_ball() -> None:
     assert criteria.mean_pressure_pa(0.0, 0.0) == 0.0
 
 
-def test_waves_come_back_from_the_nearest_edge() -> None:
+def test_waves_come_back_from_the_nearest_edge():
     # a = sqrt(B'/m'') = 4.76 m2/s; 2 x 0.1 m at 2 sqrt(a 2 pi/28.9 us) = 2035 m/s: 98 us.
     back = criteria.first_return_s(PLATE, (0.5, 0.5), (0.1, 0.25), 28.9e-6)
     assert back == pytest.approx(98.3e-6, rel=0.01)
     assert criteria.first_return_s(PLATE, (0.5, 0.5), (0.4, 0.25), 28.9e-6) == pytest.approx(back)
 
 
-def test_modes_of_a_square_plate_revive() -> None:
+def test_modes_of_a_square_plate_revive():
     time_s = criteria.revival_s(PLATE, 0.5)
     m, n, omega = PLATE.mode_numbers(2 * math.pi * 2e4)
     moves = (m % 2 == 1) & (n % 2 == 1)  # modes that the centre moves in
@@ -46,7 +46,7 @@ def test_modes_of_a_square_plate_revive() -> None:
     assert abs((rest + 0.5) % 1.0 - 0.5).max() < 1e-6
 
 
-def test_air() -> None:
+def test_air():
     # rho0 c/(omega m'') is 1.6e-3 at 5 kHz, 1.3 times the critical frequency of 3869 Hz.
     assert criteria.air_loss_factor(PLATE) == pytest.approx(1.6e-3, rel=0.01)
     assert criteria.air_loss_factor(PLATE, 2) == pytest.approx(2 * criteria.air_loss_factor(PLATE))
@@ -56,14 +56,14 @@ def test_air() -> None:
     assert criteria.drag_on_the_drop(sphere(0.02)) == pytest.approx(6.8e-5, rel=0.02)
 
 
-def test_damper_behind_a_spring() -> None:
+def test_damper_behind_a_spring():
     # d = 0.64 s/m, R_0 = 2 Y/(pi omega_c) with 1/Y = 8 sqrt(B' m''), 250 kHz: 2.1e-3 of 2.5.
     flexibility = PLATE.residual_flexibility_m_n(2.0 * math.pi * 250e3)
     share = criteria.residual_share(0.64, flexibility, 80.0, 29e-6)
     assert share / 2.5 == pytest.approx(2.1e-3, rel=0.4)
 
 
-def test_a_mass_counts_from_a_twentieth_on() -> None:
+def test_a_mass_counts_from_a_twentieth_on():
     # The 3 mm ball has 0.882 g; the impedance at 1/T, 309 N s/m x 28.9 us/(2 pi), is 1.4 g.
     ball = sphere(0.003)
     mass = criteria.mass_that_matters_kg(ball, PLATE, 28.9e-6)
@@ -73,7 +73,7 @@ def test_a_mass_counts_from_a_twentieth_on() -> None:
     assert short == pytest.approx(0.05 * impedance * 2.89e-6 / (2.0 * math.pi))
 
 
-def test_strength_by_hardness_else_by_yield_strength() -> None:
+def test_strength_by_hardness_else_by_yield_strength():
     soft = Material(7e10, 2700.0, 0.3, yield_pa=1e8)
     found = strength(soft)
     assert (found.pressure_pa, found.factor) == (pytest.approx(2.8e8), 2.8)

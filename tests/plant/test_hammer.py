@@ -39,7 +39,7 @@ def hit(exponent: float, stiffness: float, step_s: float) -> tuple[Plant, np.nda
     return plant, ts.series_under(plant, np.zeros(round(1.2 * lasts_s / step_s)))
 
 
-def test_a_linear_tip_moves_as_a_mass_on_a_spring() -> None:
+def test_a_linear_tip_moves_as_a_mass_on_a_spring():
     """p = v/w sin(w t) until w t = pi: at order 4, and with 215 steps a contact at rounding."""
     errors = []
     for step_s in (8e-5, 4e-5, 4e-6):
@@ -57,7 +57,7 @@ def test_a_linear_tip_moves_as_a_mass_on_a_spring() -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("exponent", STIFFNESS)
-def test_every_exponent_has_its_closed_form_on_a_rigid_wall(exponent: float) -> None:
+def test_every_exponent_has_its_closed_form_on_a_rigid_wall(exponent):
     stiffness = STIFFNESS[exponent]
     plant, rows = hit(exponent, stiffness, 2e-6)
     rigid = rigid_impact(plant.spec.sphere, plant.spec.contact)
@@ -73,7 +73,7 @@ def test_every_exponent_has_its_closed_form_on_a_rigid_wall(exponent: float) -> 
     assert balance.gravity_j == 0.0
 
 
-def test_closed_forms_of_a_power_of_the_penetration() -> None:
+def test_closed_forms_of_a_power_of_the_penetration():
     for n in (1.0, 1.25, 1.5, 1.9999):
         part = n + 1.0  # with x = 1 - t^2 the integral of dx/sqrt(1 - x^(n+1)) is smooth
         whole = quad(lambda t, part=part: 2.0 * t / np.sqrt(1.0 - (1.0 - t * t) ** part), 0.0, 1.0)
@@ -97,7 +97,7 @@ def on_plate(*settings: str) -> tuple[Setup, Plant, np.ndarray]:
 
 
 @pytest.mark.full
-def test_a_hammer_is_withdrawn_after_the_first_contact() -> None:
+def test_a_hammer_is_withdrawn_after_the_first_contact():
     settings = ["hammer.tip_stiffness=5e9", "hammer.tip_exponent=1.5"]
     (_, _, once), (_, _, often) = (
         on_plate(*settings, f"hammer.bounces={bounces}") for bounces in ("false", "true")
@@ -114,7 +114,7 @@ def test_a_hammer_is_withdrawn_after_the_first_contact() -> None:
 
 
 @pytest.mark.full
-def test_an_infinite_plate_lets_a_hammer_go_too() -> None:
+def test_an_infinite_plate_lets_a_hammer_go_too():
     tip = ["hammer.tip_stiffness=1e6", "hammer.tip_exponent=1"]
     hit = ["plate.size_m=[3, 3]", "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0035"]
     rows = [
@@ -127,7 +127,7 @@ def test_an_infinite_plate_lets_a_hammer_go_too() -> None:
 
 
 @pytest.mark.full
-def test_a_sweep_gives_the_energy_that_a_hammer_keeps() -> None:
+def test_a_sweep_gives_the_energy_that_a_hammer_keeps():
     setup = load(
         "aluminium-20mm",
         ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.3", "hammer.tip_radius_m=0.005"],

@@ -28,13 +28,13 @@ def of(xi, f_c, xi_p=0.0, f_a=0.0, xi_a=None) -> list[Impact]:
     return impacts_in(what, truth)
 
 
-def test_no_contact_no_impact() -> None:
+def test_no_contact_no_impact():
     assert of([3.0, 2.0, 1.0, 0.5], [0.0] * 4) == []
     assert of([1.0, 1.0], [0.0, 0.0]) == []
     assert of([], []) == []
 
 
-def test_crossings_are_interpolated_and_contacts_told_apart() -> None:
+def test_crossings_are_interpolated_and_contacts_told_apart():
     # Enters a quarter into the second step, leaves half way through the fifth; then a short one.
     xi = [4.0, 1.0, -3.0, -2.0, -1.0, 1.0, 2.0, 1.0, -1.0, 3.0, 4.0]
     f_c = [0.0, 5.0, 9.0, 7.0, 2.0, 0.0, 0.0, 1.0, 1.5, 0.0, 0.0]
@@ -47,7 +47,7 @@ def test_crossings_are_interpolated_and_contacts_told_apart() -> None:
     assert second.peak_force_n == 1.5
 
 
-def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
+def test_speeds_are_the_spheres_at_the_steps_around_a_contact():
     # A flight at 3 m/s down, one step of force, a flight; the plate moves as well.
     v, force = -3.0, 4.0
     x, xs, speeds = 1.4, [], []
@@ -64,7 +64,7 @@ def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
     assert one.rebound_speed_m_s == pytest.approx(speeds[3], rel=1e-13)
 
 
-def test_contact_from_the_first_row() -> None:
+def test_contact_from_the_first_row():
     (at_once,) = of([0.0, -1.0, 1.0, 2.0], [1.0, 1.0, 0.0, 0.0])
     assert at_once.start_s == 0.0
     assert at_once.duration_s == pytest.approx(1.5 * H)
@@ -75,21 +75,21 @@ def test_contact_from_the_first_row() -> None:
     assert before.start_s == 0.0
 
 
-def test_contact_that_the_end_cuts_off_counts_with_what_there_is() -> None:
+def test_contact_that_the_end_cuts_off_counts_with_what_there_is():
     (found,) = of([1.0, -1.0, -2.0, -2.0], [2.0, 3.0, 4.0, 3.0])
     assert found.start_s == pytest.approx(0.5 * H)
     assert found.duration_s == pytest.approx(2.5 * H)
     assert found.peak_force_n == 4.0
 
 
-def test_a_contact_that_begins_in_the_last_step_is_not_one_yet() -> None:
+def test_a_contact_that_begins_in_the_last_step_is_not_one_yet():
     # It would have no duration, by which metrics divide.
     found = of([1.0, -3.0, -2.0, 1.0, 2.0, 1.0], [5.0, 9.0, 7.0, 0.0, 0.0, 2.0])
     assert len(found) == 1
     assert of([3.0, 2.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0]) == []
 
 
-def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
+def test_plate_energy_is_the_work_of_both_forces_at_their_points():
     xi = [1.0, -1.0, 1.0, 2.0, -1.0, 1.0]
     f_c = [2.0, 3.0, 0.0, 1.0, 5.0, 0.0]
     xi_p = [0.0, -1.0, -3.0, -2.0, -2.5, -2.0]
@@ -106,7 +106,7 @@ def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
 
 
 @pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
-def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
+def test_energies_of_a_run_add_up_to_what_its_plate_took(name):
     scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
     truth = simulate(scene)
     rows, balance = truth.truth, truth.balance
@@ -123,7 +123,7 @@ def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
     assert first.start_s == pytest.approx(1e-3, abs=scene.step_s)
 
 
-def test_a_contact_within_one_step_is_one() -> None:
+def test_a_contact_within_one_step_is_one():
     """A graze between two steps counts with the whole step."""
     (found,) = of([3.0, 1.0, 2.0, 4.0], [0.0, 5.0, 0.0, 0.0])
     assert found.start_s == pytest.approx(H)
@@ -132,7 +132,7 @@ def test_a_contact_within_one_step_is_one() -> None:
 
 
 @pytest.mark.parametrize(("step_ns", "scheme"), [(200_000, "modal"), (1_000_000, "thesis2008")])
-def test_a_contact_shorter_than_a_step_is_refused(step_ns: int, scheme: str) -> None:
+def test_a_contact_shorter_than_a_step_is_refused(step_ns, scheme):
     scene = "thesis-aluminium" if scheme == "thesis2008" else "aluminium-3mm"
     keys = ["sphere.radius_m=0.003", "controller.law=off", f"run.step_ns={step_ns}",
             f"run.scheme={scheme}"]  # fmt: skip
@@ -140,7 +140,7 @@ def test_a_contact_shorter_than_a_step_is_refused(step_ns: int, scheme: str) -> 
         simulate(load(scene, keys))
 
 
-def test_a_single_step_has_no_work_yet() -> None:
+def test_a_single_step_has_no_work_yet():
     """A run of one row, with an actuator of its own place whose force changes."""
     what = replace(WHAT, actuator_point_m=(0.2, 0.2))
     assert step_work_j(what, np.ones((ts.COLUMNS, 1))).tolist() == [0.0]

@@ -67,7 +67,7 @@ def zener(what: PlantSpec, push_n: float, times: np.ndarray) -> tuple[np.ndarray
 
 @pytest.mark.parametrize("push_n", [0.0, 20.0])
 @pytest.mark.parametrize("name", CONTACTS)
-def test_zeners_equation_at_order_four(name: str, push_n: float) -> None:
+def test_zeners_equation_at_order_four(name, push_n):
     steps_s = (4e-6, 2e-6, 1e-6, 5e-7)
     what = spec(contact=CONTACTS[name], lead_in_s=0.0)
     times = 5e-7 * np.arange(1, 81)
@@ -91,7 +91,7 @@ def test_zeners_equation_at_order_four(name: str, push_n: float) -> None:
 
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0, 1000.0])
 @pytest.mark.parametrize("name", CONTACTS)
-def test_the_balance_closes_at_any_step(name: str, step_us: float) -> None:
+def test_the_balance_closes_at_any_step(name, step_us):
     random = np.random.default_rng(5)
     plant = InfinitePlant(spec(contact=CONTACTS[name], step_s=step_us * 1e-6))
     _, _, speed = run(plant, 30.0 * random.standard_normal(400) * (random.random(400) < 0.5))
@@ -109,7 +109,7 @@ def test_the_balance_closes_at_any_step(name: str, step_us: float) -> None:
 
 
 @pytest.mark.parametrize("fault", ["impedance_n_s_m", "mass_kg"])
-def test_a_fault_in_mid_contact_opens_the_balance(fault: str) -> None:
+def test_a_fault_in_mid_contact_opens_the_balance(fault):
     plant = InfinitePlant(spec())
     run(plant, np.full(15, 10.0))
     assert plant.state.body[F_C] > 10.0
@@ -118,7 +118,7 @@ def test_a_fault_in_mid_contact_opens_the_balance(fault: str) -> None:
     assert abs(plant.close_balance().energy_residual) > 1e-8
 
 
-def test_an_immovable_plate_is_rigid() -> None:
+def test_an_immovable_plate_is_rigid():
     what = spec(material=IMMOVABLE, contact=Contact(STIFFNESS), step_s=1e-7, lead_in_s=0.0)
     plant = InfinitePlant(what)
     plant.model = plant.model._replace(gravity_m_s2=0.0)
@@ -141,9 +141,7 @@ def test_an_immovable_plate_is_rigid() -> None:
         ("sylomer_m", 0.16, 0.0125, 30e3, 4000),
     ],
 )
-def test_the_modes_of_a_big_plate_agree(
-    material: str, loss_factor: float, thickness_m: float, limit_hz: float, steps: int
-) -> None:
+def test_the_modes_of_a_big_plate_agree(material, loss_factor, thickness_m, limit_hz, steps):
     """Damped plates, too: there the impedance without damping is wrong by far more."""
     what = spec(
         material=material, thickness_m=thickness_m, loss_factor=loss_factor, limit_hz=limit_hz
@@ -160,7 +158,7 @@ def test_the_modes_of_a_big_plate_agree(
         assert abs(plain - gap).max() / -gap.min() > 10.0 * error
 
 
-def test_impedance() -> None:
+def test_impedance():
     plate = spec(loss_factor=0.0).plate
     assert impedance_n_s_m(plate) == pytest.approx(
         8.0 * math.sqrt(plate.bending_stiffness_n_m * plate.mass_per_area_kg_m2), rel=1e-15
@@ -174,6 +172,6 @@ def test_impedance() -> None:
     assert ratio == pytest.approx(2.0 / math.pi * integral, rel=1e-5)
 
 
-def test_an_actuator_elsewhere_is_refused() -> None:
+def test_an_actuator_elsewhere_is_refused():
     with pytest.raises(ValueError, match="contact point only"):
         InfinitePlant(spec(actuator_point_m=(0.2, 0.2)))

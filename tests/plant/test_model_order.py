@@ -33,9 +33,7 @@ def estimate(what: PlantSpec, limit_hz: float, *, spring: bool = False) -> float
     ],
     ids=["3 mm", "6 mm", "oak"],
 )
-def test_measured_errors_are_what_was_estimated(
-    changes: dict, duration_s: float, lowest: float
-) -> None:
+def test_measured_errors_are_what_was_estimated(changes, duration_s, lowest):
     def gap(limit_hz: float) -> np.ndarray:
         plant = CollocationPlant(spec(step_s=STEP_S, limit_hz=limit_hz, **changes))
         return run(plant, round(duration_s / STEP_S)).xi
@@ -51,15 +49,13 @@ def test_measured_errors_are_what_was_estimated(
 
 
 @given(st.floats(1e3, 1e7), st.floats(1.001, 100.0))
-def test_estimate_falls_with_the_limit(limit_hz: float, ratio: float) -> None:
+def test_estimate_falls_with_the_limit(limit_hz, ratio):
     what = spec()
     assert estimate(what, limit_hz) > estimate(what, limit_hz * ratio) > 0.0
 
 
 @given(st.floats(1e-9, 0.5), st.floats(1e-9, 1e-3), st.booleans())
-def test_limit_meets_the_accuracy_or_half_the_sampling_rate(
-    accuracy: float, step_s: float, spring: bool
-) -> None:
+def test_limit_meets_the_accuracy_or_half_the_sampling_rate(accuracy, step_s, spring):
     what = spec()
     limit = frequency_limit_hz(
         what.sphere, what.plate, what.contact, step_s, accuracy, spring=spring
@@ -74,7 +70,7 @@ def test_limit_meets_the_accuracy_or_half_the_sampling_rate(
         assert estimate(what, nyquist, spring=spring) >= accuracy * (1.0 - 1e-12)
 
 
-def test_energy_beyond_is_that_of_a_hertz_like_pulse() -> None:
+def test_energy_beyond_is_that_of_a_hertz_like_pulse():
     """Against the spectrum of the pulse, and beyond the table as the fourth power."""
     t = (np.arange(4000) + 0.5) / 4000
     power = np.abs(np.fft.rfft(np.sin(np.pi * t) ** 1.5, 4000 * 64)) ** 2
@@ -87,7 +83,7 @@ def test_energy_beyond_is_that_of_a_hertz_like_pulse() -> None:
     assert falls[0] <= 1.0
 
 
-def test_a_force_that_is_held_errs_less_where_all_modes_are_damped() -> None:
+def test_a_force_that_is_held_errs_less_where_all_modes_are_damped():
     """And by the square of the time for which it is held."""
     what = spec(step_s=STEP_S, limit_hz=1e5)
 

@@ -25,13 +25,13 @@ FREQUENCIES = np.geomspace(20.0, 2e5, 4000)
 
 
 @pytest.mark.parametrize("name", PLATES)
-def test_critical_frequency_is_the_published_one(name: str) -> None:
+def test_critical_frequency_is_the_published_one(name):
     plate, published = PLATES[name]
     assert radiation.critical_frequency_hz(plate) == pytest.approx(published, rel=5e-4)
 
 
 @pytest.mark.parametrize("name", PLATES)
-def test_radiation_efficiencies(name: str) -> None:
+def test_radiation_efficiencies(name):
     plate, critical = PLATES[name]
     below, above = critical < FREQUENCIES, critical * 1.001 > FREQUENCIES
     simple = radiation.efficiency_fahy(plate, FREQUENCIES)
@@ -45,7 +45,7 @@ def test_radiation_efficiencies(name: str) -> None:
     assert radiation.efficiency_maidanik(plate, high)[0] == pytest.approx(1.0, abs=0.02)
 
 
-def test_edge_efficiency_far_below_the_critical_frequency() -> None:
+def test_edge_efficiency_far_below_the_critical_frequency():
     """Maidanik's edge modes tend to U c/(pi^2 f_c S) sqrt(f/f_c), which the study uses."""
     plate, critical = PLATES["sylomer_m"]
     f = np.array([0.52 * critical])  # just above f_c/2: no corner modes
@@ -57,12 +57,12 @@ def test_edge_efficiency_far_below_the_critical_frequency() -> None:
 
 
 @given(st.floats(1e-6, 1e-2), st.floats(1e-6, 1e-2))
-def test_holmes_falls_with_the_fifth_power_of_the_contact_time(t0: float, t1: float) -> None:
+def test_holmes_falls_with_the_fifth_power_of_the_contact_time(t0, t1):
     ratio = noise.holmes_j(0.02, 1.0, t1) / noise.holmes_j(0.02, 1.0, t0)
     assert 10 * math.log10(ratio) == pytest.approx(-50 * math.log10(t1 / t0), abs=1e-9)
 
 
-def test_published_peak_pressure_and_longhorn_rows() -> None:
+def test_published_peak_pressure_and_longhorn_rows():
     """Rows B.16: pup from dT alone, EAL from vnext (restitution 0.7)."""
     for dt, pup in ((0.7, -0.92), (1.9, -2.08), (4.6, -3.8), (11.6, -8.77), (31.2, -22.91)):
         ratio = noise.peak_pressure_pa(0.02, 1, (35 + 10 * dt) * 1e-6) / noise.peak_pressure_pa(
@@ -77,7 +77,7 @@ def test_published_peak_pressure_and_longhorn_rows() -> None:
     assert noise.rebound_height_m(0.99045) == pytest.approx(0.05, rel=1e-4)
 
 
-def test_spectrum_of_steps_is_exact() -> None:
+def test_spectrum_of_steps_is_exact():
     force = np.array([0.0, 2.0, -1.0, 0.5, 0.0, 0.0, 3.0])
     h, f = 1e-4, np.array([0.0, 123.4, 999.0, 7777.0])
     fine = (np.arange(7 * 20000) + 0.5) * h / 20000
@@ -88,9 +88,7 @@ def test_spectrum_of_steps_is_exact() -> None:
 
 
 @pytest.mark.parametrize("beside", [None, (0.28, 0.21)])
-def test_spectrum_gives_the_energy_that_an_undamped_plate_took(
-    beside: tuple[float, float] | None,
-) -> None:
+def test_spectrum_gives_the_energy_that_an_undamped_plate_took(beside):
     plant = CollocationPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
     rows = series_under(plant, 20.0 * np.sin(np.arange(300) / 9.0))
     balance = plant.close_balance()
@@ -98,7 +96,7 @@ def test_spectrum_gives_the_energy_that_an_undamped_plate_took(
     assert np.sum(shares) == pytest.approx(balance.modal_j, rel=1e-9)
 
 
-def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:
+def test_mobility_of_many_modes_is_that_of_an_infinite_plate():
     """Mean of Re Y over frequency: 1/(8 sqrt(B' m''))."""
     plate = Plate(MATERIALS["aluminium"], (0.5, 0.37), 0.003, 0.1)
     plant = CollocationPlant(
@@ -109,7 +107,7 @@ def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:
     assert mean * plate.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.15)
 
 
-def test_the_published_spectrum_takes_contact_and_actuator_force_in_their_directions() -> None:
+def test_the_published_spectrum_takes_contact_and_actuator_force_in_their_directions():
     """Both act at one point, so their sum is a contact force alone, and the energies agree."""
     what = spec()
     plant = CollocationPlant(what)

@@ -20,7 +20,7 @@ def steps_of(force: np.polynomial.Polynomial, count: int) -> tuple[np.ndarray, n
 
 
 @pytest.mark.parametrize("top", [3.0, 3.1, 3.5, 3.98, 4.0])
-def test_peak_of_a_cubic_is_exact(top: float) -> None:
+def test_peak_of_a_cubic_is_exact(top):
     x = np.polynomial.Polynomial([-top, 1.0])
     force = 10.0 - x**2 + 0.05 * x**3
     mean, slope = steps_of(force, 8)
@@ -29,12 +29,12 @@ def test_peak_of_a_cubic_is_exact(top: float) -> None:
     assert abs(np.max(mean + abs(slope)) - 10.0) > 1e-2
 
 
-def test_what_has_no_slopes_or_is_too_short() -> None:
+def test_what_has_no_slopes_or_is_too_short():
     assert peak_force_n(np.array([1.0, 3.0, 2.0]), np.zeros(3)) == 3.0
     assert peak_force_n(np.array([1.0, 3.0]), np.array([1.0, -0.5])) == 3.5
 
 
-def test_peak_of_a_speed_between_steps() -> None:
+def test_peak_of_a_speed_between_steps():
     t = np.arange(10.0)
     assert peak_speed_m_s(-(5.0 - 0.1 * (t - 4.3) ** 2)) == pytest.approx(5.0, rel=1e-12)
     assert peak_speed_m_s(t) == 9.0
@@ -45,27 +45,27 @@ def peak(scene: str, *settings: str) -> float:
     return impacts_in(loaded.plant, simulate(loaded).truth)[0].peak_force_n
 
 
-def test_peak_of_the_default_scene() -> None:
+def test_peak_of_the_default_scene():
     """88.104 N by an independent solver with all modes; the means say 87.9."""
     assert peak("aluminium-3mm", FREE) == pytest.approx(88.104, rel=3e-5)
 
 
 @pytest.mark.parametrize(("pressure_gpa", "newtons"), [(1.05, 74.26), (0.77, 65.60), (0.44, 51.82)])
-def test_peak_of_a_contact_that_yields(pressure_gpa: float, newtons: float) -> None:
+def test_peak_of_a_contact_that_yields(pressure_gpa, newtons):
     # The actuator, which never acts, makes it a kind of plant that is compiled already.
     keys = ("contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_gpa}e9",
             "actuator.bandwidth_hz=20000")  # fmt: skip
     assert peak("aluminium-3mm", FREE, *keys) == pytest.approx(newtons, abs=0.006)
 
 
-def test_peak_does_not_depend_on_the_step() -> None:
+def test_peak_does_not_depend_on_the_step():
     wanted = peak("aluminium-3mm", FREE, "run.step_ns=250", "run.accuracy=1e-3")
     for step_ns, close in ((500, 1e-6), (1000, 2e-5), (2000, 1e-4)):
         found = peak("aluminium-3mm", FREE, f"run.step_ns={step_ns}", "run.accuracy=1e-3")
         assert found == pytest.approx(wanted, rel=close), step_ns
 
 
-def test_plate_speed_is_that_of_each_contact() -> None:
+def test_plate_speed_is_that_of_each_contact():
     """Waves from the edges make it larger after the first impact: 0.54 m/s within the run."""
     loaded = load("aluminium-3mm", [FREE, "run.duration_s=0.02"])
     found = metrics_of(loaded, simulate(loaded).truth)

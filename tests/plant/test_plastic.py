@@ -43,7 +43,7 @@ def moved(what: PlantSpec, steps: int) -> CollocationPlant:
     return plant
 
 
-def test_curves_are_those_of_thornton() -> None:
+def test_curves_are_those_of_thornton():
     pressure = 1.05e9
     law = yielding(Limit(pressure, RADIUS), STIFFNESS)
     assert law.delta_m == pytest.approx(RADIUS * (math.pi * pressure / (2.0 * MODULUS)) ** 2)
@@ -63,7 +63,7 @@ def test_curves_are_those_of_thornton() -> None:
     ("pressure_pa", "restitution"),
     [(0.35e9, 0.38542), (0.7e9, 0.59077), (1.05e9, 0.75072), (1.5e9, 0.90537), (2.1e9, 0.99998)],
 )
-def test_restitution_of_a_massive_body(pressure_pa: float, restitution: float) -> None:
+def test_restitution_of_a_massive_body(pressure_pa, restitution):
     contact = soft(pressure_pa)
     plant = moved(spec(contact=contact, material=IMMOVABLE), 80)
     speed = plant.spec.sphere.impact_speed_m_s
@@ -83,7 +83,7 @@ def test_restitution_of_a_massive_body(pressure_pa: float, restitution: float) -
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 @pytest.mark.parametrize("pressure_pa", [0.44e9, 1.05e9])
-def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, damping: float) -> None:
+def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa, damping):
     contact = soft(pressure_pa, hunt_crossley_s_m=damping)
     places = []
     for h in (4e-6, 1e-6, 2.5e-7, 6.25e-8):
@@ -99,7 +99,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, dampi
     assert places[-1][-1] > -plant.state.body[DENT]  # a whole contact
 
 
-def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
+def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent():
     contact = soft(0.7e9)
     plant = moved(spec(contact=contact, material=IMMOVABLE, step_s=2.5e-7), 320)
     body, model = plant.state.body, plant.model
@@ -123,7 +123,7 @@ def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
     assert -lowest > dent
 
 
-def test_twice_the_radius_at_the_same_speed_is_four_times_the_force() -> None:
+def test_twice_the_radius_at_the_same_speed_is_four_times_the_force():
     def found(times: float) -> tuple[float, float, float]:
         contact = soft(0.7e9, STIFFNESS * math.sqrt(times))
         what = spec(
@@ -139,7 +139,7 @@ def test_twice_the_radius_at_the_same_speed_is_four_times_the_force() -> None:
     assert two[2] == pytest.approx(one[2], rel=2e-4)
 
 
-def test_a_pressure_that_is_never_reached_is_hertz() -> None:
+def test_a_pressure_that_is_never_reached_is_hertz():
     for sprung in (True, False):
         what = replace(spec(), residual_flexibility=sprung)
         elastic, never = moved(what, 60), moved(replace(what, contact=soft(1e12)), 60)

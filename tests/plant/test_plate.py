@@ -29,7 +29,7 @@ def impulse_response(
     return modal_scale(plate) * waves @ (product / theta)
 
 
-def test_modes_of_the_default_plate() -> None:
+def test_modes_of_the_default_plate():
     omega_max = 2.0 * np.pi * 500e3
     found = oscillators(ALUMINIUM, CENTRE, CENTRE, omega_max)
     m, n, omega = all_modes(ALUMINIUM, 500e3)
@@ -43,7 +43,7 @@ def test_modes_of_the_default_plate() -> None:
     assert np.all(np.diff(found.omega) > 0.0)
 
 
-def test_mode_numbers_are_complete_for_a_long_plate() -> None:
+def test_mode_numbers_are_complete_for_a_long_plate():
     plate = Plate(MATERIALS["aluminium"], (2.0, 0.03), 0.001)
     m, n, omega = plate.mode_numbers(2.0 * np.pi * 60e3)
     wanted_m, wanted_n, wanted_omega = all_modes(plate, 60e3)
@@ -62,9 +62,7 @@ def test_mode_numbers_are_complete_for_a_long_plate() -> None:
         (BESIDE, (0.11, 0.2), (0.13, 0.2)),
     ],
 )
-def test_merging_keeps_every_impulse_response(
-    plate: Plate, contact: tuple[float, float], actuator: tuple[float, float]
-) -> None:
+def test_merging_keeps_every_impulse_response(plate, contact, actuator):
     limit_hz = 100e3
     found = oscillators(plate, contact, actuator, 2.0 * np.pi * limit_hz)
     m, n, omega = all_modes(plate, limit_hz)
@@ -82,7 +80,7 @@ def test_merging_keeps_every_impulse_response(
         np.testing.assert_allclose(got, expected, atol=2e-9 * bound, rtol=0.0)
 
 
-def test_no_mode_below_the_limit_is_an_error_that_says_so() -> None:
+def test_no_mode_below_the_limit_is_an_error_that_says_so():
     with pytest.raises(ValueError, match=r"no mode below 10 Hz moves the contact point"):
         oscillators(ALUMINIUM, CENTRE, CENTRE, 2.0 * np.pi * 10.0)
     # No mode moves the edge.
@@ -91,9 +89,7 @@ def test_no_mode_below_the_limit_is_an_error_that_says_so() -> None:
 
 
 @pytest.mark.parametrize(("low_hz", "high_hz"), [(50e3, 800e3), (125e3, 2e6)])
-def test_residual_flexibility_is_the_sum_over_the_modes_left_out(
-    low_hz: float, high_hz: float
-) -> None:
+def test_residual_flexibility_is_the_sum_over_the_modes_left_out(low_hz, high_hz):
     m, n, omega = all_modes(ALUMINIUM, high_hz)
     assert max(m.max(), n.max()) < 1199  # the grid reaches far enough
     out = omega > 2.0 * np.pi * low_hz
@@ -113,7 +109,7 @@ def flying(plant: Plant) -> Plant:
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
+def test_all_modes_ring_down_in_closed_form(apart):
     # A force held for the first step: closed form from the step responses of all modes (m, n).
     h, steps, limit = 2e-6, 400, 40e3
     plate = BESIDE
@@ -143,7 +139,7 @@ def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
     np.testing.assert_allclose(rows.v_p[1:], v, atol=1e-12 * abs(v).max(), rtol=0.0)
 
 
-def test_mobility_of_the_infinite_plate_until_reflections_return() -> None:
+def test_mobility_of_the_infinite_plate_until_reflections_return():
     # At 250 kHz and below, waves travel at most 2 sqrt(w) (B'/m'')^(1/4) = 5.5 km/s: 1 m to the
     # edge and back takes 360 us.
     plant = flying(CollocationPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))

@@ -36,12 +36,12 @@ def band(plate: Plate, ratio: float) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.3, 0.4])  # below, few modes make a band
-def test_maidanik_is_the_mean_of_the_modes_of_a_large_plate(ratio: float) -> None:
+def test_maidanik_is_the_mean_of_the_modes_of_a_large_plate(ratio):
     f, mean = band(LARGE, ratio)
     assert np.mean(radiation.efficiency_maidanik(LARGE, f)) / mean == pytest.approx(1.0, abs=0.1)
 
 
-def test_wallace_is_one_far_above_and_a_piston_far_below() -> None:
+def test_wallace_is_one_far_above_and_a_piston_far_below():
     high = 5.0 * radiation.critical_frequency_hz(SMALL)
     assert radiation.efficiency_wallace(SMALL, 1, 1, high) == pytest.approx(1.0, abs=2e-3)
     # Of an odd mode that is small in wavelengths: 32 k^2 lx ly/(pi^5 m^2 n^2).
@@ -50,7 +50,7 @@ def test_wallace_is_one_far_above_and_a_piston_far_below() -> None:
     assert radiation.efficiency_wallace(SMALL, 1, 3, 1.0) == pytest.approx(monopole, rel=1e-3)
 
 
-def test_maidanik_is_not_defined_below_a_quarter_of_a_wavelength() -> None:
+def test_maidanik_is_not_defined_below_a_quarter_of_a_wavelength():
     assert radiation.maidanik_from_hz(SMALL) == pytest.approx(170.0)
     f = np.array([169.0, 171.0])
     defined = np.isfinite(radiation.efficiency_maidanik(SMALL, f))
@@ -59,7 +59,7 @@ def test_maidanik_is_not_defined_below_a_quarter_of_a_wavelength() -> None:
     assert low == radiation.efficiency_fahy(SMALL, f)[0]
 
 
-def test_corner_term_has_no_factor_of_frequency() -> None:
+def test_corner_term_has_no_factor_of_frequency():
     f = np.array([300.0])
     critical = radiation.critical_frequency_hz(SMALL)
     wavelength, a = radiation.SOUND_SPEED_M_S / critical, math.sqrt(300.0 / critical)
@@ -77,7 +77,7 @@ def sound_j(modes: Any, shares: np.ndarray, material_eta: float, air: np.ndarray
     return float(np.sum(parts[: noise.audible(modes)]))
 
 
-def test_limits_of_the_energy_that_is_radiated() -> None:
+def test_limits_of_the_energy_that_is_radiated():
     modes = modes_of(spec(limit_hz=20e3))
     shares = np.linspace(1.0, 2.0, len(modes.omega))
     air = radiation.air_loss_factor(SMALL, modes.omega / (2.0 * np.pi))
@@ -88,7 +88,7 @@ def test_limits_of_the_energy_that_is_radiated() -> None:
     assert np.all(np.diff([shares.sum(), *found]) < 0.0)
 
 
-def test_loss_factor_of_air() -> None:
+def test_loss_factor_of_air():
     """One face of 3 mm of aluminium with sigma = 1: 1.6e-3 at 5 kHz, 4e-4 at 20 kHz."""
     f = np.array([5e3, 20e3])
     found = radiation.air_loss_factor(SMALL, f, 1, radiation.efficiency_fahy)
@@ -103,7 +103,7 @@ def radiating(faces: int = 1, **changed: Any) -> PlantSpec:
     )
 
 
-def test_air_takes_its_share_of_every_mode() -> None:
+def test_air_takes_its_share_of_every_mode():
     """A pulse, then a long silence: the sum over modes of E eta_rad/(eta + eta_rad)."""
     high = replace(spec().sphere, drop_height_m=5.0)  # in flight for a second
     what = radiating(
@@ -125,7 +125,7 @@ def test_air_takes_its_share_of_every_mode() -> None:
     assert balance.air_dissipated_j / gone == pytest.approx(sound / shares.sum(), rel=2e-2)
 
 
-def test_a_plate_without_loss_of_its_own_gives_air_everything() -> None:
+def test_a_plate_without_loss_of_its_own_gives_air_everything():
     plant = CollocationPlant(replace(radiating(), plate=replace(SMALL, loss_factor=0.0)))
     after_steps(plant, np.zeros(300))
     balance = plant.close_balance()
@@ -133,7 +133,7 @@ def test_a_plate_without_loss_of_its_own_gives_air_everything() -> None:
     assert abs(balance.modal_dissipated_j) < 1e-12 * balance.air_dissipated_j
 
 
-def test_a_plate_that_air_would_stop_at_once_is_refused() -> None:
+def test_a_plate_that_air_would_stop_at_once_is_refused():
     foam = Material(1e10, 100.0, 0.3)
     light = spec(material=foam, size_m=(5.0, 5.0), limit_hz=3e3)
     with pytest.raises(ValueError, match=r"plate\.radiation would give a mode a loss factor of 2"):

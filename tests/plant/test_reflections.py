@@ -23,7 +23,7 @@ def twice_integrated(t: np.ndarray, r4a: float) -> tuple[np.ndarray, np.ndarray]
     return once, twice
 
 
-def test_integrals_of_a_distant_points_response() -> None:
+def test_integrals_of_a_distant_points_response():
     t = np.linspace(1e-6, 3.0, 1_000_001)
     now = 1.0 - 2.0 / math.pi * sici(2.0 / t)[0]
     step = t[1] - t[0]
@@ -35,7 +35,7 @@ def test_integrals_of_a_distant_points_response() -> None:
 
 
 @pytest.mark.parametrize("point", [(0.25, 0.25), (0.11, 0.2), (0.04, 0.05)])
-def test_images_and_modes_give_the_same_response(point: tuple[float, float]) -> None:
+def test_images_and_modes_give_the_same_response(point):
     """Displacement by a force that rises with time: smooth enough to end the sum over modes."""
     plate = Plate(spec().plate.material, (0.5, 0.4), 0.003, 0.0)
     a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
@@ -55,7 +55,7 @@ def test_images_and_modes_give_the_same_response(point: tuple[float, float]) -> 
     assert abs(by_images - by_modes).max() < 0.1 * abs(without - by_modes).max()
 
 
-def test_errors_rise_with_time_and_fall_with_the_distance_of_the_edge() -> None:
+def test_errors_rise_with_time_and_fall_with_the_distance_of_the_edge():
     what = spec()
 
     def lasts(point: tuple[float, float], size: tuple[float, float]) -> float:
@@ -76,7 +76,7 @@ def test_errors_rise_with_time_and_fall_with_the_distance_of_the_edge() -> None:
     assert found.error(central, 5e-6) > at
 
 
-def test_nothing_is_promised_where_the_contact_is_at_the_edge_or_does_not_end() -> None:
+def test_nothing_is_promised_where_the_contact_is_at_the_edge_or_does_not_end():
     near = spec(contact_point_m=(0.001, 0.25))
     found = reflections(near.sphere, near.plate, near.contact, near.contact_point_m)
     assert found.lasts_s(1e-3, 1e-6) == 0.0
@@ -86,14 +86,14 @@ def test_nothing_is_promised_where_the_contact_is_at_the_edge_or_does_not_end() 
     assert found.contact_s == math.inf
 
 
-def test_sine_and_cosine_integral_are_those_of_scipy() -> None:
+def test_sine_and_cosine_integral_are_those_of_scipy():
     u = np.geomspace(0.5, 1e6, 2000)
     found = np.array([sine_and_cosine_integral(one) for one in u])
     np.testing.assert_allclose(found, np.transpose(sici(u)), rtol=0.0, atol=3e-15)
 
 
 @pytest.mark.parametrize("until_s", [1e-9, 1e-4, 2e-4])
-def test_a_shorter_look_knows_the_same_errors_as_far_as_it_goes(until_s: float) -> None:
+def test_a_shorter_look_knows_the_same_errors_as_far_as_it_goes(until_s):
     what = spec()
     given = (what.sphere, what.plate, what.contact, what.contact_point_m)
     whole, short = reflections(*given), reflections(*given, until_s)

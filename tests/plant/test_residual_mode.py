@@ -41,7 +41,7 @@ def mode_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np
     return np.asarray(mobility_m_ns * q * (q + 6.0 * omega_c / math.pi) / below)
 
 
-def test_mobility_below_the_limit_is_the_continuum_that_was_left_out() -> None:
+def test_mobility_below_the_limit_is_the_continuum_that_was_left_out():
     omega = OMEGA_C * np.array([0.02, 0.05, 0.1])
     found = mode_mobility(Y, OMEGA_C, omega)
     wanted = Y / math.pi * np.log((OMEGA_C + omega) / (OMEGA_C - omega))
@@ -54,7 +54,7 @@ def test_mobility_below_the_limit_is_the_continuum_that_was_left_out() -> None:
 
 
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6])
-def test_steps_answer_an_impulse_by_the_closed_form(step_s: float) -> None:
+def test_steps_answer_an_impulse_by_the_closed_form(step_s):
     made, gains = collocation.build_residual_mode(Y, OMEGA_C, step_s, True)
     a, b = 0.25 * math.pi * OMEGA_C, OMEGA_C * math.sqrt(3.0 - (math.pi / 4.0) ** 2)
     # Displacement by a force of 1 N held over a step, at its end: the integral of the response
@@ -66,7 +66,7 @@ def test_steps_answer_an_impulse_by_the_closed_form(step_s: float) -> None:
     assert gains[solve.PX0] == made.by_0_im
 
 
-def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
+def test_what_it_loses_is_what_the_spectrum_of_the_force_says():
     """On a real plate, the sphere still falling: Parseval's sum of |F|^2 Re Y_t."""
     what = tailed(lead_in_s=2e-3)
     plant = CollocationPlant(what)
@@ -85,7 +85,7 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     assert abs(balance.energy_residual) < 1e-10
 
 
-def test_a_wrong_mode_opens_the_balance() -> None:
+def test_a_wrong_mode_opens_the_balance():
     plant = CollocationPlant(tailed())
     series_under(plant, np.repeat([0.0, 20.0], [11, 5]))
     plant.state.body[RESIDUAL_IM] *= 1.001
@@ -93,7 +93,7 @@ def test_a_wrong_mode_opens_the_balance() -> None:
     assert abs(plant.close_balance().energy_residual) > 1e-8
 
 
-def test_gap_converges_with_the_step() -> None:
+def test_gap_converges_with_the_step():
     """Order 4 with a damper, whose force takes its part of the velocity at once."""
     gaps = []
     for step_s in (2e-6, 1e-6, 5e-7, 1.25e-7):

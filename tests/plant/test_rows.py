@@ -15,21 +15,21 @@ STEP_S = 1e-6
 
 
 @given(st.lists(st.booleans(), max_size=300))
-def test_contacts_are_what_is_not_zero(touching: list[bool]) -> None:
+def test_contacts_are_what_is_not_zero(touching):
     starts, ends = contacts(np.array(touching, float))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], touching]).astype(int)))
     assert starts == edges[::2].tolist()
     assert ends == edges[1::2].tolist()
 
 
-def test_more_contacts_than_there_is_room_for_at_first() -> None:
+def test_more_contacts_than_there_is_room_for_at_first():
     starts, ends = contacts(np.tile([0.0, 1.0, 1.0], 200))
     assert starts == list(range(1, 600, 3))
     assert ends == list(range(3, 600, 3))  # the last one is cut off
 
 
 @pytest.mark.parametrize("zeros", [(0, 0), (5, 0), (0, 7), (3, 4)])
-def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
+def test_ends_of_what_is_not_zero(zeros):
     inside = [1.0, 0.0, math.nan]
     values = np.array([0.0] * zeros[0] + inside + [0.0] * zeros[1])
     assert rows.nonzero(values) == (zeros[0], zeros[0] + 3)
@@ -39,7 +39,7 @@ def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     ("first", "steps", "frequencies"), [(0, 1, 1), (63, 64, 128), (0, 65, 300), (63, 1000, 128)]
 )
-def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencies: int) -> None:
+def test_a_spectrum_is_the_sum_over_all_steps(first, steps, frequencies):
     draw = np.random.default_rng([first, steps, frequencies])
     force, slope = np.zeros((2, first + steps + 9))
     force[first : first + steps] = draw.normal(size=steps)
@@ -55,7 +55,7 @@ def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencie
     assert np.max(np.abs(found - expected)) < 1e-12 * STEP_S * steps
 
 
-def test_sizes_where_one_is_no_number() -> None:
+def test_sizes_where_one_is_no_number():
     odd = np.array([1.0, -5.0, math.nan, 2.0])
     assert rows.fastest(odd) == 2
     assert math.isnan(rows.largest(odd))
@@ -66,7 +66,7 @@ def test_sizes_where_one_is_no_number() -> None:
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf])
-def test_rows_that_are_not_finite(odd: float) -> None:
+def test_rows_that_are_not_finite(odd):
     values = np.ones((3, 50))
     assert rows.all_finite(values)
     assert rows.all_finite(values[:, :0])
@@ -75,7 +75,7 @@ def test_rows_that_are_not_finite(odd: float) -> None:
     assert rows.all_finite(values[:, :49])
 
 
-def test_the_first_of_what_is_looked_for() -> None:
+def test_the_first_of_what_is_looked_for():
     values = np.array([0, 2, 1, 2])
     assert rows.first_of(values, 2) == 1
     assert rows.first_of(values, 3) == -1

@@ -1,7 +1,6 @@
 """A sensor beside the contact, and its mass: against modes and simulations."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,9 +56,7 @@ FORCES = np.random.default_rng(4).standard_normal(300)
     [(), (f"plate.actuator_point_m={THIRD}",), ("plate.edges=cfcs",),
      ("actuator.bandwidth_hz=30000",)],
 )  # fmt: skip
-def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(
-    settings: tuple[str, ...],
-) -> None:
+def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(settings):
     """Contact and sensor change places, and the actuator stays."""
     setup = plate(SENSOR, *settings)
     velocity, acceleration = seen(setup, FORCES)
@@ -70,7 +67,7 @@ def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(
 
 
 @pytest.mark.full
-def test_the_contact_force_moves_the_sensor_as_the_modes_say() -> None:
+def test_the_contact_force_moves_the_sensor_as_the_modes_say():
     setup = load("aluminium-3mm", [f"plate.contact_point_m={AT}", SENSOR, "controller.law=off",
                                    "sensors.quantity=v_p", "run.duration_s=0.0016"])  # fmt: skip
     done = simulate(setup)
@@ -102,7 +99,7 @@ def without_springs(setup: Setup, limit_hz: float) -> PlantSpec:
     )
 
 
-def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass() -> None:
+def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass():
     for point in ((), (f"plate.actuator_point_m={BESIDE}", SENSOR)):
         both = plate("sensors.mass_kg=0.002", "actuator.mass_kg=0.003", *point)
         one = plate("actuator.mass_kg=0.005", *point)
@@ -111,7 +108,7 @@ def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass() -> None:
 
 
 @pytest.mark.parametrize("size", ["[0.5,0.5]", "[0.5,0.41]"])  # equal frequencies, and none
-def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size: str) -> None:
+def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size):
     setup = plate(SENSOR, "sensors.mass_kg=0.004", f"plate.actuator_point_m={THIRD}",
                   "actuator.mass_kg=0.006", f"plate.size_m={size}")  # fmt: skip
     spec, limit = without_springs(setup, 2e4), 2.0 * np.pi * 2e4
@@ -151,7 +148,7 @@ def table(with_sensor: bool) -> ModeTable:
 
 
 @pytest.mark.full
-def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
+def test_a_file_of_modes_says_where_the_sensor_is(tmp_path):
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
     (tmp_path / "bare.npz").write_bytes(write_modes(".npz", table(False)))
     tail = ["plate.tail=spring"]
@@ -175,7 +172,7 @@ def velocity_record(**measured: object) -> Record:
     return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measurement(**measured))
 
 
-def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> None:
+def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path):
     setup = plate(SENSOR)
     assert with_measuring_point(velocity_record(), setup).measurement.point_m == (0.31, 0.22)
     assert with_measuring_point(velocity_record(point_m=(0.1, 0.2)), setup).measurement.point_m == (
@@ -197,7 +194,7 @@ def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> N
 
 @pytest.mark.full
 @pytest.mark.parametrize("by_file", [False, True])
-def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Path) -> None:
+def test_a_frozen_model_has_the_motion_of_the_sensor(by_file, tmp_path):
     """What a fit compares records with, against the state where the sensor is."""
     settings = ["controller.law=off", "sensors.quantity=v_p", f"plate.contact_point_m={AT}",
                 "run.duration_s=0.0015", "plate.tail=spring"]  # fmt: skip
@@ -220,7 +217,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Pa
 
 
 @pytest.mark.full
-def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> None:
+def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations():
     """Random loops: at the latency limit they do not grow, beyond it they do."""
     checks = list(beside_the_contact(8, 5))
     assert len(checks) >= 10
@@ -232,6 +229,6 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> N
     (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
     (["plate.edges=ffff", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001 is not supported for"),
 ])  # fmt: skip
-def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings: list[str], words: str) -> None:
+def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings, words):
     with pytest.raises(SceneError, match=words):
         check_buildable(plate(SENSOR, *settings))

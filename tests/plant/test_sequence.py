@@ -27,7 +27,7 @@ def rounded(values: list[float], digits: int) -> list[float]:
     return [round(v, digits) for v in values]
 
 
-def test_six_contacts_of_the_heavy_ball_on_aluminium() -> None:
+def test_six_contacts_of_the_heavy_ball_on_aluminium():
     found, steps = contacts("aluminium-20mm", "run.duration_s=0.012")
     # The metrics count the steps of a force that is constant over each; here it has a slope, and
     # the first and the last step of a contact may count too.
@@ -43,14 +43,14 @@ def test_six_contacts_of_the_heavy_ball_on_aluminium() -> None:
     assert all(0.0 <= n - t < 2.0 for n, t in zip(steps, durations, strict=True))
 
 
-def test_oak_holds_the_heavy_ball_for_milliseconds() -> None:
+def test_oak_holds_the_heavy_ball_for_milliseconds():
     found, steps = contacts("oak-20mm", "run.duration_s=0.02")
     assert abs(steps[0] - 5651) <= 1
     assert round(found[0].peak_force_n) == 123
     assert round(1e3 * found[1].start_s, 1) == 15.6
 
 
-def test_light_ball_on_aluminium() -> None:
+def test_light_ball_on_aluminium():
     found, _ = contacts("aluminium-3mm", "run.duration_s=0.002")
     assert len(found) == 1
     assert round(found[0].peak_force_n) == 88

@@ -45,7 +45,7 @@ def reference(what: PlantSpec, force: Callable, t: np.ndarray) -> np.ndarray:
     return np.asarray(at_c @ solved.y[:count] - solved.y[-2]) * -1.0
 
 
-def test_forces_act_from_their_step_on_and_not_before() -> None:
+def test_forces_act_from_their_step_on_and_not_before():
     changed = 150  # in the middle of nothing: after the contact
     force = np.zeros(300)
     rows = run(CollocationPlant(spec(limit_hz=50e3)), 300, force)
@@ -57,7 +57,7 @@ def test_forces_act_from_their_step_on_and_not_before() -> None:
     assert np.all(rows.xi_p[changed + 1 :] != pushed.xi_p[changed + 1 :])
 
 
-def test_leaving_out_silent_modes_changes_nothing() -> None:
+def test_leaving_out_silent_modes_changes_nothing():
     # Oak to 250 kHz: the fastest modes die within milliseconds, the slowest in seconds.
     def oak() -> Plant:
         return CollocationPlant(
@@ -97,7 +97,7 @@ for beside in (None, (0.28, 0.25)):
 """
 
 
-def test_uncompiled_kernels_give_the_same_values() -> None:
+def test_uncompiled_kernels_give_the_same_values():
     def lines(**more: str) -> list:
         done = subprocess.run(
             [sys.executable, "-c", SHORT],

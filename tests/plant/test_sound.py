@@ -62,7 +62,7 @@ def motion(drive: Excitation, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 GRID = Grid(count=4800, step_s=1e-4, up_to_hz=2000.0)
 
 
-def test_far_above_a_small_piston_the_pressure_is_that_of_a_point_source() -> None:
+def test_far_above_a_small_piston_the_pressure_is_that_of_a_point_source():
     """rho V'/(2 pi r) with the flow of all of the plate, later by r/c."""
     radiator, _ = first_mode(np.ones((24, 24)))
     heard = pressure_pa(radiator, push(), np.array([SIDE / 2, SIDE / 2, 30.0]), GRID)
@@ -74,7 +74,7 @@ def test_far_above_a_small_piston_the_pressure_is_that_of_a_point_source() -> No
     assert np.abs(difference).max() < 0.05 * np.abs(expected).max()
 
 
-def test_the_energy_of_a_mode_is_that_of_its_known_efficiency() -> None:
+def test_the_energy_of_a_mode_is_that_of_its_known_efficiency():
     """Wallace 1972, mode (1, 1), long waves: sigma = 32 k^2 lx ly/pi^5."""
     radiator, products = first_mode()
     found_j = radiated_j(radiator, products, push(), GRID)
@@ -87,7 +87,7 @@ def test_the_energy_of_a_mode_is_that_of_its_known_efficiency() -> None:
     assert 10.0 * math.log10(found_j / expected_j) == pytest.approx(0.0, abs=0.5)
 
 
-def test_the_sound_of_five_modes_is_the_sum_of_each() -> None:
+def test_the_sound_of_five_modes_is_the_sum_of_each():
     one, _ = first_mode()
     ratios = 1.0 + np.arange(5) / 3.0
     parts = ("omega", "eta", "at_contact", "at_actuator", "shapes")
@@ -104,7 +104,7 @@ def test_the_sound_of_five_modes_is_the_sum_of_each() -> None:
     np.testing.assert_allclose(rung_j(five, drive, GRID), singly, rtol=1e-12)
 
 
-def test_no_force_no_sound() -> None:
+def test_no_force_no_sound():
     radiator, products = first_mode()
     silent = Excitation(np.zeros(1000), np.zeros(1000), 2e-5)
     assert not pressure_pa(radiator, silent, np.array([0.1, 0.1, 1.0]), GRID).any()

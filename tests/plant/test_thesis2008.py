@@ -95,7 +95,7 @@ def plain_run(spec: PlantSpec, f_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 @pytest.mark.parametrize("push", [0.0, 25.0])
-def test_against_a_plain_loop(push: float) -> None:
+def test_against_a_plain_loop(push):
     f_a = push * np.sin(np.arange(200) / 9.0)
     xi, v = plain_run(published(), f_a)
     plant = ThesisPlant(published(), 200)
@@ -108,7 +108,7 @@ def test_against_a_plain_loop(push: float) -> None:
     assert speed == pytest.approx(float(plant.state.motion[k.REL_V]), rel=1e-9)
 
 
-def test_green_functions_are_derivatives_of_each_other() -> None:
+def test_green_functions_are_derivatives_of_each_other():
     plant = ThesisPlant(published("oak"), 10)
     fine = 1e-9
     x, v, a = green_functions(plant.spec.plate, plant.modes, fine, 600)
@@ -122,7 +122,7 @@ def test_green_functions_are_derivatives_of_each_other() -> None:
     ("material", "published_steps", "allowed"),
     [("aluminium", 35, 0.01), ("oak", 177, 0.05), ("sylomer_m", 698, 0.05)],
 )
-def test_contact_time_without_control(material: str, published_steps: int, allowed: float) -> None:
+def test_contact_time_without_control(material, published_steps, allowed):
     plant = ThesisPlant(published(material), 2000)
     samples, speed = first_contact(plant, 2000)
     assert plant.state.counts[NEWTON_MAX] <= 3
@@ -131,7 +131,7 @@ def test_contact_time_without_control(material: str, published_steps: int, allow
     assert speed / 0.9904544 == pytest.approx(target, abs=0.003)
 
 
-def test_calibration_reaches_its_targets() -> None:
+def test_calibration_reaches_its_targets():
     # Restitution jumps where the contact gets a sample longer; 0.7 lies inside such a jump.
     c = calibrate_viscous(published(), 0.7)
     assert c == pytest.approx(9.4116, abs=1e-4)
@@ -144,7 +144,7 @@ def test_calibration_reaches_its_targets() -> None:
         assert found == pytest.approx(target, abs=2e-3)
 
 
-def test_calibrated_relaxation_gives_its_restitution() -> None:
+def test_calibrated_relaxation_gives_its_restitution():
     spec = published("oak")
     s_tau = calibrate_relaxation(spec, 0.6, 0.5)
     contact = Contact(
@@ -157,7 +157,7 @@ def test_calibrated_relaxation_gives_its_restitution() -> None:
 
 
 @pytest.mark.parametrize("tau_s", [2.5e-3, 2e-5])
-def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
+def test_memory_as_one_state_is_the_published_sum(tau_s):
     gaps = []
     for extra_state in (False, True):
         plant = ThesisPlant(relaxing(tau_s, 0.4, extra_state=extra_state), 100)
@@ -169,7 +169,7 @@ def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
     assert len(gaps[0]) >= 34  # without damping 33
 
 
-def test_flight_and_next_impact() -> None:
+def test_flight_and_next_impact():
     plant = ThesisPlant(replace(published(), lead_in_s=1e-4), 200_000)
     starts, touching = [], False
     for _ in range(200_000):
@@ -184,7 +184,7 @@ def test_flight_and_next_impact() -> None:
     assert flight_s == pytest.approx(2 * speed / 9.81, abs=4e-5)  # and the contact before
 
 
-def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
+def test_the_balance_shows_that_momentum_is_not_conserved():
     plant = ThesisPlant(published(), 200)
     after_steps(plant, np.zeros(100))
     balance = plant.close_balance()
@@ -193,7 +193,7 @@ def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
     assert abs(balance.momentum_residual) > 0.5
 
 
-def test_what_the_published_scheme_does_not_know() -> None:
+def test_what_the_published_scheme_does_not_know():
     with pytest.raises(ValueError, match="contact point only"):
         ThesisPlant(replace(published(), actuator_point_m=(0.2, 0.25)), 10)
     contact = Contact(1e10, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=0.1)

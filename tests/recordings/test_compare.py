@@ -12,7 +12,7 @@ from tests.recordings.rewriting import Sent, messages, record, rewrite, write
 
 
 @pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def original(tmp_path_factory):
     """Samples every second step through a converter, some out of its range."""
     path = tmp_path_factory.mktemp("compare") / "original.mcap"
     settings = ("sensors.every_steps=2", "sensors.bits=12", "sensors.full_scale=[-2e-5, 1e-5]")
@@ -25,7 +25,7 @@ def difference(a: Path, b: Path) -> str | None:
     return found
 
 
-def test_a_run_repeated_is_the_same(tmp_path: Path) -> None:
+def test_a_run_repeated_is_the_same(tmp_path):
     settings = ["sensors.noise_rms=1e-8", "controller.jitter_us=3"]
     paths = [record(tmp_path / name, *settings) for name in ("a.mcap", "b.mcap")]
     assert difference(*paths) is None
@@ -33,7 +33,7 @@ def test_a_run_repeated_is_the_same(tmp_path: Path) -> None:
     assert len(runs) == 2  # two runs, not one file read twice
 
 
-def test_a_copy_is_the_same(original: Path, tmp_path: Path) -> None:
+def test_a_copy_is_the_same(original, tmp_path):
     """So that the differences below come from what was changed, not from copying."""
     assert difference(original, rewrite(original, tmp_path / "b.mcap", lambda m: None)) is None
 
@@ -57,7 +57,7 @@ def flip(stream: str, number: int, name: str, at: int) -> Callable[[Sent], None]
         ("truth", "f_a_n", "last"),
     ],
 )
-def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: str) -> None:
+def test_one_bit(original, tmp_path, stream, name, place):
     blocks = [m for m in messages(original) if m.stream == stream]
     message = blocks[{"first": 0, "middle": len(blocks) // 2, "last": -1}[place]]
     at = {"first": 0, "middle": len(message.arrays[name]) // 2, "last": -1}[place]
@@ -69,7 +69,7 @@ def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: 
     assert found.startswith(f"{stream}.{name} differs first at step {step}: "), found
 
 
-def test_the_earliest_of_several_differences_is_named(original: Path, tmp_path: Path) -> None:
+def test_the_earliest_of_several_differences_is_named(original, tmp_path):
     def change(message: Sent) -> None:
         flip("truth", 1, "xi_m", 9)(message)
         flip("truth", 1, "f_a_n", 5)(message)
@@ -79,7 +79,7 @@ def test_the_earliest_of_several_differences_is_named(original: Path, tmp_path: 
     assert found.startswith("truth.f_a_n differs first at step 1005")
 
 
-def test_a_flag_of_the_converter(original: Path, tmp_path: Path) -> None:
+def test_a_flag_of_the_converter(original, tmp_path):
     def change(message: Sent) -> None:
         if message.stream == "daq" and message.number == 1:
             flags = bytearray(message.header.saturated)
@@ -93,7 +93,7 @@ def test_a_flag_of_the_converter(original: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("label", ["scale", "offset", "step_ns", "every_steps"])
-def test_the_description_of_a_channel(original: Path, tmp_path: Path, label: str) -> None:
+def test_the_description_of_a_channel(original, tmp_path, label):
     def change(message: Sent) -> None:
         if message.stream == "daq":
             setattr(message.header, label, getattr(message.header, label) * 2)
@@ -103,7 +103,7 @@ def test_the_description_of_a_channel(original: Path, tmp_path: Path, label: str
 
 
 @pytest.mark.parametrize("stream", ["daq", "force", "truth"])
-def test_a_missing_tail(original: Path, tmp_path: Path, stream: str) -> None:
+def test_a_missing_tail(original, tmp_path, stream):
     last = max(m.number for m in messages(original) if m.stream == stream)
 
     def keep(message: Sent) -> bool:
@@ -127,9 +127,7 @@ def test_a_missing_tail(original: Path, tmp_path: Path, stream: str) -> None:
         ("000000000000f07f", "000000000000f0ff", False),  # infinities
     ],
 )
-def test_bytes_are_compared_not_values(
-    original: Path, tmp_path: Path, left: str, right: str, same: bool
-) -> None:
+def test_bytes_are_compared_not_values(original, tmp_path, left, right, same):
     def put(value: str) -> Callable[[Sent], None]:
         def change(message: Sent) -> None:
             if (message.stream, message.number) == ("truth", 1):
@@ -145,7 +143,7 @@ def test_bytes_are_compared_not_values(
 
 
 @pytest.mark.parametrize(("field", "value"), [("message", "something else"), ("mode", 7)])
-def test_another_event(original: Path, tmp_path: Path, field: str, value: str | int) -> None:
+def test_another_event(original, tmp_path, field, value):
     """The sentence counts, and so do the data for programs behind the same sentence."""
 
     def change(message: Sent) -> None:
@@ -157,7 +155,7 @@ def test_another_event(original: Path, tmp_path: Path, field: str, value: str | 
     assert str(value) in found
 
 
-def test_a_missing_event(original: Path, tmp_path: Path) -> None:
+def test_a_missing_event(original, tmp_path):
     count = len([m for m in messages(original) if m.stream == "events/plant"])
     changed = rewrite(
         original, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != ("events/plant", count - 1)
@@ -166,7 +164,7 @@ def test_a_missing_event(original: Path, tmp_path: Path) -> None:
     assert found == f"the plant logged {count} events in one and {count - 1} in the other"
 
 
-def test_events_of_two_publishers_may_interleave_in_any_way(original: Path, tmp_path: Path) -> None:
+def test_events_of_two_publishers_may_interleave_in_any_way(original, tmp_path):
     """Which of two processes the recorder hears first is no property of the run."""
     order = sorted(messages(original), key=lambda m: m.stream != "events/plant")
     assert difference(original, write(tmp_path / "b.mcap", original, order)) is None
@@ -179,8 +177,6 @@ def test_events_of_two_publishers_may_interleave_in_any_way(original: Path, tmp_
         ([], ["run.duration_s=0.002"], "daq has 2500 samples in one and 2000"),
     ],
 )
-def test_runs_of_different_scenes(
-    tmp_path: Path, settings: list[str], other: list[str], stream: str
-) -> None:
+def test_runs_of_different_scenes(tmp_path, settings, other, stream):
     a, b = record(tmp_path / "a.mcap", *settings), record(tmp_path / "b.mcap", *other)
     assert str(difference(a, b)).startswith(stream)

@@ -39,12 +39,12 @@ LIES = 200
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def source(tmp_path_factory):
     return many_chunks(tmp_path_factory.mktemp("damages"))
 
 
 @pytest.mark.parametrize("tries", default([TRIES, 30 * len(DAMAGES)], [TRIES]))
-def test_damages(source: Path, tmp_path: Path, tries: int) -> None:
+def test_damages(source, tmp_path, tries):
     tally = try_many(source, tmp_path, drawn(source.read_bytes(), tries, SEED))
     assert tally.wrong == [], f"python -m tests.recordings.damages --tries {tries} --seed {SEED}"
     assert tally.lost == [], f"python -m tests.recordings.damages --tries {tries} --seed {SEED}"
@@ -53,7 +53,7 @@ def test_damages(source: Path, tmp_path: Path, tries: int) -> None:
 
 
 @pytest.mark.parametrize("many", default([False, True], [False]))
-def test_damage_anywhere(source: Path, tmp_path: Path, many: bool) -> None:
+def test_damage_anywhere(source, tmp_path, many):
     """A place in each chunk, in its length, at its end; of many, the scene and both ends, too."""
     content = source.read_bytes()
     size, at = len(content), places(source)
@@ -67,7 +67,7 @@ def test_damage_anywhere(source: Path, tmp_path: Path, many: bool) -> None:
 
 
 @pytest.mark.full
-def test_lies_with_right_checksums(source: Path, tmp_path: Path) -> None:
+def test_lies_with_right_checksums(source, tmp_path):
     original, sent, path = read(source), messages(source), tmp_path / "lying.mcap"
     readable = 0
     for seed in range(LIES):
@@ -100,7 +100,7 @@ def places(source: Path) -> list[int]:
     return [*(at for at, _ in found), sum(found[-1])]
 
 
-def test_chunks_behind_the_end_of_the_data_are_recovered(source: Path, tmp_path: Path) -> None:
+def test_chunks_behind_the_end_of_the_data_are_recovered(source, tmp_path):
     """Parts of the file have changed places: its end came before some of its chunks."""
     content, at = source.read_bytes(), places(source)
     middle = at[len(at) // 2]
@@ -108,7 +108,7 @@ def test_chunks_behind_the_end_of_the_data_are_recovered(source: Path, tmp_path:
     assert not_recovered(source, moved, tmp_path) == []
 
 
-def test_chunks_in_any_order_are_recovered_in_theirs(source: Path, tmp_path: Path) -> None:
+def test_chunks_in_any_order_are_recovered_in_theirs(source, tmp_path):
     """The one that says what messages are last, too."""
     content, at = source.read_bytes(), places(source)
     pieces = [content[a:b] for a, b in pairwise(at)]
@@ -123,7 +123,7 @@ def test_chunks_in_any_order_are_recovered_in_theirs(source: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("kind", [Opcode.SCHEMA, Opcode.STATISTICS, Opcode.MESSAGE_INDEX])
-def test_a_length_that_is_wrong_hides_no_chunk(source: Path, tmp_path: Path, kind: Opcode) -> None:
+def test_a_length_that_is_wrong_hides_no_chunk(source, tmp_path, kind):
     """A record without a checksum says that it is longer than the chunks behind it."""
     content, at = source.read_bytes(), places(source)
     spans = at[9] - at[3]
@@ -135,7 +135,7 @@ def test_a_length_that_is_wrong_hides_no_chunk(source: Path, tmp_path: Path, kin
     assert not_recovered(source, content[: at[3]] + head + content[at[3] :], tmp_path) == []
 
 
-def test_a_scene_behind_the_end_of_the_data_is_found(source: Path, tmp_path: Path) -> None:
+def test_a_scene_behind_the_end_of_the_data_is_found(source, tmp_path):
     content = source.read_bytes()
     [scene, hello] = scene_records(content)
     without = content.replace(scene, b"").replace(hello, b"")
@@ -162,9 +162,7 @@ def without_checksum(content: bytes, closed: bool) -> bytes:
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_a_chunk_of_ours_without_its_checksum_is_not_believed(
-    source: Path, tmp_path: Path, closed: bool
-) -> None:
+def test_a_chunk_of_ours_without_its_checksum_is_not_believed(source, tmp_path, closed):
     """MCAP lets a writer leave checksums out; hertzloop leaves none out."""
     path = tmp_path / "a.mcap"
     path.write_bytes(without_checksum(source.read_bytes(), closed))
@@ -178,14 +176,14 @@ def test_a_chunk_of_ours_without_its_checksum_is_not_believed(
             assert full.arrays[label][steps].tobytes() == values.tobytes()
 
 
-def test_a_scene_of_ours_without_its_checksum_is_not_believed(source: Path, tmp_path: Path) -> None:
+def test_a_scene_of_ours_without_its_checksum_is_not_believed(source, tmp_path):
     content, path = source.read_bytes(), tmp_path / "a.mcap"
     scene = scene_records(content)[0]
     path.write_bytes(content.replace(scene, scene[:-4] + bytes(4))[:-100])
     assert "are damaged: a checksum is missing" in " ".join(read(path).problems)
 
 
-def test_only_what_is_damaged_is_said_to_be(source: Path, tmp_path: Path) -> None:
+def test_only_what_is_damaged_is_said_to_be(source, tmp_path):
     """The record that ends the data is none: summary and footer behind it are still what they
     were."""
     content = bytearray(source.read_bytes())

@@ -27,7 +27,7 @@ SLOW_CONVERTER = ("sensors.bits=10", "sensors.every_steps=3")
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(tmp_path_factory):
     """A short run with a converter that is slower than the steps."""
     path = tmp_path_factory.mktemp("export") / "run.mcap"
     return rewriting.record(path, *SLOW_CONVERTER, compiled=True)
@@ -141,9 +141,7 @@ each_format = pytest.mark.parametrize(
 
 
 @each_format
-def test_read_back_every_sample_has_the_same_bits(
-    file: Path, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_read_back_every_sample_has_the_same_bits(file, tmp_path, ending, monkeypatch):
     monkeypatch.setattr(samples_module, "WINDOW_STEPS", 700)  # several pieces, cut anyhow
     succeed("export", file, "-o", tmp_path / f"x.{ending}")
     back, there = READERS[ending](tmp_path / f"x.{ending}"), expected(read(file))
@@ -155,7 +153,7 @@ def test_read_back_every_sample_has_the_same_bits(
         assert back[name].tobytes() == values.tobytes(), name
 
 
-def test_a_span_of_time_is_what_it_says(file: Path, tmp_path: Path) -> None:
+def test_a_span_of_time_is_what_it_says(file, tmp_path):
     succeed("export", file, "-o", tmp_path / "x.npz", "--from", 1, "--to", 1.5)
     found = from_npz(tmp_path / "x.npz")
     assert found["truth/time_ns"].tolist() == list(range(1_000_000, 1_500_001, 1000))
@@ -163,7 +161,7 @@ def test_a_span_of_time_is_what_it_says(file: Path, tmp_path: Path) -> None:
     assert found["truth/v_p_m_s"].tobytes() == inside.tobytes()
 
 
-def test_a_csv_needs_no_option_of_the_program_that_reads_it(file: Path, tmp_path: Path) -> None:
+def test_a_csv_needs_no_option_of_the_program_that_reads_it(file, tmp_path):
     assert f"written: {tmp_path / 'x.csv'} and {tmp_path / 'x-columns.csv'}" in succeed(
         "export", file, "-o", tmp_path / "x.csv", "--to", 0.1
     )
@@ -188,7 +186,7 @@ def shifted(steps: int) -> Callable[[rewriting.Sent], None]:
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])
-def test_a_recording_that_does_not_begin_at_zero(file: Path, tmp_path: Path, ending: str) -> None:
+def test_a_recording_that_does_not_begin_at_zero(file, tmp_path, ending):
     late = rewriting.rewrite(file, tmp_path / "late.mcap", shifted(7_000_000))
     out = tmp_path / f"x.{ending}"
     assert call("export", late, "-o", out).exit_code == 0
@@ -211,17 +209,13 @@ def test_a_recording_that_does_not_begin_at_zero(file: Path, tmp_path: Path, end
         (("--to", "inf"), "--to = inf: must be a finite number"),
     ],
 )
-def test_a_span_without_samples_is_refused(
-    file: Path, tmp_path: Path, span: tuple[object, ...], words: str
-) -> None:
+def test_a_span_without_samples_is_refused(file, tmp_path, span, words):
     refused(words, "export", file, "-o", tmp_path / "x.csv", *span)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("ending", ["csv", "mcap"])
-def test_samples_whose_times_contradict_their_steps_are_refused(
-    file: Path, tmp_path: Path, ending: str
-) -> None:
+def test_samples_whose_times_contradict_their_steps_are_refused(file, tmp_path, ending):
     """As after a tool that set the times of all messages to those of a wall clock."""
 
     def at_noon(sent: rewriting.Sent) -> None:
@@ -232,7 +226,7 @@ def test_samples_whose_times_contradict_their_steps_are_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["moved.mcap"]
 
 
-def test_what_is_missing_in_a_recording_is_missing_in_the_table(file: Path, tmp_path: Path) -> None:
+def test_what_is_missing_in_a_recording_is_missing_in_the_table(file, tmp_path):
     def without_second_block(sent: rewriting.Sent) -> bool:
         return not (sent.stream == "truth" and sent.number == 1)
 
@@ -244,7 +238,7 @@ def test_what_is_missing_in_a_recording_is_missing_in_the_table(file: Path, tmp_
     assert table["command_n"].null_count == 0
 
 
-def test_an_export_is_told_from_a_recording(file: Path, tmp_path: Path) -> None:
+def test_an_export_is_told_from_a_recording(file, tmp_path):
     assert call("export", file, "-o", tmp_path / "x.mcap").exit_code == 0
     assert call("export", file, "-o", tmp_path / "x.csv").exit_code == 0
     for name, sentence in (
@@ -257,7 +251,7 @@ def test_an_export_is_told_from_a_recording(file: Path, tmp_path: Path) -> None:
         assert sentence in result.output
 
 
-def test_the_users_mistakes(file: Path, tmp_path: Path) -> None:
+def test_the_users_mistakes(file, tmp_path):
     taken = tmp_path / "taken.csv"
     taken.write_text("mine")
     for words, sentence in (
@@ -273,9 +267,7 @@ def test_the_users_mistakes(file: Path, tmp_path: Path) -> None:
     assert taken.read_text() == "mine"
 
 
-def test_a_full_disk_leaves_no_half_of_a_file(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_no_half_of_a_file(file, tmp_path, monkeypatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 

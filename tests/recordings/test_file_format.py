@@ -1,7 +1,5 @@
 """A recording of another format version is refused, by every command that reads one."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.recordings import writer
@@ -21,9 +19,7 @@ from tests.recordings.rewriting import record
         ("FORMAT_KEY", "format", "has no format version"),
     ],
 )
-def test_another_format_version_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: str, found: str
-) -> None:
+def test_another_format_version_is_refused(tmp_path, monkeypatch, name, value, found):
     monkeypatch.setattr(writer, name, value)
     monkeypatch.setattr(writer, "PROFILE", "hertzloop")
     path = record(tmp_path / "a.mcap")
@@ -41,7 +37,7 @@ def test_another_format_version_is_refused(
         refused(found, *words, path)
 
 
-def test_a_damaged_format_version_does_not_make_a_recording_unreadable(tmp_path: Path) -> None:
+def test_a_damaged_format_version_does_not_make_a_recording_unreadable(tmp_path):
     path = record(tmp_path / "a.mcap")
     content = bytearray(path.read_bytes())
     content[content.index(FORMAT_KEY.encode())] ^= 0x40

@@ -18,7 +18,6 @@ import pytest
 
 from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.recording import Recording
 from tests.recordings.rewriting import messages, record
 
 pytestmark = pytest.mark.full
@@ -28,23 +27,23 @@ PACKAGES = ("@mcap/core@2.2.2", "fzstd@0.1.1", "protobufjs@7.6.6")
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(tmp_path_factory):
     return record(tmp_path_factory.mktemp("foreign") / "run.mcap", "sensors.bits=16", compiled=True)
 
 
 @pytest.fixture(scope="module")
-def recording(file: Path) -> Recording:
+def recording(file):
     return read(file)
 
 
 @pytest.fixture(scope="module")
-def counts(file: Path) -> Counter[str]:
+def counts(file):
     """Messages by topic."""
     return Counter(STREAMS[message.stream].topic for message in messages(file))
 
 
 @pytest.fixture(scope="module")
-def by_typescript(file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def by_typescript(file, tmp_path_factory):
     """What `read_mcap.mjs` prints."""
     if not (shutil.which("node") and shutil.which("npm")):
         pytest.skip("needs node and npm")
@@ -65,9 +64,7 @@ def by_typescript(file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[
     return found
 
 
-def test_typescript_finds_every_message(
-    by_typescript: dict[str, Any], recording: Recording, counts: Counter[str]
-) -> None:
+def test_typescript_finds_every_message(by_typescript, recording, counts):
     assert by_typescript["messages"] == counts
     assert by_typescript["schemas"]["/events"] == "foxglove.Log"
     assert by_typescript["schemas"]["/truth"] == "hertzloop.TruthBlock"
@@ -76,9 +73,7 @@ def test_typescript_finds_every_message(
     assert by_typescript["result"] == recording.result
 
 
-def test_typescript_decodes_by_the_embedded_schemas(
-    by_typescript: dict[str, Any], recording: Recording
-) -> None:
+def test_typescript_decodes_by_the_embedded_schemas(by_typescript, recording):
     assert np.array(by_typescript["xi_m"]).tobytes() == recording.truth.arrays["xi_m"].tobytes()
     data = [[event.message, event.data.kind] for event in recording.events]
     kinds = STREAMS["events/plant"].message.DESCRIPTOR.fields_by_name["kind"].enum_type
@@ -97,7 +92,7 @@ def rerun(*words: str | Path) -> str:
     return done.stdout
 
 
-def test_rerun_finds_nothing_wrong(file: Path, counts: Counter[str]) -> None:
+def test_rerun_finds_nothing_wrong(file, counts):
     told = re.findall(
         r"^(\w+) +\d+ +\d+ +(/\w+) +(.*)$", rerun("mcap", "check", file), re.MULTILINE
     )
@@ -106,7 +101,7 @@ def test_rerun_finds_nothing_wrong(file: Path, counts: Counter[str]) -> None:
     )
 
 
-def test_rerun_imports_every_message(file: Path, counts: Counter[str], tmp_path: Path) -> None:
+def test_rerun_imports_every_message(file, counts, tmp_path):
     """Events as a log that its viewer shows, the others by their schemas."""
     rerun("mcap", "convert", file, "-o", tmp_path / "run.rrd")
     printed = rerun("rrd", "print", tmp_path / "run.rrd")

@@ -47,7 +47,7 @@ def said(*words: object) -> str:
     return result.stdout
 
 
-def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
+def test_messages_of_other_topics_are_counted_and_told(tmp_path):
     original = record(tmp_path / "a.mcap", compiled=True)
     path = with_temperatures(original, tmp_path / "b.mcap", 3, enable_data_crcs=True)
     found = read(path)
@@ -62,7 +62,7 @@ def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("chunked", [True, False])
-def test_a_file_of_another_writer_needs_no_checksums(tmp_path: Path, chunked: bool) -> None:
+def test_a_file_of_another_writer_needs_no_checksums(tmp_path, chunked):
     """MCAP lets a writer leave them out. A file without them is not damaged; that nobody would see
     damage is said."""
     original, whole = record(tmp_path / "a.mcap", compiled=True), tmp_path / "c.mcap"

@@ -15,7 +15,7 @@ from tests.bus.tapes import SCENE, changed, controller_says, places, plant_says
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "run.mcap"
 
 
@@ -44,7 +44,7 @@ def hear(path: Path, heard: Sequence[Envelope]) -> Recorder:
     return recorder
 
 
-def test_a_whole_run(path: Path) -> None:
+def test_a_whole_run(path):
     recorder = hear(path, both())
     assert recorder.done
     assert not recorder.faults
@@ -60,7 +60,7 @@ def test_a_whole_run(path: Path) -> None:
     assert kept.metadata["run_id"] == "abc"
 
 
-def test_done_only_when_both_roles_have_ended(path: Path) -> None:
+def test_done_only_when_both_roles_have_ended(path):
     recorder = Recorder(path)
     done = []
     for envelope in [*plant_says(), *controller_says()]:
@@ -71,7 +71,7 @@ def test_done_only_when_both_roles_have_ended(path: Path) -> None:
 
 
 @pytest.mark.parametrize("role", ["plant", "controller"])
-def test_a_role_that_never_ended(path: Path, role: str) -> None:
+def test_a_role_that_never_ended(path, role):
     heard = [e for e in both() if e.stream != f"end/{role}"]
     with pytest.raises(StreamFault, match=f"the {role} never announced its end"):
         hear(path, heard)
@@ -97,7 +97,7 @@ def check_fault(path: Path, heard: Sequence[Envelope], pattern: str) -> None:
         ("end/plant", "malformed", "malformed message on stream 'end/plant' where sequence 0"),
     ],
 )
-def test_a_fault_of_a_stream(path: Path, stream: str, fault: str, pattern: str) -> None:
+def test_a_fault_of_a_stream(path, stream, fault, pattern):
     heard = both()
     at = places(heard, stream)
     if fault == "gap":
@@ -109,7 +109,7 @@ def test_a_fault_of_a_stream(path: Path, stream: str, fault: str, pattern: str) 
     check_fault(path, heard, pattern)
 
 
-def test_a_fault_that_a_role_announces(path: Path) -> None:
+def test_a_fault_that_a_role_announces(path):
     """The recording is whole, but its run failed; each fault is told once."""
     heard = both()
     for stream in ("end/plant", "end/controller"):
@@ -122,7 +122,7 @@ def test_a_fault_that_a_role_announces(path: Path) -> None:
     assert kept.problems == ["the run failed: the plate broke"]
 
 
-def test_a_lost_tail_does_not_hide_why_a_run_failed(path: Path) -> None:
+def test_a_lost_tail_does_not_hide_why_a_run_failed(path):
     """Who is cut off in the middle of a message cannot count what of it arrived."""
     heard = both()
     end = places(heard, "end/plant")[0]
@@ -134,7 +134,7 @@ def test_a_lost_tail_does_not_hide_why_a_run_failed(path: Path) -> None:
     assert read(path).result["fault"] == f"{first}; {second}"
 
 
-def test_an_end_without_a_beginning(path: Path) -> None:
+def test_an_end_without_a_beginning(path):
     """A recorder that missed the hello: a fault of the stream, not of the recorder."""
     recorder = Recorder(path)
     try:
@@ -147,7 +147,7 @@ def test_an_end_without_a_beginning(path: Path) -> None:
         read(path)
 
 
-def test_a_second_hello(path: Path) -> None:
+def test_a_second_hello(path):
     """The recording keeps the scene of the first, and says what came."""
     heard = both()
     second = changed(heard[0], scene_toml="# another")
@@ -167,7 +167,7 @@ def test_a_second_hello(path: Path) -> None:
         ("", "the final message of the controller names no scene"),
     ],
 )
-def test_a_controller_that_worked_by_another_scene(path: Path, said: str, sentence: str) -> None:
+def test_a_controller_that_worked_by_another_scene(path, said, sentence):
     heard = both()
     place = places(heard, "end/controller")[0]
     end = RunEnd.FromString(heard[place].payload)
@@ -176,7 +176,7 @@ def test_a_controller_that_worked_by_another_scene(path: Path, said: str, senten
     check_fault(path, heard, sentence)
 
 
-def test_a_controller_that_failed_need_not_say_by_which_scene(path: Path) -> None:
+def test_a_controller_that_failed_need_not_say_by_which_scene(path):
     heard = both()
     place = places(heard, "end/controller")[0]
     end = RunEnd.FromString(heard[place].payload)
@@ -187,7 +187,7 @@ def test_a_controller_that_failed_need_not_say_by_which_scene(path: Path) -> Non
 
 
 @pytest.mark.parametrize("time_ns", [-1, 2**64])
-def test_a_time_that_no_recording_holds(path: Path, time_ns: int) -> None:
+def test_a_time_that_no_recording_holds(path, time_ns):
     """What the recorder's checks let through would be told, too, and leave the file whole."""
     writer = RecordingWriter(path)
     writer.scene(SCENE, {})

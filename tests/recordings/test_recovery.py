@@ -1,7 +1,6 @@
 """A recording that was cut off becomes a whole file again, as far as it goes."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from hertzloop.scene.setup import load
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "a.mcap"
     with pytest.MonkeyPatch.context() as patch:
         # Chunks end where they are full, not where a busy machine pauses: a byte is always in the
@@ -27,7 +26,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_cut_off(whole: Path, tmp_path: Path) -> None:
+def test_cut_off(whole, tmp_path):
     content = whole.read_bytes()
     cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
     cut.write_bytes(content[: int(0.8 * len(content))])
@@ -43,7 +42,7 @@ def test_cut_off(whole: Path, tmp_path: Path) -> None:
     assert after.law_source == read(whole).law_source
 
 
-def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
+def test_whole_file_stays_whole(whole, tmp_path):
     recover(whole, tmp_path / "same.mcap")
     same = read(tmp_path / "same.mcap")
     assert not same.problems
@@ -52,7 +51,7 @@ def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
     assert same.result == read(whole).result
 
 
-def test_nothing_to_recover(whole: Path, tmp_path: Path) -> None:
+def test_nothing_to_recover(whole, tmp_path):
     (tmp_path / "none.mcap").write_bytes(whole.read_bytes()[:100])
     with pytest.raises(RecordingError, match="nothing to recover"):
         recover(tmp_path / "none.mcap", tmp_path / "out.mcap")

@@ -32,7 +32,7 @@ SCENE = ["run.duration_s=0.003"]
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(tmp_path_factory):
     """A short recording with one contact."""
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     record_in_process(load("aluminium-3mm", SCENE), path, compiled=True)
@@ -81,7 +81,7 @@ REFERENCE = {
 # The .rrd file
 
 
-def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> None:
+def test_the_file_holds_every_entity_and_loads(file, tmp_path):
     rrd = tmp_path / "run.rrd"
     assert f"written: {rrd}" in succeed("replay", file, "--save", rrd)
     rerun("rrd", "verify", rrd)
@@ -92,7 +92,7 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     assert set(entities(rrd)) == ENTITIES | FROM_LABELS
 
 
-def test_a_run_lies_over_its_reference_from_the_contact_on(file: Path, tmp_path: Path) -> None:
+def test_a_run_lies_over_its_reference_from_the_contact_on(file, tmp_path):
     """The other run falls for longer and is moved to touch at the same time."""
     later = load("aluminium-3mm", [*SCENE, "run.lead_in_s=0.0015", "controller.kappa=0.5"])
     record_in_process(later, tmp_path / "later.mcap", compiled=True)
@@ -109,7 +109,7 @@ def test_a_run_lies_over_its_reference_from_the_contact_on(file: Path, tmp_path:
     assert "B is moved by -0.500 ms" in told
 
 
-def test_the_reference_without_control_is_the_uncontrolled_run(file: Path) -> None:
+def test_the_reference_without_control_is_the_uncontrolled_run(file):
     free = simulate(load("aluminium-3mm", SCENE).without_control())
     shown = replaying.prepare(read(file))
     curves = {c.name: c for p in shown.plots for c in p.curves}
@@ -126,7 +126,7 @@ def test_the_reference_without_control_is_the_uncontrolled_run(file: Path) -> No
     assert abs(energies["contact"][-1]) < 1e-3 * parts[0]  # nothing stored, nothing dissipated
 
 
-def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path: Path) -> None:
+def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path):
     unstable = load(
         "aluminium-20mm",
         ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.duration_s=0.014"],
@@ -139,7 +139,7 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path: Path) -> None
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000
 
 
-def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
+def test_times_are_exact_to_the_nanosecond(tmp_path):
     recording = Recording(Path("a.mcap"))
     fields = ("xi_m", "xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.ones(3) for name in fields} | {"xi_m": np.array([1.0, -1.0, 1.0])}
@@ -152,14 +152,14 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_a_recording_without_a_step_says_so(file: Path, tmp_path: Path) -> None:
+def test_a_recording_without_a_step_says_so(file, tmp_path):
     recording = dataclasses.replace(read(file), truth=JoinedStream())
     with pytest.raises(RecordingError, match=r"run\.mcap holds no step of the simulation"):
         check_replayable(recording)
 
 
 @pytest.mark.parametrize("missing", ["daq", "force", "events", "contact"])
-def test_what_is_missing_is_left_out(file: Path, tmp_path: Path, missing: str) -> None:
+def test_what_is_missing_is_left_out(file, tmp_path, missing):
     recording = read(file)
     if missing == "events":
         recording.events = []
@@ -181,7 +181,7 @@ def test_what_is_missing_is_left_out(file: Path, tmp_path: Path, missing: str) -
 # The command
 
 
-def test_the_users_mistakes(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_mistakes(file, tmp_path, monkeypatch):
     taken = tmp_path / "taken.png"
     taken.touch()
     for words, sentence in (
@@ -208,9 +208,7 @@ def fake_viewer(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> N
     monkeypatch.setattr(viewer, "executable", lambda: file)
 
 
-def test_a_window_that_is_closed_is_no_error_one_that_breaks_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_window_that_is_closed_is_no_error_one_that_breaks_is(tmp_path, monkeypatch):
     fake_viewer(tmp_path, monkeypatch, "exit 0")
     viewer.show(tmp_path / "a.rrd", 0)
     fake_viewer(tmp_path, monkeypatch, "echo 'Error: no window'; exit 3")
@@ -221,9 +219,7 @@ def test_a_window_that_is_closed_is_no_error_one_that_breaks_is(
         screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0)
 
 
-def test_a_viewer_that_never_answers_is_given_up_and_killed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_viewer_that_never_answers_is_given_up_and_killed(tmp_path, monkeypatch):
     fake_viewer(tmp_path, monkeypatch, f"echo $$ > {tmp_path}/id; exec sleep 1000")
     with pytest.raises(viewer.ViewerError, match=r"did not draw the picture within 2 s"):
         screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0, within_s=2.0)
@@ -232,7 +228,7 @@ def test_a_viewer_that_never_answers_is_given_up_and_killed(
 
 
 @pytest.mark.full
-def test_a_picture_without_a_screen(file: Path, tmp_path: Path) -> None:
+def test_a_picture_without_a_screen(file, tmp_path):
     png = tmp_path / "run.png"
     result = call("replay", file, "--screenshot", png)
     if "no graphics driver" in result.output and "CI" not in os.environ:
@@ -248,9 +244,7 @@ def test_a_picture_without_a_screen(file: Path, tmp_path: Path) -> None:
     assert ((red > 180) & (green < 140) & (blue < 140)).sum() > 100
 
 
-def test_a_replay_ends_where_samples_are_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_replay_ends_where_samples_are_missing(tmp_path, monkeypatch):
     """Later deflections would be made up."""
     monkeypatch.setattr(writer, "_FLUSH_EVERY_S", -1.0)
     monkeypatch.setattr(in_process, "EVERY_S", 0.0)  # a block of truth every 1000 steps
@@ -300,14 +294,14 @@ duration_s = 0.002
 
 
 @pytest.fixture(scope="module")
-def beam(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def beam(tmp_path_factory):
     folder = tmp_path_factory.mktemp("beam")
     (folder / "beam.toml").write_text(BEAM.format(modes=modes_csv(folder).name))
     record_in_process(load(str(folder / "beam.toml")), folder / "beam.mcap", compiled=True)
     return read(folder / "beam.mcap")
 
 
-def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_path: Path) -> None:
+def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam, tmp_path):
     shown = replaying.prepare(beam)
     told = as_rerun._about(shown, still=True)
     assert "plate.modes.file = modes.csv" in told

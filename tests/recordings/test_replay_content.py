@@ -50,7 +50,7 @@ def drawn(*frequencies_hz: float) -> SentData:
     return shown
 
 
-def test_a_sine_peaks_at_the_line_of_its_frequency() -> None:
+def test_a_sine_peaks_at_the_line_of_its_frequency():
     shown = drawn(1e3, 1e4)
     axes = shown.logged["spectrum/axes"]
     where = np.array(axes.positions.as_arrow_array().to_pylist())
@@ -67,7 +67,7 @@ def test_a_sine_peaks_at_the_line_of_its_frequency() -> None:
         assert abs(line[line[:, 1].argmin(), 0] - decades[name]) < 2.0 * band
 
 
-def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
+def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit():
     gap = np.array([3e-6, -2e-6, 1e-6])
     rest = {name: np.zeros(3) for name in ("f_c_n", "f_a_n", "v_p_m_s")}
     block = TruthBlock(first_step=1000, step_ns=500)
@@ -79,7 +79,7 @@ def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
     assert sent == sum(len(times) for times, _ in shown.columns.values())
 
 
-def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
+def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full():
     """Samples are missing before it: its own are not where they would be otherwise."""
     count, hole, contact = 600_000, 50_000, ContactSpan(400_000, 400_400, 1.0, 1e-6)
     values = np.random.default_rng(1).normal(size=count // 2 - hole // 2)
@@ -101,7 +101,7 @@ def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     assert set(within.tolist()) <= set(curve.time_ns.tolist())
 
 
-def test_a_run_without_late_forces_has_no_plot_of_them() -> None:
+def test_a_run_without_late_forces_has_no_plot_of_them():
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.zeros(4) for name in fields}
     for late in (False, True):

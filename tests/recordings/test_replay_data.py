@@ -33,7 +33,7 @@ from tests.recordings.plates import flat_plate
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 99, 100, 101, 12_345])
-def test_decimation_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
+def test_decimation_keeps_ends_and_extremes_of_every_piece(count):
     values = np.random.default_rng(1).normal(size=count)
     kept = extremes(values, 100)
     assert np.all(np.diff(kept) > 0)
@@ -45,7 +45,7 @@ def test_decimation_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
 
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 3, 64, 65, 1000])
-def test_a_curve_of_fewer_samples_keeps_within_its_error(count: int, held: bool) -> None:
+def test_a_curve_of_fewer_samples_keeps_within_its_error(count, held):
     """At uneven times, too; what is smooth takes few samples, a jump none more."""
     rng = np.random.default_rng(count)
     time_ns = np.cumsum(rng.integers(1, 9, count))
@@ -61,7 +61,7 @@ def test_a_curve_of_fewer_samples_keeps_within_its_error(count: int, held: bool)
         assert len(kept) < (800 if held else 200)
 
 
-def test_values_without_bound_are_kept_what_is_constant_is_not() -> None:
+def test_values_without_bound_are_kept_what_is_constant_is_not():
     values = np.ones(4097)
     assert len(enough(np.arange(4097), values, 0.0, held=False)) == 2
     values[[10, 300, 301, 302]] = np.nan, np.inf, np.inf, -np.inf
@@ -69,14 +69,14 @@ def test_values_without_bound_are_kept_what_is_constant_is_not() -> None:
     assert {9, 10, 11, 299, 300, 301, 302, 303} <= set(kept.tolist())
 
 
-def test_contacts_are_found_up_to_both_ends() -> None:
+def test_contacts_are_found_up_to_both_ends():
     xi = np.array([-1.0, 0.0, -1.0, -1.0, 1.0, -1.0])
     assert contact_spans(xi) == [(0, 1), (2, 4), (5, 6)]
     assert contact_spans(np.ones(3)) == []
     assert contact_spans(np.empty(0)) == []
 
 
-def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
+def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts():
     assert full_rate_spans([(10, 20)], 1000) == [(0, 1000)]
     assert full_rate_spans([], 0) == []
     assert full_rate_spans([], 1_000_000) == []
@@ -92,7 +92,7 @@ def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
 
 
 @pytest.mark.parametrize("piece", [7_001, 65_536, 500_000])
-def test_a_decimated_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
+def test_a_decimated_line_has_every_sample_of_its_spans_and_every_extreme(piece):
     values = np.random.default_rng(2).normal(size=500_000)
     values[[123_457, 400_001]] = 9.0, -9.0
     decimator = Decimator(len(values))
@@ -110,7 +110,7 @@ def test_a_decimated_line_has_every_sample_of_its_spans_and_every_extreme(piece:
     assert np.diff(line.at[line.overview]).max() < 500
 
 
-def test_contacts_are_found_across_the_seams_of_pieces() -> None:
+def test_contacts_are_found_across_the_seams_of_pieces():
     rng = np.random.default_rng(4)
     xi = np.repeat(rng.choice([-1.0, 1.0], 40), 5) * rng.uniform(0.1, 1.0, 200)
     force = np.where(xi < 0.0, rng.uniform(1.0, 2.0, 200), 0.0)
@@ -125,7 +125,7 @@ def test_contacts_are_found_across_the_seams_of_pieces() -> None:
         assert contacts_of(pieces) == expected
 
 
-def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch):
     monkeypatch.setattr(joined_stream, "PIECE", 10)
     values = np.arange(100.0)
     blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]
@@ -139,7 +139,7 @@ def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.Monke
 # What is shown when
 
 
-def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it() -> None:
+def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it():
     when = moments((0, 99_999_000), (1_000_000, 1_030_000), 1000)
     assert when.selection_ns[0] < 1_000_000 < 1_030_000 < when.selection_ns[1] < 2_000_000
     assert 1_030_000 < when.still_ns < when.selection_ns[1]
@@ -147,9 +147,7 @@ def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it() -> Non
 
 @pytest.mark.parametrize("contact", [None, (0, 1), (0, 5), (4, 5)])
 @pytest.mark.parametrize("steps", [5, 1])
-def test_moments_stay_within_a_run_of_few_steps(
-    contact: tuple[int, int] | None, steps: int
-) -> None:
+def test_moments_stay_within_a_run_of_few_steps(contact, steps):
     last_ns = 1000 * (steps - 1)
     if contact is not None:
         contact = 1000 * min(contact[0], steps - 1), 1000 * min(contact[1], steps)
@@ -158,7 +156,7 @@ def test_moments_stay_within_a_run_of_few_steps(
     assert 0 <= when.selection_ns[0] <= last_ns
 
 
-def test_states_of_the_law_come_from_its_events() -> None:
+def test_states_of_the_law_come_from_its_events():
     events = [
         Event(1_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=0, mode=1)),
         Event(1_500, "plant", 2, "...", EventData(EventKind.CONTACT_BEGAN, 1)),
@@ -181,9 +179,7 @@ def test_states_of_the_law_come_from_its_events() -> None:
     [("xi", "gap", 1e6), ("v_p", "velocity", 1.0), ("acceleration", "acceleration", 1.0),
      ("contact_force", "force", 1.0)],
 )  # fmt: skip
-def test_what_was_measured_is_plotted_where_it_belongs(
-    quantity: str, plot: str, factor: float
-) -> None:
+def test_what_was_measured_is_plotted_where_it_belongs(quantity, plot, factor):
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     truth = JoinedStream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})
     daq = JoinedStream(
@@ -199,7 +195,7 @@ def test_what_was_measured_is_plotted_where_it_belongs(
     assert not any(c.faint for p in plots(recording, []) for c in p.curves)
 
 
-def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
+def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it():
     run_ns = (0, 19_999_000)
     when = moments(run_ns, (1_000_000, 20_000_000), 1000)
     assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= run_ns[1]
@@ -219,7 +215,7 @@ def bent_plate() -> Deflection:
     return Deflection(np.array([0, 1000, 2000]), x, y, w, (0.25, 0.15))
 
 
-def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible() -> None:
+def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible():
     drawn = scene3d.scale(bent_plate(), (0, 2000), 0.003)
     assert drawn.heights == 2000.0  # 1e-5 m to 0.02 m, of a side of 0.3 m
     assert drawn.sphere_radius_m > 0.003
@@ -228,7 +224,7 @@ def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible() -> None:
     assert scene3d.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
 
 
-def test_triangles_face_up_and_normals_agree_with_them() -> None:
+def test_triangles_face_up_and_normals_agree_with_them():
     plate = bent_plate()
     drawn = scene3d.scale(plate, (0, 2000), 0.003)
     corners = scene3d.vertices(plate, drawn)[1][scene3d.triangles(plate)]
@@ -243,7 +239,7 @@ def test_triangles_face_up_and_normals_agree_with_them() -> None:
     assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
 
 
-def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
+def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor():
     plate = bent_plate()
     drawn = scene3d.scale(plate, (0, 2000), 0.003)
     centres = scene3d.sphere_centres(plate, np.array([3e-5, -1.5e-5, 1e-5]), drawn)
@@ -268,9 +264,7 @@ _column = st.one_of(
     most=st.none() | st.floats(0.0, allow_infinity=False),
     around=st.tuples(st.integers(-2, 8), st.integers(-2, 8)).map(sorted),
 )
-def test_any_column_has_a_range_to_be_drawn_in(
-    key: str, columns_drawn: list[list[float]], most: float | None, around: list[int]
-) -> None:
+def test_any_column_has_a_range_to_be_drawn_in(key, columns_drawn, most, around):
     """Empty, constant, of one sample, of huge and of damaged values."""
     curves = tuple(
         PlotCurve("xi", np.arange(len(values)), np.array(values, float)) for values in columns_drawn

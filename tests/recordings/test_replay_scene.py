@@ -1,10 +1,8 @@
 """What is drawn in three dimensions: the actuator's place, and its force to scale."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 import rerun as rr
 from hypothesis import given
 from hypothesis import strategies as st
@@ -35,7 +33,7 @@ class Drawn:
         self.columns[entity] = [column.as_arrow_array().to_pylist() for column in columns]
 
 
-def test_the_actuators_force_is_an_arrow_to_scale_at_its_point() -> None:
+def test_the_actuators_force_is_an_arrow_to_scale_at_its_point():
     x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
     plate = Deflection(np.arange(4), x, y, np.zeros((4, 6, 4)), (0.25, 0.15))
     drawn = scene3d.scale(plate, (0, 3), 0.003)
@@ -55,15 +53,13 @@ def test_the_actuators_force_is_an_arrow_to_scale_at_its_point() -> None:
 
 
 @given(st.floats(1e-6, 1e9))
-def test_a_full_arrow_is_longer_than_any(largest: float) -> None:
+def test_a_full_arrow_is_longer_than_any(largest):
     full = scene3d.round_above(largest)
     assert largest * (1 - 1e-9) <= full <= 2.5 * largest * (1 + 1e-9)
     assert f"{full:.3e}"[:5] in ("1.000", "2.000", "5.000")
 
 
-def test_no_force_around_the_first_contact_is_cut_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_force_around_the_first_contact_is_cut_off(tmp_path, monkeypatch):
     scene = load("aluminium-3mm", ["run.duration_s=0.003"])
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
     full = []

@@ -5,7 +5,6 @@ import struct
 import subprocess
 import sys
 import zlib
-from pathlib import Path
 
 import pytest
 import zstandard
@@ -24,11 +23,11 @@ from tests.recordings.rewriting import Sent, messages, record, rewrite
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     return record(tmp_path_factory.mktemp("untrusted") / "whole.mcap")
 
 
-def test_a_second_hello_with_an_empty_scene(whole: Path, tmp_path: Path) -> None:
+def test_a_second_hello_with_an_empty_scene(whole, tmp_path):
     """The first is the run's; the second is named."""
     source, path = read(whole), tmp_path / "two.mcap"
     writer = RecordingWriter(path)
@@ -48,7 +47,7 @@ def test_a_second_hello_with_an_empty_scene(whole: Path, tmp_path: Path) -> None
     assert any("'hello' is ignored: there is a second one" in problem for problem in kept.problems)
 
 
-def test_an_event_that_says_another_time_than_its_record(whole: Path, tmp_path: Path) -> None:
+def test_an_event_that_says_another_time_than_its_record(whole, tmp_path):
     path = tmp_path / "a.mcap"
     source = read(whole)
     writer = RecordingWriter(path)
@@ -71,10 +70,7 @@ def test_an_event_that_says_another_time_than_its_record(whole: Path, tmp_path: 
         ("MOST_TEXT", 12_000, "more than 12000 characters"),
     ],
 )
-def test_there_is_an_end_to_events(
-    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    limit: str, most: int, sentence: str,
-) -> None:  # fmt: skip
+def test_there_is_an_end_to_events(whole, tmp_path, monkeypatch, limit, most, sentence):
     path, source = tmp_path / "many.mcap", read(whole)
     writer = RecordingWriter(path)
     writer.scene(source.scene_toml, source.metadata)
@@ -114,7 +110,7 @@ def packed_chunk(size: int) -> bytes:
         (RECORD_BYTES, 40, "more than a recording may hold"),
     ],
 )
-def test_a_bomb(whole: Path, tmp_path: Path, size: int, count: int, words: str) -> None:
+def test_a_bomb(whole, tmp_path, size, count, words):
     """Gigabytes in some kilobytes: said in a sentence, and not unpacked at once."""
     path, content = tmp_path / "bomb.mcap", whole.read_bytes()
     start = content.index(b"\x0a\x00\x00\x00scene.toml") - 25  # before the first attachment
@@ -140,7 +136,7 @@ def measured(*words: str) -> tuple[subprocess.CompletedProcess, float]:
     return done, peak * 1024.0
 
 
-def test_recovery_does_not_write_into_its_source(whole: Path, tmp_path: Path) -> None:
+def test_recovery_does_not_write_into_its_source(whole, tmp_path):
     path = tmp_path / "a.mcap"
     content = whole.read_bytes()[:-500]
     path.write_bytes(content)
@@ -149,7 +145,7 @@ def test_recovery_does_not_write_into_its_source(whole: Path, tmp_path: Path) ->
     assert path.read_bytes() == content
 
 
-def test_a_recording_that_changes_while_it_is_read(whole: Path, tmp_path: Path) -> None:
+def test_a_recording_that_changes_while_it_is_read(whole, tmp_path):
     """Samples that were kept are those of before; others are not there any more."""
     path = tmp_path / "a.mcap"
     path.write_bytes(whole.read_bytes())
@@ -163,7 +159,7 @@ def test_a_recording_that_changes_while_it_is_read(whole: Path, tmp_path: Path) 
         assert {key: now[key].tobytes() for key in now} == {key: was[key].tobytes() for key in was}
 
 
-def test_a_hello_of_another_scene_that_is_as_long(whole: Path, tmp_path: Path) -> None:
+def test_a_hello_of_another_scene_that_is_as_long(whole, tmp_path):
     source = read(whole)
     other = source.scene_toml.replace('"steel"', '"glass"')
     assert other != source.scene_toml
@@ -183,7 +179,7 @@ EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnol\u2066\u200b[red]\x7f"
 
 
 @pytest.fixture(scope="module")
-def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def evil(whole, tmp_path_factory):
     """A recording with characters that control a terminal wherever it holds text."""
     source, path = read(whole), tmp_path_factory.mktemp("evil") / "evil.mcap"
     writer = RecordingWriter(path)
@@ -204,9 +200,7 @@ def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_no_text_of_a_recording_controls_the_terminal(
-    evil: Path, whole: Path, tmp_path: Path
-) -> None:
+def test_no_text_of_a_recording_controls_the_terminal(evil, whole, tmp_path):
     controlling = set(EVIL) - set(map(chr, range(32, 127)))
     for words in (
         ["inspect", evil], ["inspect", evil, "--details"], ["compare", evil, whole],
@@ -224,7 +218,7 @@ def test_no_text_of_a_recording_controls_the_terminal(
             assert "\\x1b[2J\\x9b31m\\u202egnol\\u2066\\u200b[red]\\x7f" in done.output
 
 
-def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:
+def test_bytes_behind_the_end_are_damage(whole, tmp_path):
     path = tmp_path / "a.mcap"
     for more in (b"\0", b"behind" * 100, whole.read_bytes()):
         path.write_bytes(whole.read_bytes() + more)

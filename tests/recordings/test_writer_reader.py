@@ -30,12 +30,12 @@ SETTINGS = ["run.seed=77", "sensors.every_steps=2"]
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     return record(tmp_path_factory.mktemp("whole") / "whole.mcap", *SETTINGS)
 
 
 @pytest.fixture(scope="module")
-def decoded(whole: Path) -> dict[str, list[Any]]:
+def decoded(whole):
     """(schema, channel, message, decoded message) by topic, as MCAP's own reader gives them."""
     topics: dict[str, list[Any]] = {}
     with whole.open("rb") as file:
@@ -48,7 +48,7 @@ def decoded(whole: Path) -> dict[str, list[Any]]:
 class TestByTheMcapLibrary:
     """The file read with MCAP's own tools, which know nothing of hertzloop."""
 
-    def test_topics_and_types(self, decoded: dict[str, list[Any]]) -> None:
+    def test_topics_and_types(self, decoded):
         types = {topic: {item[0].name for item in items} for topic, items in decoded.items()}
         assert types == {
             "/hello": {"hertzloop.Hello"},
@@ -63,7 +63,7 @@ class TestByTheMcapLibrary:
         encodings = {i[1].message_encoding for items in decoded.values() for i in items}
         assert encodings == {"protobuf"}
 
-    def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
+    def test_times_are_simulated_nanoseconds(self, decoded):
         for topic, items in decoded.items():
             for _, _, message, content in items:
                 assert message.publish_time == message.log_time
@@ -75,7 +75,7 @@ class TestByTheMcapLibrary:
                     expected = 0 if topic in ("/hello", "/law") else STEPS * STEP_NS
                 assert message.log_time == expected
 
-    def test_the_embedded_schemas_have_every_field(self, decoded: dict[str, list[Any]]) -> None:
+    def test_the_embedded_schemas_have_every_field(self, decoded):
         ours = {stream.topic: stream.message.DESCRIPTOR for stream in STREAMS.values()}
         for topic, items in decoded.items():
             there = items[0][3].DESCRIPTOR.fields_by_number
@@ -88,7 +88,7 @@ class TestByTheMcapLibrary:
         assert facts == {"CONTACT_BEGAN", "CONTACT_ENDED", "LAW_MODE"}
         assert any(i[3].HasField("delay_ns") for i in decoded["/events"])
 
-    def test_scene_and_metadata(self, whole: Path) -> None:
+    def test_scene_and_metadata(self, whole):
         with whole.open("rb") as file:
             reader = make_reader(file)
             attachments = {a.name: a for a in reader.iter_attachments()}
@@ -106,7 +106,7 @@ class TestByTheMcapLibrary:
         assert metadata["result"]["complete"] == "yes"
         assert metadata["result"]["fault"] == ""
 
-    def test_chunks_are_compressed_and_have_checksums(self, whole: Path) -> None:
+    def test_chunks_are_compressed_and_have_checksums(self, whole):
         with whole.open("rb") as file:
             found = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
         chunks = [r for r in found if isinstance(r, Chunk)]
@@ -118,7 +118,7 @@ class TestByTheMcapLibrary:
         assert kinds.index(Attachment) < kinds.index(Chunk)
 
 
-def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
+def test_our_reader_agrees(whole, decoded):
     kept = read(whole)
     assert kept.problems == []
     for name in ("daq", "force", "truth"):
@@ -143,7 +143,7 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     [*product(("daq", "truth"), (1, -1)), ("hello", -1), ("balance", -1), ("events/plant", -1),
      ("events/controller", -1)],
 )  # fmt: skip
-def test_a_missing_message_is_named(whole: Path, tmp_path: Path, stream: str, place: int) -> None:
+def test_a_missing_message_is_named(whole, tmp_path, stream, place):
     """In a file that is whole otherwise: nothing but numbers and counts can tell."""
     all_of = [m for m in messages(whole) if m.stream == stream]
     lost = all_of[place].number
@@ -159,7 +159,7 @@ def test_a_missing_message_is_named(whole: Path, tmp_path: Path, stream: str, pl
     assert any(after in problem for problem in kept.problems) == (place == 1)
 
 
-def test_codes_become_values(tmp_path: Path) -> None:
+def test_codes_become_values(tmp_path):
     kept = read(record(tmp_path / "run.mcap", "sensors.bits=16"))
     step = kept.daq.scale
     inside = kept.daq.arrays["saturated"] == 0
@@ -170,7 +170,7 @@ def test_codes_become_values(tmp_path: Path) -> None:
 
 
 class TestWriter:
-    def test_an_existing_file_is_kept(self, tmp_path: Path) -> None:
+    def test_an_existing_file_is_kept(self, tmp_path):
         path = tmp_path / "kept.mcap"
         path.write_bytes(b"precious")
         with pytest.raises(RecordingError, match=r"kept\.mcap exists. Choose another name"):
@@ -185,16 +185,14 @@ class TestWriter:
 
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
     @pytest.mark.parametrize("scene_bytes", [10, 1_000_000])
-    def test_a_full_disk_gives_a_sentence(self, scene_bytes: int) -> None:
+    def test_a_full_disk_gives_a_sentence(self, scene_bytes):
         writer = RecordingWriter(Path("/dev/full"), overwrite=True)
         with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
             writer.scene("#" * scene_bytes, {"seed": "1"})
         with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
             writer.finish({"fault": "#" * scene_bytes})
 
-    def test_a_killed_recorder_loses_the_last_50_ms_at_most(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_killed_recorder_loses_the_last_50_ms_at_most(self, tmp_path, monkeypatch):
         clock = [0.0]
         monkeypatch.setattr(
             hertzloop.recordings.writer, "time", SimpleNamespace(monotonic=lambda: clock[0])
@@ -212,20 +210,20 @@ class TestWriter:
 
 class TestFromElsewhere:
     @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n"])
-    def test_no_mcap(self, tmp_path: Path, content: bytes) -> None:
+    def test_no_mcap(self, tmp_path, content):
         path = tmp_path / "strange.mcap"
         path.write_bytes(content)
         with pytest.raises(RecordingError, match=r"strange\.mcap.*not an? (MCAP )?recording"):
             read(path)
 
-    def test_no_file(self, tmp_path: Path) -> None:
+    def test_no_file(self, tmp_path):
         with pytest.raises(RecordingError, match=r"cannot read .*none\.mcap: No such file"):
             read(tmp_path / "none.mcap")
         with pytest.raises(RecordingError, match=r"cannot read .*: Is a directory"):
             read(tmp_path)
 
     @pytest.mark.parametrize("topic", ["/imu", "/truth", "/end"])
-    def test_an_mcap_without_our_streams(self, tmp_path: Path, topic: str) -> None:
+    def test_an_mcap_without_our_streams(self, tmp_path, topic):
         """Topics may even have our names; what is in them is not ours."""
         path = tmp_path / "drone.mcap"
         with path.open("wb") as file:
@@ -245,7 +243,7 @@ def channels(path: Path) -> set[str]:
         return {r.topic for r in StreamReader(file).records if isinstance(r, Channel)}
 
 
-def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
+def test_a_recording_without_a_controller_says_so(tmp_path):
     """Only the scene came: readable, with everything that is missing named."""
     path = tmp_path / "run.mcap"
     writer = RecordingWriter(path)

@@ -39,9 +39,7 @@ def ends(n: int, full_scale: tuple[float, float]) -> tuple[float, float]:
 
 
 @given(bits, ranges, places)
-def test_error_is_at_most_half_a_step_and_nothing_is_flagged(
-    n: int, full_scale: tuple[float, float], place: float
-) -> None:
+def test_error_is_at_most_half_a_step_and_nothing_is_flagged(n, full_scale, place):
     value = inside(full_scale, place)
     _, got, clipped = read(n, full_scale, value)
     step = converter_step(n, full_scale)
@@ -55,7 +53,7 @@ def test_error_is_at_most_half_a_step_and_nothing_is_flagged(
 
 
 @given(bits, ranges)
-def test_zero_is_a_level_where_the_range_has_it(n: int, full_scale: tuple[float, float]) -> None:
+def test_zero_is_a_level_where_the_range_has_it(n, full_scale):
     low, high = full_scale
     scale, (lowest, _) = converter_step(n, full_scale), ends(n, full_scale)
     if low <= 0.0 <= high:
@@ -74,15 +72,13 @@ def test_zero_is_a_level_where_the_range_has_it(n: int, full_scale: tuple[float,
         ((1.0, 9.0), [1.0, 3.0, 5.0, 7.0]),
     ],
 )
-def test_levels_of_two_bits(full_scale: tuple[float, float], levels: list[float]) -> None:
+def test_levels_of_two_bits(full_scale, levels):
     scale, offset, first, last = converter_codes(2, full_scale)
     assert [offset + scale * code for code in range(first, last + 1)] == levels
 
 
 @given(bits, ranges)
-def test_the_ends_give_the_outermost_codes_which_fit(
-    n: int, full_scale: tuple[float, float]
-) -> None:
+def test_the_ends_give_the_outermost_codes_which_fit(n, full_scale):
     low, high = full_scale
     _, _, first, last = converter_codes(n, full_scale)
     assert (first, last) == (-(2 ** (n - 1)), 2 ** (n - 1) - 1)  # two's complement of n bits
@@ -95,9 +91,7 @@ def test_the_ends_give_the_outermost_codes_which_fit(
 
 
 @given(bits, ranges, st.floats(1e-9, 1e6))
-def test_values_out_of_range_are_limited_and_flagged(
-    n: int, full_scale: tuple[float, float], beyond: float
-) -> None:
+def test_values_out_of_range_are_limited_and_flagged(n, full_scale, beyond):
     low, high = full_scale
     _, _, first, last = converter_codes(n, full_scale)
     below, above = low - beyond * (high - low), high + beyond * (high - low)
@@ -108,7 +102,7 @@ def test_values_out_of_range_are_limited_and_flagged(
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1))
-def test_an_ideal_channel_passes_the_bits(values: list[float]) -> None:
+def test_an_ideal_channel_passes_the_bits(values):
     # Whatever came before: the filter that is not there must not remember it.
     sensor = Sensor(SensorSpec(), 1e-6, 1, 1)
     for value in values:
@@ -118,7 +112,7 @@ def test_an_ideal_channel_passes_the_bits(values: list[float]) -> None:
         assert struct.pack("d", got) == struct.pack("d", value)
 
 
-def test_an_ideal_converter_with_a_range_limits() -> None:
+def test_an_ideal_converter_with_a_range_limits():
     sensor = Sensor(SensorSpec(full_scale=(-1.0, 2.0)), 1e-6, 1, 1)
     expected = {-1.5: (-1.0, 1), -1.0: (-1.0, 0), 0.1: (0.1, 0), 2.0: (2.0, 0), 2.1: (2.0, 1)}
     for value, wanted in expected.items():
@@ -145,6 +139,6 @@ NAN, INF = math.nan, math.inf
         ({"full_scale": (0.0, float("inf"))}, "full_scale is"),
     ],
 )
-def test_channels_that_cannot_be_are_refused(values: dict, sentence: str) -> None:
+def test_channels_that_cannot_be_are_refused(values, sentence):
     with pytest.raises(ValueError, match=sentence):
         SensorSpec(**values)

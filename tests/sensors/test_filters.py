@@ -47,9 +47,7 @@ ONE_SECTION = [
 
 
 @pytest.mark.parametrize(("spec", "transfer"), ONE_SECTION)
-def test_one_filter_is_exact_for_straight_lines_between_steps(
-    spec: SensorSpec, transfer: tuple[np.ndarray, np.ndarray]
-) -> None:
+def test_one_filter_is_exact_for_straight_lines_between_steps(spec, transfer):
     # From rest at zero, which the first value is.
     signal = np.concatenate([[0.0], np.random.default_rng(3).standard_normal(400)])
     b, a, _ = scipy.signal.cont2discrete(transfer, STEP_S, method="foh")
@@ -58,7 +56,7 @@ def test_one_filter_is_exact_for_straight_lines_between_steps(
 
 
 @pytest.mark.parametrize(("kind", "order"), ALL)
-def test_a_low_pass_has_the_response_of_scipy(kind: str, order: int) -> None:
+def test_a_low_pass_has_the_response_of_scipy(kind, order):
     at_hz = np.array([100.0, 0.5 * CORNER_HZ, CORNER_HZ, 1.5 * CORNER_HZ])
     pulse = np.zeros(1500)
     pulse[1] = 1.0
@@ -72,7 +70,7 @@ def test_a_low_pass_has_the_response_of_scipy(kind: str, order: int) -> None:
 
 
 @pytest.mark.parametrize(("kind", "order"), [("butterworth", 8), ("bessel", 8), ("bessel", 3)])
-def test_filters_start_at_rest_and_settle_at_their_input(kind: str, order: int) -> None:
+def test_filters_start_at_rest_and_settle_at_their_input(kind, order):
     spec = low_pass(kind, order)
     np.testing.assert_array_equal(filtered(spec, np.full(50, 3.7)), 3.7)
     steps = np.where(np.arange(2000) < 100, 2.0, 5.0)
@@ -83,13 +81,13 @@ def test_filters_start_at_rest_and_settle_at_their_input(kind: str, order: int) 
     assert late == pytest.approx(spec.low_pass_delay_s / STEP_S, rel=1e-9)
 
 
-def test_a_corner_far_above_the_steps_is_no_filter() -> None:
+def test_a_corner_far_above_the_steps_is_no_filter():
     signal = np.random.default_rng(5).standard_normal(100)
     found = filtered(low_pass("butterworth", 8, 1e9), signal)
     np.testing.assert_allclose(found, signal, atol=5e-3)
 
 
-def test_the_state_has_room_for_what_the_kernels_keep() -> None:
+def test_the_state_has_room_for_what_the_kernels_keep():
     """Compiled, they would write beyond it without a word."""
     spec = SensorSpec(
         resonance_hz=4e4, ac_coupling_hz=10.0, low_pass_hz=1e4, low_pass="bessel", low_pass_order=7

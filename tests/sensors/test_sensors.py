@@ -1,7 +1,6 @@
 """Filter, sampling, noise and quantities of a channel, on made-up signals and on a plant."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,12 +39,12 @@ def scene(*settings: str) -> Setup:
 
 
 @pytest.mark.parametrize("every", [1, 3, 600])
-def test_every_nth_step_is_sampled_from_the_first_on(every: int) -> None:
+def test_every_nth_step_is_sampled_from_the_first_on(every):
     truth, values = run(f"sensors.every_steps={every}")
     assert np.array_equal(values, truth[0][::every])
 
 
-def test_each_quantity_is_read_from_its_own_place() -> None:
+def test_each_quantity_is_read_from_its_own_place():
     read = {name: run(f"sensors.quantity={name}") for name in SENSED}
     truth = read["xi"][0]
     xi, _, _, v_p, f_c, *_ = truth
@@ -57,7 +56,7 @@ def test_each_quantity_is_read_from_its_own_place() -> None:
     assert np.array_equal(read["acceleration"][1], np.append(0.0, np.diff(v_p) / scene().step_s))
 
 
-def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(tmp_path: Path) -> None:
+def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(tmp_path):
     """One undamped mode of 1 kg under a force held from the start: v = F/w sin(w t) in closed form.
     The mean velocity of the first step is half of that at its end."""
     hertz, force_n, step_s = 20e3, 3.0, 5e-6
@@ -84,12 +83,12 @@ def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(tmp_
     assert read["acceleration"] == pytest.approx(np.diff(at_ends) / step_s, rel=1e-9, abs=1e-9)
 
 
-def test_filter_sees_every_step_also_between_samples() -> None:
+def test_filter_sees_every_step_also_between_samples():
     truth, values = run("sensors.every_steps=7", "sensors.low_pass_hz=20000")
     assert np.array_equal(values, record(SensorSpec(low_pass_hz=20e3), truth[0])[0][::7])
 
 
-def test_saturation_is_flagged_where_the_signal_left_the_range() -> None:
+def test_saturation_is_flagged_where_the_signal_left_the_range():
     truth, values = run("sensors.full_scale=[-5e-6, 1e-4]", "sensors.bits=12")
     alone, flags = record(SensorSpec(bits=12, full_scale=(-5e-6, 1e-4)), truth[0])
     assert np.array_equal(values, alone)
@@ -101,7 +100,7 @@ def test_saturation_is_flagged_where_the_signal_left_the_range() -> None:
     np.testing.assert_allclose(values, limited, rtol=0.0, atol=0.5 * step * (1.0 + 1e-9))
 
 
-def test_noise_of_a_seed_is_the_same_in_every_version() -> None:
+def test_noise_of_a_seed_is_the_same_in_every_version():
     """Recordings are repeated by later versions: a seed has to mean what it meant."""
     noise = Sensor(SensorSpec(noise_rms=1.0), STEP_S, 4, seed=7).model.noise
     np.testing.assert_allclose(
@@ -109,7 +108,7 @@ def test_noise_of_a_seed_is_the_same_in_every_version() -> None:
     )
 
 
-def test_noise_comes_before_the_converter() -> None:
+def test_noise_comes_before_the_converter():
     clean = run()[1]
     noisy = run("sensors.noise_rms=1e-6")[1]
     drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").seed)

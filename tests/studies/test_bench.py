@@ -1,7 +1,6 @@
 """The benchmark measures what it says; how fast that is here is not for a test to judge."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from tests.hertzloop.commands import hertzloop
 SHORT = "run.duration_s=0.0016"
 
 
-def test_latencies_are_multiples_of_the_step_and_shorter_than_the_run() -> None:
+def test_latencies_are_multiples_of_the_step_and_shorter_than_the_run():
     setup = load("aluminium-3mm", [SHORT, "run.step_ns=500"])
     cases = bench.latency_cases(setup, 4)
     assert [case["controller.latency_us"] for case in cases] == [0.0, 0.5, 1.0, 1.5]
@@ -21,7 +20,7 @@ def test_latencies_are_multiples_of_the_step_and_shorter_than_the_run() -> None:
 
 
 @pytest.mark.full
-def test_the_command_prints_and_writes_it(tmp_path: Path) -> None:
+def test_the_command_prints_and_writes_it(tmp_path):
     words = ("bench", "aluminium-3mm", "--quick", "--set", SHORT)
     done = hertzloop(*words, "--json", str(tmp_path / "a.json"))
     data = json.loads((tmp_path / "a.json").read_text())

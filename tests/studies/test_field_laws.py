@@ -25,7 +25,7 @@ PEAKS_N = {0.2: 92.0, 0.5: 98.6}  # by the gain
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     shutil.copytree(LAWS, tmp_path / "laws")
     return tmp_path / "laws"
 
@@ -45,7 +45,7 @@ def peak_n(folder: Path, *words: str) -> float:
 
 
 @pytest.mark.parametrize("law", ["filegain.py", "sub.py"])
-def test_a_gain_from_elsewhere_is_that_of_now(law: str, folder: Path) -> None:
+def test_a_gain_from_elsewhere_is_that_of_now(law, folder):
     file, text = {
         "filegain.py": ("gain.txt", "{}"),
         "sub.py": ("lib/gains.py", "K = {}"),
@@ -80,13 +80,13 @@ def test_a_gain_from_elsewhere_is_that_of_now(law: str, folder: Path) -> None:
     assert [float(x) for x in done.stdout.split()] == pytest.approx(list(PEAKS_N.values()), abs=0.1)
 
 
-def test_a_law_that_keeps_its_state_at_module_level_is_refused(folder: Path) -> None:
+def test_a_law_that_keeps_its_state_at_module_level_is_refused(folder):
     done = hertzloop("run", "base.toml", "--set", "controller.law=stateg.py", cwd=folder, code=2)
     assert "not deterministic" in done.stderr
     assert "not deterministic" in python(folder, "two_runs.py").stderr
 
 
-def test_a_sample_says_its_time(folder: Path) -> None:
+def test_a_sample_says_its_time(folder):
     gap, force = python(folder, "daq_time.py").stdout.splitlines()
     assert gap.startswith("True")
     assert "at the time of the sample" in gap
@@ -94,7 +94,7 @@ def test_a_sample_says_its_time(folder: Path) -> None:
     assert "mean of the step before" in force
 
 
-def test_the_age_of_the_force_under_jitter_is_printed(folder: Path) -> None:
+def test_the_age_of_the_force_under_jitter_is_printed(folder):
     said = python(folder, "jitter_age.py").stdout.splitlines()
     ages = [float(re.search(r"mean ([\d.]+)", line).group(1)) - 1.0 for line in said]
     keys = [(), ("controller.jitter_us=20",), ("controller.latency_trace=[0, 20]",),
@@ -111,7 +111,7 @@ def test_the_age_of_the_force_under_jitter_is_printed(folder: Path) -> None:
         assert not found or float(found.group(1)) == pytest.approx(age, abs=0.1)
 
 
-def test_a_restitution_on_a_rigid_support(folder: Path) -> None:
+def test_a_restitution_on_a_rigid_support(folder):
     done = python(folder, "hunt_crossley_bounces.py")
     assert done.returncode == 0, done.stderr
     first, later = done.stdout.splitlines()
@@ -124,7 +124,7 @@ def test_a_restitution_on_a_rigid_support(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "more"), [("plain", ()), ("skew", ()), ("expw", ("--exponential-window", "0.05"))]
 )
-def test_hits_give_the_three_modes(kind: str, more: tuple[str, ...], folder: Path) -> None:
+def test_hits_give_the_three_modes(kind, more, folder):
     assert python(folder, "hits.py", kind).returncode == 0
     said = ran(folder, "scene", "modes", "--from", "h0.csv", "h1.csv", "h2.csv", "--contact", "hit",
                "--set", "plate.thickness_m=0.01", *more, "-o", "o.csv")  # fmt: skip
@@ -140,7 +140,5 @@ def test_hits_give_the_three_modes(kind: str, more: tuple[str, ...], folder: Pat
     ("words", "expected"),
     [(("bom_scene.toml",), 88.1), (("base.toml", "--set", "controller.law=lat.py"), 92.0)],
 )
-def test_files_in_other_encodings_run(
-    words: tuple[str, ...], expected: float, folder: Path
-) -> None:
+def test_files_in_other_encodings_run(words, expected, folder):
     assert peak_n(folder, *words) == pytest.approx(expected, abs=0.1)

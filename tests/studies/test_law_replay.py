@@ -1,7 +1,5 @@
 """A recording's samples through another law: where the forces differ first."""
 
-from pathlib import Path
-
 import numpy as np
 
 from hertzloop.loop.in_process import record_in_process
@@ -10,7 +8,7 @@ from hertzloop.scene.setup import load
 from hertzloop.studies.law_replay.law_replay import replay_law, scene_with
 
 
-def test_it_finds_the_first_step_that_differs_and_none_for_equal_laws(tmp_path: Path) -> None:
+def test_it_finds_the_first_step_that_differs_and_none_for_equal_laws(tmp_path):
     setup = load("aluminium-3mm", ["run.duration_s=0.0016", "run.accuracy=0.1"])
     record_in_process(setup, tmp_path / "a.mcap", compiled=True)
     recording = read(tmp_path / "a.mcap")

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,11 +25,11 @@ SHORT = {"run.duration_s": 0.0015, "controller.v_thr_m_s": -0.6}
 
 
 @pytest.fixture(scope="module")
-def scene() -> hertzloop.Scene:
+def scene():
     return hertzloop.load("aluminium-3mm", SHORT)
 
 
-def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> None:
+def test_a_run_in_memory_holds_the_loops_own_rows(scene):
     run, rows = hertzloop.simulate(scene), simulate(resolve(scene)).truth
     assert run.truth["xi_m"].values.tobytes() == rows[0].tobytes()
     assert run.truth["f_c_n"].attrs["units"] == "N"
@@ -44,9 +43,7 @@ def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> Non
 
 
 @pytest.mark.parametrize("transport", ["zenoh", "compiled"])
-def test_every_transport_gives_the_same_run(
-    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.api.runs.TransportName"
-) -> None:
+def test_every_transport_gives_the_same_run(scene, tmp_path, transport):
     recorded = hertzloop.run(scene, tmp_path / "a.mcap", transport=transport)
     memory = hertzloop.simulate(scene)
     assert recorded.truth.identical(memory.truth)
@@ -59,7 +56,7 @@ def test_every_transport_gives_the_same_run(
     assert "contact 1 began" in {event.message for event in again.events}
 
 
-def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
+def test_a_scene_may_be_given_by_name_or_file(tmp_path):
     source = tmp_path / "mine.toml"
     source.write_text(to_toml(resolve(hertzloop.vary("aluminium-3mm", SHORT)).scene))
     run = hertzloop.simulate(source)
@@ -72,7 +69,7 @@ def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
+def test_a_paced_run_tells_what_it_missed(scene, tmp_path):
     """Late forces are numbered in the rows of truth, so that these name all that acted."""
     path = tmp_path / "a.mcap"
     paced = hertzloop.run(scene, path, pace=0.5)
@@ -88,9 +85,7 @@ def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path
     assert hertzloop.simulate(scene).pacing is None
 
 
-def test_a_run_has_metrics_and_a_verdict_those_of_the_command(
-    scene: hertzloop.Scene, tmp_path: Path
-) -> None:
+def test_a_run_has_metrics_and_a_verdict_those_of_the_command(scene, tmp_path):
     told = run_as_json(
         run_and_assess(resolve(scene), tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
     )
@@ -110,14 +105,14 @@ def test_a_run_has_metrics_and_a_verdict_those_of_the_command(
     assert hertzloop.compare(free.metrics, memory.metrics) == found
 
 
-def test_modes_come_as_a_table_with_units(scene: hertzloop.Scene) -> None:
+def test_modes_come_as_a_table_with_units(scene):
     found = hertzloop.modes(scene)
     assert found.frequency_hz.attrs["units"] == "Hz"
     assert found.frequency_hz.values[0] == pytest.approx(59.76, abs=0.01)
     assert found.attrs["residual_flexibility_m_n"] > 0.0
 
 
-def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
+def test_the_package_shows_its_public_names_and_loads_them_late():
     """Every documented exception is there; `import hertzloop` alone loads nothing heavy."""
     code = (
         "import sys, hertzloop\n"
@@ -142,7 +137,7 @@ def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
     assert all(issubclass(getattr(hertzloop, name), Exception) for name in documented)
 
 
-def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene) -> None:
+def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene):
     table = hertzloop.sweep(
         scene, hertzloop.SweepRequest({"controller.latency_us": np.arange(3)}, workers=1)
     )
@@ -156,7 +151,7 @@ def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene)
     assert spread.sizes["case"] == 4
 
 
-def test_tuning_finds_no_worse_than_the_published_setting() -> None:
+def test_tuning_finds_no_worse_than_the_published_setting():
     scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0016})
     request = hertzloop.TuneRequest(
         laws=["slope_threshold"],
@@ -167,7 +162,7 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
     assert hertzloop.tune(scene, request, generations=3).best.metrics["plate_energy_db"] < 0.35
 
 
-def test_a_budget_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_budget_is_that_of_the_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     settings = {"run.duration_s": 0.0016, "controller.law": "force_feedback"}
     words = [f"--set={key}={value}" for key, value in settings.items()]
@@ -178,7 +173,7 @@ def test_a_budget_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.Mon
     assert found["limits"] == json_in("a.json")["limits"]
 
 
-def test_a_margin_holds_the_loop_in_flight_and_its_jitter() -> None:
+def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
     feedback = {"controller.law": "velocity_feedback", "controller.kappa": 0.05}
     found = hertzloop.margin(hertzloop.load("aluminium-3mm", feedback))
     assert found.flight.stable
@@ -203,13 +198,13 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter() -> None:
         (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
     ],
 )
-def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:
+def test_mistakes_end_in_one_sentence(scene, call, sentence):
     with pytest.raises(ValueError, match=sentence):
         call(scene)
 
 
 @pytest.mark.full
-def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) -> None:
+def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import hertzloop\n"
@@ -222,7 +217,7 @@ def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) 
 
 
 @pytest.mark.full
-def test_the_notebook_runs(tmp_path: Path) -> None:
+def test_the_notebook_runs(tmp_path):
     import nbformat
     from nbclient import NotebookClient
 

@@ -1,7 +1,6 @@
 """The command line as a user meets it: files, exit codes, sentences."""
 
 import math
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from tests.hertzloop.scenes import json_in
 SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
 
 
-def test_first_run_of_a_new_user(here: Path) -> None:
+def test_first_run_of_a_new_user(here):
     """Real processes, no argument but a shorter run: recording, closing table, all metrics."""
     done = hertzloop("run", "--set", "run.duration_s=0.02", "--json", "a.json", cwd=here)
     lines = done.stdout.splitlines()
@@ -51,9 +50,7 @@ def test_first_run_of_a_new_user(here: Path) -> None:
 
 
 @pytest.mark.full
-def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
-    here: Path,
-) -> None:
+def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(here):
     told = succeed("run", "aluminium-3mm", *SHORT, "--json", "a.json", "--details")
     for words in (
         "564 frequencies up to 244.7 kHz",
@@ -74,7 +71,7 @@ def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     assert json_in(here / "t.json")["model"] is None
 
 
-def test_a_run_on_an_infinite_plate(here: Path) -> None:
+def test_a_run_on_an_infinite_plate(here):
     run = ["run", "aluminium-3mm", "--details", "--transport", "compiled", "--overwrite",
            "--set", "controller.law=off"]  # fmt: skip
     told = succeed(*run, "--set", "run.duration_s=0.00114", "--verify", "--json", "a.json")
@@ -94,7 +91,7 @@ def test_a_run_on_an_infinite_plate(here: Path) -> None:
         assert sentence in succeed(*run, *asked)
 
 
-def test_nothing_is_overwritten_unasked(here: Path) -> None:
+def test_nothing_is_overwritten_unasked(here):
     (here / "aluminium-3mm.mcap").write_text("mine")
     refused("aluminium-3mm.mcap exists", "run", "aluminium-3mm", *SHORT)
     refused("aluminium-3mm.mcap exists", "node", "recorder", "--out", "aluminium-3mm.mcap")
@@ -103,7 +100,7 @@ def test_nothing_is_overwritten_unasked(here: Path) -> None:
     assert read(here / "aluminium-3mm.mcap").truth.samples == 1500
 
 
-def test_the_scene_of_a_recording_runs_again(here: Path) -> None:
+def test_the_scene_of_a_recording_runs_again(here):
     seen = ["--seed", "5", "--set", "sensors.bits=12", "--json", "a.json"]
     succeed("run", "oak-20mm", *SHORT, *seen, "--out", "a.mcap")
     recording = read(here / "a.mcap")
@@ -119,7 +116,7 @@ def test_the_scene_of_a_recording_runs_again(here: Path) -> None:
     assert "differs first at step" in said(different)
 
 
-def test_compare_shows_metrics_of_two_laws(here: Path) -> None:
+def test_compare_shows_metrics_of_two_laws(here):
     run = ["run", "--transport", "compiled",
            *as_options(["run.duration_s=0.0016", "run.accuracy=0.05"])]  # fmt: skip
     for name, law in (("a", "slope_threshold"), ("b", "force_feedback")):
@@ -139,7 +136,7 @@ def test_compare_shows_metrics_of_two_laws(here: Path) -> None:
         refused("error: ", "compare", "a.mcap", "b.mcap", *wrong)
 
 
-def test_inspect_whole_and_cut_off(here: Path) -> None:
+def test_inspect_whole_and_cut_off(here):
     long = ["--transport", "compiled", "--set", "run.duration_s=0.1", "--out", "a.mcap"]
     succeed("run", "aluminium-3mm", *long)
     succeed("inspect", "a.mcap", "--json", "a.json")
@@ -155,13 +152,13 @@ def test_inspect_whole_and_cut_off(here: Path) -> None:
     assert data["problems"]
 
 
-def test_scenes_are_listed() -> None:
+def test_scenes_are_listed():
     listed = succeed("scene", "list")
     for name in ("aluminium-20mm (default)", "aluminium-3mm", "oak-20mm", "sylomer-20mm"):
         assert name in listed
 
 
-def test_endpoints_that_zenoh_takes_are_taken() -> None:
+def test_endpoints_that_zenoh_takes_are_taken():
     plain = ["tcp/[::1]:7450", "ws/localhost:7450", "unixsock-stream//tmp/a.b"]
     with_words = ["udp/10.0.0.1:7450?rel=1", "tls/lab.example:65535#iface=eth0"]
     check_endpoints("--listen", plain + with_words)
@@ -178,9 +175,7 @@ def test_endpoints_that_zenoh_takes_are_taken() -> None:
         "tune --out-dir F",
     ],
 )
-def test_what_cannot_be_written_is_said_before_work_starts(
-    here: Path, monkeypatch: pytest.MonkeyPatch, words: str
-) -> None:
+def test_what_cannot_be_written_is_said_before_work_starts(here, monkeypatch, words):
     """In /proc not even root can make a file."""
 
     def work(*_: object) -> None:

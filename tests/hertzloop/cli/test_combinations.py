@@ -1,7 +1,6 @@
 """Every pair of features on the page of combinations: built, or refused with a remedy."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -51,20 +50,20 @@ PAIRS = [
 
 
 @pytest.fixture(scope="session")
-def modes_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def modes_file(tmp_path_factory):
     """Modes of the default plate, as a file."""
     path = tmp_path_factory.mktemp("combined") / "modes.csv"
     succeed("scene", "modes", "aluminium-3mm", "-o", path)
     return path
 
 
-def test_the_page_knows_every_feature() -> None:
+def test_the_page_knows_every_feature():
     assert {*COLUMNS, *(row[0] for row in ROWS)} <= {*FEATURES}
     assert {pair.values[2] for pair in PAIRS} == {"works", "refused"}
 
 
 @pytest.mark.parametrize(("one", "other", "verdict"), PAIRS, ids=lambda x: re.sub(r"\W+", "-", x))
-def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path) -> None:
+def test_a_pair_of_features(one, other, verdict, modes_file):
     settings = [
         setting.replace("MODES", str(modes_file))
         for name in (other, one)

@@ -36,7 +36,7 @@ LATENCIES = "0,4"
 
 
 @pytest.fixture(scope="module")
-def modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def modes(tmp_path_factory):
     """A file of modes of three points."""
     table = build_plant(aluminium_3mm()).modes
     rng, count = np.random.default_rng(2), len(table.omega)
@@ -56,9 +56,7 @@ def settings_of(name: str, modes: Path) -> list[str]:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", FEATURES)
-def test_run_sweep_report_and_export_have_the_same_numbers(
-    name: str, modes: Path, tmp_path: Path
-) -> None:
+def test_run_sweep_report_and_export_have_the_same_numbers(name, modes, tmp_path):
     settings = settings_of(name, modes)
     scene = ["aluminium-3mm", *as_options(settings)]
     file, sweep, metrics = tmp_path / "a.mcap", tmp_path / "s.csv", tmp_path / "a.json"
@@ -93,7 +91,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["soft tip", "sensor mass", "modes from a file"])
-def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> None:
+def test_it_runs_in_each_transport(name, modes, tmp_path):
     settings = settings_of(name, modes)
     if name == "soft tip":  # a law of one's own senses the gap
         settings.append(f"controller.law={write_law(tmp_path)}")
@@ -105,7 +103,7 @@ def test_it_runs_in_each_transport(name: str, modes: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.full
-def test_texts_name_the_hammer() -> None:
+def test_texts_name_the_hammer():
     setup = aluminium_3mm(*FEATURES["metal tip"].split(), *SHORT)
     exported = image(setup)
     texts = [one.end for one in quantities_of(setup)]

@@ -6,19 +6,19 @@ import shlex
 import pytest
 
 from hertzloop.cli import app
-from hertzloop.cli.commands import CommandEntry, all_commands
+from hertzloop.cli.commands import all_commands
 from tests.commands import succeed
 from tests.hertzloop.commands import hertzloop, python
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
 
-def test_there_are_at_most_30_leaves_each_once() -> None:
+def test_there_are_at_most_30_leaves_each_once():
     words = [entry.words for entry in all_commands()]
     assert len(words) == len(set(words)) <= 30
 
 
-def test_the_help_fits_on_one_screen() -> None:
+def test_the_help_fits_on_one_screen():
     done = hertzloop("--help")
     assert len(done.stdout.splitlines()) <= 50
     for entry in all_commands():
@@ -26,7 +26,7 @@ def test_the_help_fits_on_one_screen() -> None:
 
 
 @pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
-def test_help_has_a_purpose_and_an_example_that_is_accepted(entry: CommandEntry) -> None:
+def test_help_has_a_purpose_and_an_example_that_is_accepted(entry):
     command = app.load_command(entry)
     assert command.help.split("\n\n")[0].replace("\n", " ").strip() == entry.summary
     assert command.epilog == f"Example: hertzloop {entry.example}"
@@ -35,7 +35,7 @@ def test_help_has_a_purpose_and_an_example_that_is_accepted(entry: CommandEntry)
     command.make_context(entry.words, shlex.split(words), resilient_parsing=False)
 
 
-def test_out_is_a_file_and_out_dir_a_folder() -> None:
+def test_out_is_a_file_and_out_dir_a_folder():
     for entry in all_commands():
         for parameter in app.load_command(entry).params:
             options = [o for o in parameter.opts if o in ("--out", "--out-dir")]
@@ -45,12 +45,12 @@ def test_out_is_a_file_and_out_dir_a_folder() -> None:
                 assert ("folder" in words) is (option == "--out-dir"), f"{entry.words} {option}"
 
 
-def test_quiet_prints_nothing() -> None:
+def test_quiet_prints_nothing():
     for words in (["scene", "list", "--quiet"], ["-q", "scene", "list"]):
         assert succeed(*words) == ""
 
 
-def test_help_and_version_import_no_numerics() -> None:
+def test_help_and_version_import_no_numerics():
     for words in (["--version"], ["scene", "--help"]):
         script = (
             f"import sys; sys.argv[1:] = {words!r}\nfrom hertzloop.__main__ import main\n"
@@ -60,7 +60,7 @@ def test_help_and_version_import_no_numerics() -> None:
         assert python("-c", script).stdout.splitlines()[-1] == "[]"
 
 
-def test_completion_knows_the_commands() -> None:
+def test_completion_knows_the_commands():
     environment = {"_HERTZLOOP_COMPLETE": "complete_bash", "COMP_WORDS": "hertzloop sce"}
     script = "from hertzloop.cli import app; app.root_command()(prog_name='hertzloop')"
     found = python("-c", script, env={**os.environ, **environment, "COMP_CWORD": "1"})

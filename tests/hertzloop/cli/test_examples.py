@@ -30,7 +30,7 @@ def copied(folder: Path, *names: str) -> None:
         ("l_shaped.toml", ["l_shaped_modes.py"], "the modes of l_shaped.npz"),
     ],
 )
-def test_example(here: Path, scene: str, files: list[str], struck: str) -> None:
+def test_example(here, scene, files, struck):
     copied(here, scene, *files)
     told = succeed("run", scene, "--details", "--json", "report.json")
     assert "not defined" in told
@@ -48,7 +48,7 @@ def test_example(here: Path, scene: str, files: list[str], struck: str) -> None:
     succeed("replay", recording, "--save", "alone.rrd")
 
 
-def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path: Path) -> None:
+def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path):
     copied(tmp_path, "beam.toml", "beam_modes.py")
     spec = load(str(tmp_path / "beam.toml")).plant
     limit = 2.0 * np.pi * spec.frequency_limit_hz
@@ -92,7 +92,7 @@ print("agrees")
 
 
 @pytest.mark.full
-def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path: Path) -> None:
+def test_the_block_of_the_example_is_a_mass_on_a_spring(tmp_path):
     """A structure of one's own from one file, which adds its own row."""
     copied(tmp_path, "own_block.py", "own_block.toml")
     assert python("-c", BLOCK, cwd=tmp_path).stdout == "agrees\n"

@@ -33,9 +33,7 @@ def without(
         ("matplotlib pymoo", "charts,tune", "tune aluminium-3mm"),
     ],
 )
-def test_all_missing_packages_are_named(
-    packages: str, extra: str, words: str, tmp_path: Path
-) -> None:
+def test_all_missing_packages_are_named(packages, extra, words, tmp_path):
     done = without(packages, *words.split(), cwd=tmp_path, code=2)
     assert "Traceback" not in done.stderr
     said = " ".join(done.stderr.split())
@@ -46,7 +44,7 @@ def test_all_missing_packages_are_named(
 NOT_IN_THE_BASE = " ".join(EXTRAS)
 
 
-def test_the_python_interface_needs_no_extra_until_one_is_asked_for(tmp_path: Path) -> None:
+def test_the_python_interface_needs_no_extra_until_one_is_asked_for(tmp_path):
     page = ROOT / "docs" / "how-to" / "python.md"
     first, second = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)[:2]
     assert "truth" in second
@@ -72,7 +70,7 @@ set = { "run.duration_s" = 0.002 }
 
 
 @pytest.mark.full
-def test_runs_exports_and_checks_need_no_extra(tmp_path: Path) -> None:
+def test_runs_exports_and_checks_need_no_extra(tmp_path):
     (tmp_path / "requirements.toml").write_text(REQUIREMENTS)
     for words in (
         "run --transport compiled --set run.duration_s=0.002 -o a.mcap",

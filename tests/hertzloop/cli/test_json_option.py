@@ -13,7 +13,7 @@ RUN = ["run", "aluminium-3mm", *SHORT]
 SWEEP = ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv"]
 
 
-def test_it_leaves_the_files_of_others_alone(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_leaves_the_files_of_others_alone(here, monkeypatch):
     theirs = '{\n  "settings": 1\n}\n'
     for name in ("mine.mcap", "mine.toml", "tuned.json"):
         (here / name).write_text(theirs)
@@ -38,13 +38,13 @@ def test_it_leaves_the_files_of_others_alone(here: Path, monkeypatch: pytest.Mon
         (SWEEP, "a.csv.partial"),
     ],
 )
-def test_it_is_no_other_output_of_the_command(words: list[str], name: str, here: Path) -> None:
+def test_it_is_no_other_output_of_the_command(words, name, here):
     (here / "link").symlink_to(here)
     refused(f"--json = {Path(name)}: is another output of this command", *words, "--json", name)
     assert list(here.iterdir()) == [here / "link"]
 
 
-def test_an_earlier_one_and_an_empty_one_are_replaced(here: Path) -> None:
+def test_an_earlier_one_and_an_empty_one_are_replaced(here):
     (here / "a.json").touch()
     for steps in (1100, 1200):
         duration = ["--set", f"run.duration_s={steps}e-6"]

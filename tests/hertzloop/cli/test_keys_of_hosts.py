@@ -1,7 +1,5 @@
 """The files that `node keys DIR --hosts` writes."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.bus.access_control import access_control
@@ -13,7 +11,7 @@ HOSTS = "plant=[fd00::1],controller=lab.example:7500,recorder=[fd00::3]:7600"
 
 
 @pytest.mark.full
-def test_what_is_written(tmp_path: Path) -> None:
+def test_what_is_written(tmp_path):
     folder = tmp_path / "keys"
     told = succeed("node", "keys", folder, "--hosts", HOSTS)
     assert "lab.example: hertzloop node controller --zenoh-config controller.json5" in told
@@ -46,7 +44,7 @@ def test_what_is_written(tmp_path: Path) -> None:
         ("plant=h:1,controller=h:1,recorder=h:2", "the same host and port"),
     ],
 )
-def test_hosts_that_cannot_be(hosts: str, sentence: str, tmp_path: Path) -> None:
+def test_hosts_that_cannot_be(hosts, sentence, tmp_path):
     refused(sentence, "node", "keys", tmp_path / "d", "--hosts", hosts)
     assert list(tmp_path.iterdir()) == []
 
@@ -67,7 +65,7 @@ def allowed(role: str) -> set[tuple[str, str, str, str]]:
 
 
 @pytest.mark.parametrize("role", SUBSCRIPTIONS)
-def test_a_rule_a_stream_and_direction(role: str) -> None:
+def test_a_rule_a_stream_and_direction(role):
     assert access_control(role)["default_permission"] == "deny"
     puts = {rule[:2] + rule[3:] for rule in allowed(role) if rule[2] == "put"}
     out = {

@@ -83,7 +83,7 @@ DASK = {
 
 
 @pytest.mark.parametrize("words", default(ANSWERS | DASK, ANSWERS))
-def test_it_is_answered(words: str, here: Path) -> None:
+def test_it_is_answered(words, here):
     (here / "folder.json").mkdir()
     (here / "link.mcap").symlink_to(here / "none" / "x")
     for name in ("pipe.mcap", "pipe.csv"):
@@ -95,7 +95,7 @@ def test_it_is_answered(words: str, here: Path) -> None:
     assert set(here.iterdir()) == before
 
 
-def test_h_is_help_for_every_command() -> None:
+def test_h_is_help_for_every_command():
     paths = [entry.words.split() for entry in all_commands()]
     for path in [[], *([group.name] for group in GROUPS), *paths]:
         full, short = call(*path, "--help"), call(*path, "-h")
@@ -112,7 +112,7 @@ INPUTS = {
 }
 
 
-def test_an_input_is_not_replaced(here: Path) -> None:
+def test_an_input_is_not_replaced(here):
     """A recording by any of its names, and all that a scene is made of."""
     (here / "mine.py").write_text(LAW)
     call("scene", "modes", "aluminium-3mm", "-o", "m.csv")

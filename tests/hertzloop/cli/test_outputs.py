@@ -4,7 +4,6 @@ import errno
 import os
 import stat
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from tests.hertzloop.scenes import aluminium_3mm
 _FULL = "No space left on device"
 
 
-def test_a_file_is_replaced_by_a_whole_one_only(tmp_path: Path) -> None:
+def test_a_file_is_replaced_by_a_whole_one_only(tmp_path):
     path = tmp_path / "a.csv"
     with whole_file(path) as unfinished:
         unfinished.write_text("begun")
@@ -40,7 +39,7 @@ def _written_half(path: Path, error: BaseException) -> None:
         raise error
 
 
-def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
+def test_an_error_of_the_system_names_the_file(tmp_path):
     path = tmp_path / "a.csv"
     sentence = f"cannot write {path}: {_FULL}"
     with pytest.raises(NotWritten, match=sentence) as caught:
@@ -49,7 +48,7 @@ def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_links_and_permissions_stay(tmp_path: Path) -> None:
+def test_links_and_permissions_stay(tmp_path):
     (tmp_path / "folder").mkdir()
     path, link = tmp_path / "folder" / "a.txt", tmp_path / "link.txt"
     link.symlink_to(path)
@@ -67,7 +66,7 @@ def test_links_and_permissions_stay(tmp_path: Path) -> None:
     assert [one.name for one in path.parent.iterdir()] == ["a.txt"]
 
 
-def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_and_a_device_written_to(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(NotWritten, match="not a regular file"):
@@ -83,7 +82,7 @@ def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("outputs") / "run.mcap"
     record_in_process(aluminium_3mm("run.duration_s=0.003"), path, compiled=True)
     return path
@@ -120,7 +119,7 @@ def _name_of(words: list[str]) -> str:
 
 
 @pytest.fixture
-def full(tmp_path: Path) -> Iterator[Path]:
+def full(tmp_path):
     """A file system without room for a byte."""
     folder = tmp_path / "full"
     folder.mkdir()
@@ -141,9 +140,7 @@ _SMALL = ("law", "scene", "inspect")  # fits into a page
 
 @pytest.mark.full
 @pytest.mark.parametrize("words", _OUTPUTS, ids=_name_of)
-def test_a_full_disk_leaves_no_part(
-    words: list[str], recording: Path, full: Path, here: Path
-) -> None:
+def test_a_full_disk_leaves_no_part(words, recording, full, here):
     """One page is free, or none for what would fit into it."""
     if words[0] in _SMALL:
         (full / "more").write_bytes(bytes(4096))
@@ -164,7 +161,7 @@ def test_a_full_disk_leaves_no_part(
 
 
 @pytest.mark.full
-def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path) -> None:
+def test_an_existing_file_outlives_a_full_disk(recording, full):
     old = full / "out.mcap"
     old.write_bytes(b"old")
     result = call("repair", str(recording), "-o", str(old), "--overwrite")
@@ -172,7 +169,7 @@ def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path) -> N
     assert f"cannot write {old}: {_FULL}" in said(result)
 
 
-def test_results_that_find_no_room() -> None:
+def test_results_that_find_no_room():
     words = [*HERTZLOOP, "scene", "show", "oak-20mm"]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)

@@ -1,7 +1,6 @@
 """Impacts as a vector environment: the bytes of runs with the same law, many at a time."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ def command(p, s, samples, i):
 
 
 @pytest.mark.parametrize("latency_us", [0, 3])
-def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> None:
+def test_it_is_the_run_with_the_same_law(tmp_path, latency_us):
     (tmp_path / "mine.py").write_text(LAW)
     scene = aluminium_3mm(
         *SHORT, f"controller.law={tmp_path / 'mine.py'}", f"controller.latency_us={latency_us}"
@@ -54,7 +53,7 @@ def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> Non
     impacts.close()
 
 
-def test_what_is_over_begins_anew() -> None:
+def test_what_is_over_begins_anew():
     impacts = Impacts(aluminium_3mm(*SHORT, "run.touch_phase=random"), 4)
     seen, _ = impacts.reset(seed=7)
     assert impacts.observation_space.contains(seen)
@@ -68,7 +67,7 @@ def test_what_is_over_begins_anew() -> None:
     impacts.close()
 
 
-def test_nan_ends_its_own_impact_only() -> None:
+def test_nan_ends_its_own_impact_only():
     impacts, others = Impacts(aluminium_3mm(*SHORT), 3), Impacts(aluminium_3mm(*SHORT), 3)
     with pytest.raises(gymnasium.error.ResetNeeded, match="Call reset first"):
         impacts.step(np.zeros((3, 1)))
@@ -86,7 +85,7 @@ def test_nan_ends_its_own_impact_only() -> None:
         one.close()
 
 
-def test_one_impact_passes_the_check_of_gymnasium() -> None:
+def test_one_impact_passes_the_check_of_gymnasium():
     from gymnasium.utils.env_checker import check_env
 
     one, batch = hertzloop.ImpactEnv("aluminium-3mm"), Impacts("aluminium-3mm", 1)
@@ -112,13 +111,13 @@ def test_one_impact_passes_the_check_of_gymnasium() -> None:
         one.reset()
 
 
-def test_another_quantity_needs_a_scale() -> None:
+def test_another_quantity_needs_a_scale():
     scene = aluminium_3mm(*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback")
     with pytest.raises(SceneError, match=r"sensors\.quantity = 'v_p' needs a scale"):
         Impacts(scene, 1)
 
 
-def test_seeds_are_heeded_and_a_closed_one_is_refused() -> None:
+def test_seeds_are_heeded_and_a_closed_one_is_refused():
     impacts = Impacts(aluminium_3mm(*SHORT, "run.touch_phase=random"), 2)
 
     def began(seed: object) -> np.ndarray:

@@ -4,9 +4,7 @@ import ctypes
 import math
 import re
 import subprocess
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,17 +30,17 @@ KINDS = {
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short(tmp_path_factory):
     return exported(tmp_path_factory.mktemp("short"), aluminium_3mm(*SHORT))
 
 
 @pytest.fixture(scope="module")
-def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def noisy(tmp_path_factory):
     return exported(tmp_path_factory.mktemp("noisy"), aluminium_3mm(*NOISY))
 
 
 @pytest.fixture
-def plant(short: Path) -> Iterator[InC]:
+def plant(short):
     plant = InC(short / "libhertzloop_plant.so")
     yield plant
     plant.c.hertzloop_plant_free(plant.plant)
@@ -50,7 +48,7 @@ def plant(short: Path) -> Iterator[InC]:
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_program_in_c_gets_the_bytes_of_the_loop(kind: str, tmp_path: Path) -> None:
+def test_a_program_in_c_gets_the_bytes_of_the_loop(kind, tmp_path):
     scene = aluminium_3mm(*KINDS[kind])
     loop = simulate(scene)
     assert np.max(loop.forces) > 1.0  # the law acted
@@ -63,7 +61,7 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(kind: str, tmp_path: Path) ->
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_one_bit_of_difference_is_seen(short: Path) -> None:
+def test_one_bit_of_difference_is_seen(short):
     loop = simulate(aluminium_3mm(*SHORT))
     forces = loop.forces.copy()
     pushed = np.flatnonzero(forces)[0]
@@ -71,7 +69,7 @@ def test_one_bit_of_difference_is_seen(short: Path) -> None:
     assert not same_bytes(loop, drive(build(short), forces))
 
 
-def test_the_library_needs_libc_and_libm_only(short: Path) -> None:
+def test_the_library_needs_libc_and_libm_only(short):
     library = short / "libhertzloop_plant.so"
     needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout
     names = {line.split()[0].split("/")[-1].split(".")[0] for line in needed.splitlines()}
@@ -84,14 +82,14 @@ def test_the_library_needs_libc_and_libm_only(short: Path) -> None:
     assert library.stat().st_size - len(images.image(aluminium_3mm(*SHORT)).data) < 300_000
 
 
-def test_the_example_runs(short: Path) -> None:
+def test_the_example_runs(short):
     assert len(EXAMPLE.read_text().splitlines()) <= 40
     program = build(short, short / "main.c")
     said = subprocess.run([program], capture_output=True, text=True, check=True, env={}).stdout
     assert re.fullmatch(r"aluminium-3mm: .* contact force at most \d+\.\d+ N, .*\n", said)
 
 
-def test_a_state_is_come_back_to(plant: InC) -> None:
+def test_a_state_is_come_back_to(plant):
     while plant.values()["gap_m"] >= 0.0:
         assert plant.step(1.0) == 0
     before, kept, forces = plant.values(), plant.state(), np.linspace(0.0, 5.0, 500)
@@ -106,7 +104,7 @@ def test_a_state_is_come_back_to(plant: InC) -> None:
     assert plant.run(forces).tobytes() == once.tobytes()
 
 
-def test_it_starts_anew_from_another_height(plant: InC) -> None:
+def test_it_starts_anew_from_another_height(plant):
     """The model stays that of the scene; the sphere falls from elsewhere."""
     scene = aluminium_3mm(*SHORT)
     start = plant.run(np.zeros(1000))
@@ -119,7 +117,7 @@ def test_it_starts_anew_from_another_height(plant: InC) -> None:
     assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
 
 
-def test_another_seed_is_that_of_another_run(noisy: Path) -> None:
+def test_another_seed_is_that_of_another_run(noisy):
     plant = InC(noisy / "libhertzloop_plant.so")
     loop = simulate(aluminium_3mm(*NOISY, "run.seed=123456789012"))
     kept = plant.state()
@@ -142,7 +140,7 @@ def test_another_seed_is_that_of_another_run(noisy: Path) -> None:
          "the state is not one of this plant"),
     ],
 )  # fmt: skip
-def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence) -> None:
+def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence):
     plant.run(np.full(700, 2.0))
     kept = plant.state()
     assert call(plant) == status
@@ -150,9 +148,7 @@ def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence) -> N
     assert plant.state() == kept
 
 
-def test_a_processor_without_the_instructions_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_processor_without_the_instructions_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(images, "needed", lambda cpu: ["avx5124fmaps", "sse3"])
     library = exported(tmp_path, aluminium_3mm(*SHORT)) / "libhertzloop_plant.so"
     plant = InC(library)
@@ -163,7 +159,7 @@ def test_a_processor_without_the_instructions_is_refused(
     )
 
 
-def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
+def test_the_command_writes_a_library(tmp_path, short):
     out = tmp_path / "plant.so"
     told = succeed("export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host")
     assert told.startswith(f"written: {out}, for host, ")
@@ -180,7 +176,7 @@ def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
         ("aluminium-3mm -o plant.so --cpu host", "there is no C compiler `cc` here"),
     ],
 )
-def test_bad_input_ends_with_a_sentence(words, sentence, tmp_path, monkeypatch) -> None:
+def test_bad_input_ends_with_a_sentence(words, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "there.so").touch()

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +14,7 @@ import pytest
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
-from hertzloop.loop.simulate import SimulatedRun, simulate
+from hertzloop.loop.simulate import simulate
 from tests.commands import as_options, refused, succeed
 from tests.hertzloop.commands import python
 from tests.hertzloop.interop.plant_in_c import NOISY, SHORT
@@ -31,14 +31,14 @@ STEP_S = 1e-6
 
 
 @pytest.fixture(scope="module", params=["2", "3"])
-def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def path(request, tmp_path_factory):
     out = tmp_path_factory.mktemp("fmu") / "plant.fmu"
     write_fmu(image(aluminium_3mm(*NOISY)), HOST, request.param, out)
     return out
 
 
 @pytest.fixture(scope="module")
-def loop() -> SimulatedRun:
+def loop():
     return simulate(aluminium_3mm(*NOISY))
 
 
@@ -91,13 +91,13 @@ class Master:
 
 
 @pytest.fixture
-def master(path: Path) -> Iterator[Master]:
+def master(path):
     master = Master(path)
     yield master
     master.unit.freeInstance()
 
 
-def test_it_is_valid_and_describes_its_variables(path: Path) -> None:
+def test_it_is_valid_and_describes_its_variables(path):
     assert validate_fmu(str(path)) == []
     about = fmpy.read_model_description(str(path))
     assert about.coSimulation.canGetAndSetFMUstate
@@ -108,7 +108,7 @@ def test_it_is_valid_and_describes_its_variables(path: Path) -> None:
     assert about.defaultExperiment.stopTime == "0.002"
 
 
-def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: SimulatedRun) -> None:
+def test_its_outputs_are_the_bytes_of_the_loop(master, loop):
     master.start()
     assert master.get("sample", "gap") == [loop.values[0], loop.truth[0, 0]]
     names = "gap", "plate_velocity", "contact_force", "actuator_force", "sample"
@@ -122,7 +122,7 @@ def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: SimulatedRu
     assert energies == [loop.balance.kinetic_j, loop.balance.modal_j, loop.balance.injected_j]
 
 
-def test_longer_communication_steps_hold_the_force(master: Master, path: Path) -> None:
+def test_longer_communication_steps_hold_the_force(master, path):
     """Ten steps at once are ten steps with one force."""
     other = Master(path).start()
     master.start()
@@ -134,7 +134,7 @@ def test_longer_communication_steps_hold_the_force(master: Master, path: Path) -
     other.unit.freeInstance()
 
 
-def test_a_master_may_repeat_steps(master: Master, path: Path) -> None:
+def test_a_master_may_repeat_steps(master, path):
     forces, outputs = np.linspace(0.0, 9.0, 500), ("gap", "sample")
     unit = master.start().unit
     master.run(np.full(300, 0.5), 0, "gap")
@@ -156,7 +156,7 @@ def test_a_master_may_repeat_steps(master: Master, path: Path) -> None:
     assert re.fullmatch(r"a state has \d+ bytes, not 9", (master.log + other.log)[-1])
 
 
-def test_it_starts_anew_with_other_parameters(master: Master) -> None:
+def test_it_starts_anew_with_other_parameters(master):
     first = master.start().get("gap")
     master.run(np.zeros(200), 0, "gap")
     master.unit.reset()
@@ -188,7 +188,7 @@ _BAD: list[tuple[Callable[[Master], Any], str, str]] = [
 
 
 @pytest.mark.parametrize(("use", "status", "sentence"), _BAD)
-def test_bad_use_is_a_status_and_a_message(master: Master, use, status, sentence) -> None:
+def test_bad_use_is_a_status_and_a_message(master, use, status, sentence):
     master.start().run(np.full(300, 0.5), 0, "gap")
     before = master.get("time", "gap", "force_command", "drop_height")
     with pytest.raises(Exception, match=status):
@@ -198,7 +198,7 @@ def test_bad_use_is_a_status_and_a_message(master: Master, use, status, sentence
     master.run(np.zeros(3), 300, "gap")  # and it goes on
 
 
-def test_a_description_of_another_unit_is_refused(path: Path) -> None:
+def test_a_description_of_another_unit_is_refused(path):
     log: list[str] = []
     with pytest.raises(Exception, match="Failed to instantiate"):
         Master(path, "{none}", log)
@@ -224,7 +224,7 @@ with EcosSimulationStructure() as structure:
 
 
 @pytest.mark.skipif(not find_spec("ecospy"), reason="needs ecospy")
-def test_another_master_gets_the_same(path: Path, master: Master) -> None:
+def test_another_master_gets_the_same(path, master):
     """Ecos, in C++. It looks for a library that another package brings."""
     library = next(f for f in files("tbb") or [] if f.name == "libtbb.so.12")
     forces = [5.0 * (step % 3) for step in range(1300)]
@@ -235,7 +235,7 @@ def test_another_master_gets_the_same(path: Path, master: Master) -> None:
     assert seen.tobytes() == ours.tobytes()
 
 
-def test_the_command_writes_a_unit(tmp_path: Path) -> None:
+def test_the_command_writes_a_unit(tmp_path):
     out = tmp_path / "plant.fmu"
     words = ["export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host"]
     succeed(*words)

@@ -1,7 +1,6 @@
 """The example controller on zenoh-pico has room for the hello of every scene."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -13,7 +12,7 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from tests.hertzloop.own_laws import EXAMPLES, ROOT
 from tests.hertzloop.scenes import aluminium_3mm, recorded
@@ -24,7 +23,7 @@ ROOM = int(
 )  # type: ignore[index]
 
 
-def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated() -> None:
+def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated():
     offer = LaneOffer(host="a" * 32, pid=2**31, fd=1000)
     sizes = []
     for name in shipped():
@@ -46,7 +45,7 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated() -> None:
 
 
 @pytest.fixture(scope="module")
-def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
+def with_files(tmp_path_factory):
     """A scene on a file of modes, and one with a file of latencies."""
     folder = tmp_path_factory.mktemp("files")
     modes, trace = folder / "modes.npz", folder / "trace.csv"
@@ -56,15 +55,13 @@ def with_files(tmp_path_factory: pytest.TempPathFactory) -> list[Setup]:
     return [aluminium_3mm(setting).with_steps(1500) for setting in settings]
 
 
-def test_the_hello_of_a_scene_with_files_is_small(with_files: list[Setup]) -> None:
+def test_the_hello_of_a_scene_with_files_is_small(with_files):
     assert all(hello(setup, setup.stiffness).ByteSize() < ROOM for setup in with_files)
     assert all(len(to_toml(setup.scene)) > ROOM for setup in with_files)
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_the_whole_scene_reaches_controller_and_recording(
-    which: int, with_files: list[Setup], tmp_path: Path
-) -> None:
+def test_the_whole_scene_reaches_controller_and_recording(which, with_files, tmp_path):
     setup = with_files[which]
     recording = recorded(setup, tmp_path / "a.mcap", compiled=False)
     assert recording.scene_toml == to_toml(setup.scene)

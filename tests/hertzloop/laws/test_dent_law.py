@@ -28,7 +28,7 @@ def law_of(limit: Limit | None) -> Any:
     return home.constants(home.keys(), LawContext(stiffness=STIFFNESS, yield_depth_m=float(depth)))
 
 
-def test_its_forces_are_those_of_a_contact_that_yields() -> None:
+def test_its_forces_are_those_of_a_contact_that_yields():
     law, constants = yielding(LIMIT, STIFFNESS), law_of(LIMIT)
     for deepest in np.array([0.5, 1.01, 2.0, 8.0]) * law.delta_m:
         left = dent_m(law, STIFFNESS, np.array(deepest))
@@ -43,7 +43,7 @@ def scene(*settings: str) -> Setup:
     return aluminium_3mm("run.duration_s=0.0016", *settings)
 
 
-def test_on_an_elastic_plate_it_is_the_published_law() -> None:
+def test_on_an_elastic_plate_it_is_the_published_law():
     published, knowing = (
         simulate(scene(f"controller.law={name}", "sensors.bits=12")).forces
         for name in ("slope_threshold", "dent_threshold")
@@ -57,7 +57,7 @@ def test_on_an_elastic_plate_it_is_the_published_law() -> None:
 @pytest.mark.parametrize(
     ("v_thr", "published_db", "knowing_db"), [(-0.25, 2.20, 0.38), (-0.6, 0.84, -1.35)]
 )
-def test_what_knowing_the_dent_buys(v_thr: float, published_db: float, knowing_db: float) -> None:
+def test_what_knowing_the_dent_buys(v_thr, published_db, knowing_db):
     yields = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9")
     found = [
         metrics_of_case(scene(*yields, f"controller.law={law}", f"controller.v_thr_m_s={v_thr}"))
@@ -69,7 +69,7 @@ def test_what_knowing_the_dent_buys(v_thr: float, published_db: float, knowing_d
     assert found[1].rebound_percent < 0.86 * found[0].rebound_percent
 
 
-def test_it_remembers_the_dent_when_the_sphere_comes_back() -> None:
+def test_it_remembers_the_dent_when_the_sphere_comes_back():
     yields = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=0.3e9")
     run = simulate(
         load("aluminium-20mm", ["controller.law=dent_threshold", "run.duration_s=0.012", *yields])

@@ -67,7 +67,7 @@ def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("law", shipped())
-def test_every_force_is_a_finite_number(law: str) -> None:
+def test_every_force_is_a_finite_number(law):
     fields = find(law).keys.model_fields
     if law == "linear":  # an unstable filter has no finite force
         fields = {name: fields[name] for name in ("gain", "numerator")}
@@ -94,7 +94,7 @@ def test_every_force_is_a_finite_number(law: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name: str) -> None:
+def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name):
     """In its model the sphere has left after a second, or sticks without a force."""
     longest = {"controller.law": "predicted", "controller.latency_us": 1e6}
     scene = load(name).vary(longest | LONGER)
@@ -104,9 +104,7 @@ def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name
 @pytest.mark.parametrize(
     ("name", "every", "ahead"), [("oak-20mm", 1, 10_000), ("aluminium-3mm", 100, 3)]
 )
-def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
-    name: str, every: int, ahead: int
-) -> None:
+def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(name, every, ahead):
     scene = load(name, ["controller.law=predicted", f"sensors.every_steps={every}",
                         "controller.window_samples=2"])  # fmt: skip
     p = loaded_law(scene).constants(scene.scene.controller.keys, known(scene)[1])
@@ -128,7 +126,7 @@ def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
 
 
 @pytest.mark.parametrize("law", shipped())
-def test_no_law_reads_a_sample_that_it_is_not_given(law: str) -> None:
+def test_no_law_reads_a_sample_that_it_is_not_given(law):
     own = {"constant": ["controller.duration_us=9"], "profile": ["controller.profile_n=[1.0]"],
            "linear": ["controller.sections=[[1.0, 0.5, 0.2, 1.0, -0.5, 0.1]]"]}  # fmt: skip
     scene = aluminium_3mm(*own.get(law, []), f"controller.law={law}", "controller.latency_us=10")

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -27,7 +26,7 @@ LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
 
 @needs_cc
 @pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
-def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport: str) -> None:
+def test_the_example_in_python_and_in_c_has_the_same_bytes(here, transport):
     shutil.copy(EXAMPLES / "low_passed.py", here)
     build(here, EXAMPLES / "low_passed.c")
     laws = ("low_passed.py", "low_passed.so")
@@ -41,7 +40,7 @@ def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport
 @pytest.mark.parametrize(
     ("law", "transport"), [("slope_threshold", "compiled"), ("force_feedback", "zenoh")]
 )
-def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: str) -> None:
+def test_a_shipped_law_as_a_file_of_ones_own(here, law, transport):
     shutil.copy(ROOT / "controller" / "laws" / f"{law}.py", here / "mine.py")
     settings = [SHORT, "controller.latency_us=3", "sensors.bits=12"]
     same = run_recorded(aluminium_3mm(*settings, f"controller.law={law}"), here / "a.mcap")
@@ -65,7 +64,7 @@ class Half:
 
 
 @pytest.mark.full
-def test_by_class_package_and_entry_point(here: Path) -> None:
+def test_by_class_package_and_entry_point(here):
     package = here / "acme_laws"
     package.mkdir()
     (package / "__init__.py").write_text("")
@@ -87,7 +86,7 @@ def test_by_class_package_and_entry_point(here: Path) -> None:
 
 
 @pytest.mark.full
-def test_sweep_check_and_tune(here: Path) -> None:
+def test_sweep_check_and_tune(here):
     shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
     fixed = ["aluminium-3mm", "--set", "controller.law=mine.py", "--set", SHORT]
     over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
@@ -110,7 +109,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
 
 
 @pytest.mark.full
-def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None:
+def test_what_numba_does_not_know_runs_as_python_and_says_so(here):
     write_law(here)
     path = write_law(here, name="slow.py")
     text = path.read_text().replace(
@@ -131,7 +130,7 @@ def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None
     assert first_difference(run_recorded(slow, here / "z.mcap", "zenoh"), recordings[0]) is None
 
 
-def test_keys_of_a_law_of_ones_own(here: Path) -> None:
+def test_keys_of_a_law_of_ones_own(here):
     write_law(here)
     mine = ["controller.law=mine.py"]
     scene = aluminium_3mm(*mine, "controller.share=0.25")
@@ -152,7 +151,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
         aluminium_3mm("controller.share=0.25")
 
 
-def test_a_law_beside_its_scene(here: Path) -> None:
+def test_a_law_beside_its_scene(here):
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
@@ -164,7 +163,7 @@ def test_a_law_beside_its_scene(here: Path) -> None:
     assert loaded_law(load("scenes/mine.toml")).path == folder / "mine.py"
 
 
-def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
+def test_a_controller_that_has_the_law_elsewhere(here):
     """It says at its end what the plant calls the law; another law it does not take for it."""
     folder = here / "there"
     folder.mkdir()
@@ -182,7 +181,7 @@ def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
     assert "Copy the same file to both sides" in run(1.0).controller_fault
 
 
-def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
+def test_new_law_and_scene_run_as_they_are(here):
     for kind, name in (("law", "mine.py"), ("scene", "a scene.toml")):
         succeed(kind, "new", name)
     run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
@@ -199,7 +198,7 @@ def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
         assert first_difference(run_recorded(scene, here / "c.mcap"), recording) is None
 
 
-def test_a_recording_outlives_its_law(here: Path) -> None:
+def test_a_recording_outlives_its_law(here):
     path = write_law(here)
     run_recorded(aluminium_3mm(SHORT, "controller.law=mine.py"), here / "a.mcap")
     path.unlink()

@@ -19,7 +19,7 @@ def profile_of(scene: Setup) -> np.ndarray:
     return profile
 
 
-def test_thirteen_forces() -> None:
+def test_thirteen_forces():
     assert list(SHAPES) == [f"F_a{i}" for i in range(1, 14)]
     contact = np.array([0.0, 1.0, 4.0, 2.0])
     np.testing.assert_allclose(shaped("constant", -0.5, contact), [-2.0] * 4)
@@ -30,7 +30,7 @@ def test_thirteen_forces() -> None:
 
 @pytest.mark.parametrize("source", ["thesis-aluminium", "aluminium-3mm"])
 @pytest.mark.parametrize("delay", [0, 5])
-def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int) -> None:
+def test_force_in_the_loop_is_the_shifted_contact_force(source, delay):
     settings = [
         *PRECOMPUTED,
         "run.duration_s=0.0015",
@@ -46,7 +46,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
     assert len(contact) > 25
 
 
-def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None:
+def test_uncontrolled_force_in_the_published_scheme_is_without_damping():
     contact = uncontrolled_force_n(load("thesis-aluminium"))
     rows = simulate(load("thesis-aluminium", ["controller.law=off"])).truth
     s = load("thesis-aluminium").plant.contact.stiffness
@@ -54,7 +54,7 @@ def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None
 
 
 @pytest.mark.parametrize("source", ["aluminium-3mm", "sylomer-20mm"])
-def test_mobility_force_solves_its_equation(source: str) -> None:
+def test_mobility_force_solves_its_equation(source):
     scene = load(source, ["run.step_ns=1000"])
     spec = scene.plant
     force, h = mobility_force_n(law_context(scene)), scene.step_s
@@ -71,7 +71,7 @@ def test_mobility_force_solves_its_equation(source: str) -> None:
     assert force[1] / h == pytest.approx(spring * v, rel=0.1)
 
 
-def test_every_name_makes_a_force() -> None:
+def test_every_name_makes_a_force():
     for name in [*SHAPES, "F_mobility"]:
         scene = load("thesis-aluminium", [*PRECOMPUTED, f"controller.precomputed={name}"])
         force = profile_of(scene)

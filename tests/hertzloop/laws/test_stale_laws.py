@@ -70,7 +70,7 @@ def plain(gain: float) -> float:
 
 
 @pytest.mark.parametrize("kind", LAWS)
-def test_the_gain_is_what_it_is_now(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_gain_is_what_it_is_now(kind, monkeypatch):
     """In one process, and with code that another process has left on the disk."""
     for gain in (0.2, 0.5, 0.2):
         write(LAWS[kind], gain)
@@ -78,7 +78,7 @@ def test_the_gain_is_what_it_is_now(kind: str, monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(compiled, "_ENTRIES", {})
 
 
-def test_a_scene_follows_its_law() -> None:
+def test_a_scene_follows_its_law():
     """A scene that is kept while its law is edited is simulated under the law as it is now."""
     write(LAWS["text file"], 0.2)
     scene = hertzloop.load("aluminium-3mm", SHORT)
@@ -95,14 +95,14 @@ def test_a_scene_follows_its_law() -> None:
         hertzloop.simulate(asked)
 
 
-def test_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment(monkeypatch):
     Path("mine.py").write_text(law("import os\nK = float(os.environ['OWN_GAIN'])"))
     for gain in (0.2, 0.5):
         monkeypatch.setenv("OWN_GAIN", str(gain))
         assert peak_n() == plain(gain)
 
 
-def test_a_module_that_was_imported_before(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_that_was_imported_before(here, monkeypatch):
     """Its values count as they are in this process, changed in place or reloaded."""
     monkeypatch.syspath_prepend(str(here))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
@@ -129,7 +129,7 @@ def test_a_module_that_was_imported_before(here: Path, monkeypatch: pytest.Monke
         ("import time\nCONFIG = time.time", "CONFIG is the function time.time"),
     ],
 )
-def test_a_global_that_cannot_be_told(before: str, unknown: str) -> None:
+def test_a_global_that_cannot_be_told(before, unknown):
     """Such a law is another one each time that it is loaded, and says so."""
     Path("mine.py").write_text(
         law(before, "(0.2 if CONFIG is not None else 0.0)" if unknown else "K")
@@ -147,7 +147,7 @@ def test_a_global_that_cannot_be_told(before: str, unknown: str) -> None:
         assert peak_n() == plain(0.2)
 
 
-def test_prepare_that_changes_a_global() -> None:
+def test_prepare_that_changes_a_global():
     Path("mine.py").write_text(
         "from collections import namedtuple\nimport numpy as np\nfrom hertzloop.law import Keys\n"
         "G = np.array([0.2])\n\nclass Parameters(Keys):\n    gain: float = 0.2\n\n"
@@ -185,7 +185,7 @@ UNREPEATABLE = {
 @pytest.mark.parametrize(
     "kind", default(UNREPEATABLE, quick=("counter", "numpy.random", "when loaded"))
 )
-def test_a_law_that_does_not_repeat_its_commands(kind: str) -> None:
+def test_a_law_that_does_not_repeat_its_commands(kind):
     before, body, why = UNREPEATABLE[kind]
     text = f"{SENSES}{before}\ndef command(p, s, samples, i):\n{body}\n"
     Path("mine.py").write_text(text)

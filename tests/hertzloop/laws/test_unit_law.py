@@ -78,7 +78,7 @@ def built(folder: Path, fault: str = "pass", more: str = "pass", name: str = "xi
 
 
 @pytest.fixture(scope="module")
-def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unit(tmp_path_factory):
     return built(tmp_path_factory.mktemp("unit"))
 
 
@@ -87,7 +87,7 @@ def scene_of(law: Path, *more: str) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def twin(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def twin(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
     (folder / "twin.py").write_text(TWIN)
     return recorded(folder / "twin.py", folder / "a.mcap", Transport.COMPILED)
@@ -99,15 +99,13 @@ def recorded(law: Path, path: Path, transport: Transport) -> Recording:
 
 
 @pytest.mark.parametrize("transport", list(Transport))
-def test_it_runs_as_the_same_law_in_python(
-    unit: Path, twin: Recording, transport: Transport, tmp_path: Path
-) -> None:
+def test_it_runs_as_the_same_law_in_python(unit, twin, transport, tmp_path):
     found = recorded(unit, tmp_path / "b.mcap", transport)
     assert found.force.arrays["force_n"].max() > 5.0
     assert first_difference(found, twin) is None
 
 
-def test_its_parameters_are_scene_keys(unit: Path) -> None:
+def test_its_parameters_are_scene_keys(unit):
     law = loaded_law(scene_of(unit))
     assert law.senses == "xi"
     assert law.keys.model_fields["gain"].description == "force by depth"
@@ -123,13 +121,13 @@ def test_its_parameters_are_scene_keys(unit: Path) -> None:
         ("if t > 1.05e-5: raise RuntimeError('no')", "at sample 11, failed: fmi2DoStep failed"),
     ],
 )
-def test_a_unit_that_fails_ends_the_run(fault: str, sentence: str, tmp_path: Path) -> None:
+def test_a_unit_that_fails_ends_the_run(fault, sentence, tmp_path):
     law = built(tmp_path, fault)
     words = ["--out", tmp_path / "a.mcap", *as_options([SHORT, f"controller.law={law}"])]
     refused(f"the law SpringLaw.fmu, {sentence}", "run", "aluminium-3mm", *words)
 
 
-def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
+def test_what_is_no_law_is_refused(unit, tmp_path):
     with pytest.raises(SceneError, match="cannot be read: No such file"):
         scene_of(tmp_path / "none.fmu")
     text = tmp_path / "text.fmu"
@@ -177,7 +175,7 @@ def changed(unit: Path, folder: Path, given: str = "", made: str = "", **texts: 
     return path
 
 
-def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None:
+def test_values_are_in_the_units_of_the_unit(unit, tmp_path):
     def forces(path: Path) -> np.ndarray:
         bound = bound_law(scene_of(path))
         controller = Controller(bound, SignalPath(), 1e-6, 20, 1, 0)
@@ -200,14 +198,12 @@ def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None
         ("", "", {'"gain"': '"latency_us"'}, "its key latency_us is a key of the control loop"),
     ],
 )
-def test_what_would_be_misread_is_refused(
-    unit: Path, tmp_path: Path, given: str, made: str, texts: dict[str, str], sentence: str
-) -> None:
+def test_what_would_be_misread_is_refused(unit, tmp_path, given, made, texts, sentence):
     with pytest.raises(SceneError, match=sentence):
         scene_of(changed(unit, tmp_path, given, made, **texts))
 
 
-def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit: Path, tmp_path: Path) -> None:
+def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit, tmp_path):
     said = 'canHandleVariableCommunicationStepSize="true"'
     fixed = changed(unit, tmp_path, **{
         said: said.replace("true", "false"),

@@ -61,12 +61,12 @@ BEFORE = [
 
 
 @pytest.mark.parametrize(("text", "words"), BEFORE)
-def test_wrong_before_the_run(here: Path, text: str, words: str) -> None:
+def test_wrong_before_the_run(here, text, words):
     (here / "mine.py").write_text(text)
     law_refused("mine.py", words)
 
 
-def test_a_law_that_is_not_there(here: Path) -> None:
+def test_a_law_that_is_not_there(here):
     write_law(here)
     law_refused("mine.py:Other", "does not define Other")
     law_refused("none.py", "cannot be read: No such file")
@@ -74,7 +74,7 @@ def test_a_law_that_is_not_there(here: Path) -> None:
     law_refused("no_such.module:Law", "no_such")
 
 
-def test_ranges_that_are_none(here: Path) -> None:
+def test_ranges_that_are_none(here):
     write_law(here).open("a").write("def tune(about):\n    return [('share', 0.0, 1.0)]\n")
     refused("Return {key: (low, high)}", "tune", "--law", "mine.py")
 
@@ -93,7 +93,7 @@ def test_ranges_that_are_none(here: Path) -> None:
         ("if i == 2: return ahead(samples, -5)", r"at sample 2, .*samples\[-3\] does not exist"),
     ],
 )
-def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) -> None:
+def test_reads_a_sample_that_it_is_not_given(here, line, words):
     path = write_law(here, line)
     text = "\nfrom hertzloop.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
     path.write_text(path.read_text() + text + "    return samples[i + 2]\n")
@@ -103,7 +103,7 @@ def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) 
 
 
 @pytest.mark.parametrize("at", ["i - 1", "i + (i == 700)"])
-def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str) -> None:
+def test_a_library_that_reads_a_sample_that_it_is_not_given(here, at):
     text = (EXAMPLES / "low_passed.c").read_text()
     assert "samples[i]" in text
     (here / "mine.c").write_text(text.replace("samples[i]", f"samples[{at}]"))
@@ -113,7 +113,7 @@ def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str)
         try_law(scene)
 
 
-def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
+def test_compiling_the_loop_is_no_time_of_the_law(here):
     """On a fresh machine that takes longer than a law's trial may."""
     write_law(here)
     script = (
@@ -129,7 +129,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
     python("-c", script, cwd=here)
 
 
-def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_without_end_before_the_run(here, monkeypatch):
     """In the file itself, in what it prepares, and in the trial."""
     monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
@@ -150,7 +150,7 @@ def test_a_loop_without_end_before_the_run(here: Path, monkeypatch: pytest.Monke
         try_law(aluminium_3mm(SHORT, f"controller.law={here}/mine.py"))
 
 
-def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_is_loaded_with_the_same_care(here, monkeypatch):
     monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.syspath_prepend(here)
     (here / "endless_law.py").write_text("while True:\n    pass\n")
@@ -171,7 +171,7 @@ CASES = [*(("exit", transport) for transport in Transport), ("compiled", Transpo
 
 
 @pytest.mark.parametrize("case", default(CASES, CASES[:3]), ids=" ".join)
-def test_wrong_in_the_run(here: Path, case: tuple[str, Transport]) -> None:
+def test_wrong_in_the_run(here, case):
     """The run ends; the recording up to there stays readable."""
     how, transport = case
     line, words = LATE[how]
@@ -189,7 +189,7 @@ def test_wrong_in_the_run(here: Path, case: tuple[str, Transport]) -> None:
     assert reported_law(recording)[0] == "mine.py"
 
 
-def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
+def test_a_sweep_notes_the_case_in_which_a_law_fails(here):
     write_law(here, "if p.share > 0.7: raise ValueError('too much')")
     words = ["--set", SHORT, "--set", "controller.law=mine.py", "--workers", "1", "-o", "r.csv"]
     result = call("sweep", "aluminium-3mm", *words, "--over", "controller.share=0.2,0.9")
@@ -207,7 +207,7 @@ IMPATIENT = (
 
 @pytest.mark.full
 @pytest.mark.parametrize("command", ["inprocess", "compiled", "sweep"])
-def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
+def test_a_loop_without_end_in_the_run(here, command):
     """Nothing can interrupt it: its process ends, with a sentence."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
     words = ["run", "aluminium-3mm", "--transport", command, "--out", "a.mcap"]
@@ -222,7 +222,7 @@ def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
 
 
 @pytest.mark.full
-def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
+def test_a_loop_without_end_in_a_process_of_its_own(here):
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
     words = ["run", "aluminium-3mm", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
@@ -233,7 +233,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     assert read(here / "a.mcap").truth.samples > 2000
 
 
-def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
+def test_a_scene_asks_for_the_law_that_it_was_made_with(here):
     path = write_law(here)
     text = to_toml(aluminium_3mm("controller.law=mine.py").scene)
     with path.open("a") as file:
@@ -244,7 +244,7 @@ def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
 
 
 @needs_cc
-def test_wrong_libraries(here: Path) -> None:
+def test_wrong_libraries(here):
     (here / "text.so").write_text("no library")
     law_refused("text.so", "it is no shared library of this system")
     other = bytearray(build(here, EXAMPLES / "low_passed.c").read_bytes())

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from hertzloop.recordings.replay import as_rerun
 from hertzloop.results.cases import metrics_of_case
@@ -21,26 +20,26 @@ def digest(*settings: str) -> str:
     return metrics_of_case(aluminium_3mm(*SHORT, *settings)).digest
 
 
-def test_equal_clocks_change_nothing() -> None:
+def test_equal_clocks_change_nothing():
     plain = aluminium_3mm(*SHORT)
     equal = aluminium_3mm(*SHORT, "controller.clock_ppm=0", "controller.clock_phase=0")
     assert equal.line == plain.line
 
 
-def test_a_phase_alone_is_a_dead_time() -> None:
+def test_a_phase_alone_is_a_dead_time():
     later = digest("controller.clock_phase=0.5")
     assert later == digest("actuator.dead_time_us=2") != digest()
     assert not aluminium_3mm(*SHORT, "controller.clock_phase=0.5").line.varies
 
 
-def test_a_drift_is_the_trace_of_its_latencies() -> None:
+def test_a_drift_is_the_trace_of_its_latencies():
     found = latencies_us(aluminium_3mm(*SHORT, *DRIFT))
     assert set(found) == {0.0, 1.0, 2.0, 3.0, 4.0}
     trace = f"controller.latency_trace={found.tolist()}"
     assert digest(*DRIFT) == digest(trace) == digest(*DRIFT, "run.seed=2") != digest()
 
 
-def test_the_margin_knows_a_phase_and_not_a_drift() -> None:
+def test_the_margin_knows_a_phase_and_not_a_drift():
     law = ["controller.law=velocity_feedback", "controller.kappa=0.01", "sensors.every_steps=4"]
     later, dead = (
         margin_of(aluminium_3mm(*law, setting))
@@ -51,7 +50,7 @@ def test_the_margin_knows_a_phase_and_not_a_drift() -> None:
     assert "controller.clock_ppm is not zero" in margin_of(aluminium_3mm(*(law + DRIFT))).reason
 
 
-def test_the_latency_is_named_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_latency_is_named_and_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     setup = aluminium_3mm(*SHORT, *DRIFT)
     assert "clock +20000 ppm, phase 0.4" in provenance.control(setup)

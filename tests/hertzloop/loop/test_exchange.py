@@ -42,9 +42,7 @@ def expected(name: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("seeds", default(SEEDS, ["quick"]))
 @pytest.mark.parametrize("name", default(SCENES, ["law", "converters", "watching"]))
-def test_the_same_bytes_under_any_delays(
-    name: str, seeds: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_bytes_under_any_delays(name, seeds, monkeypatch):
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     ways = set()
     for seed in SEEDS[seeds]:
@@ -59,9 +57,7 @@ def test_the_same_bytes_under_any_delays(
 
 
 @pytest.mark.parametrize(("tick_s", "blocks"), [(0.0, 6), (1.0, 50)])
-def test_blocks_are_as_long_as_there_is_time(
-    tick_s: float, blocks: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_blocks_are_as_long_as_there_is_time(tick_s, blocks, monkeypatch):
     """2500 steps: by room alone but for the first 50, or whenever there may be one."""
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     monkeypatch.setattr(plant_streams, "time", Clock(lambda: tick_s))
@@ -122,7 +118,7 @@ class Hesitant:
         raise AssertionError(sentence)
 
 
-def test_a_level_that_changes_is_believed_once_all_samples_were_seen() -> None:
+def test_a_level_that_changes_is_believed_once_all_samples_were_seen():
     found = [
         exchange(scene("rising"), seed, controller=Hesitant, horizon=None if seed else 1)
         for seed in SEEDS["quick"]

@@ -114,7 +114,7 @@ BREACHES: dict[str, tuple[Alter, str | tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("name", BREACHES)
-def test_a_controller_that_breaks_its_word_ends_the_run(name: str) -> None:
+def test_a_controller_that_breaks_its_word_ends_the_run(name):
     alter, words = BREACHES[name]
     refused(words, horizon=100, alter=alter)
 
@@ -175,18 +175,18 @@ FORGERIES: dict[str, tuple[Alter, str]] = {
 
 
 @pytest.mark.parametrize("name", FORGERIES)
-def test_a_forgery_to_the_controller_ends_the_run(name: str) -> None:
+def test_a_forgery_to_the_controller_ends_the_run(name):
     forge, sentence = FORGERIES[name]
     refused(("the controller ended the run", sentence), forge=forge)
 
 
-def test_a_forged_hello_shows_in_what_the_controller_says_at_its_end() -> None:
+def test_a_forged_hello_shows_in_what_the_controller_says_at_its_end():
     """In place of the plant's, and in good order."""
     forge = on("hello", lambda envelope: [hello_of_another_law(envelope, 0)])
     refused(("'kappa = -5.0' where", "'kappa = 0.8'"), forge=forge)
 
 
-def test_codes_that_mean_no_numbers() -> None:
+def test_codes_that_mean_no_numbers():
     """A finite scale of finite codes, whose product is not."""
 
     def alter(envelope: Envelope) -> list[Envelope]:
@@ -200,7 +200,7 @@ def test_codes_that_mean_no_numbers() -> None:
 
 
 @pytest.mark.parametrize("stream", ["hello", "daq"])
-def test_the_controller_reconciles_all_that_it_heard(stream: str) -> None:
+def test_the_controller_reconciles_all_that_it_heard(stream):
     for seed in SEEDS:
         links = exchange(scene(), seed, forge=at_the_end(one_more(stream), "plant"))
         assert f"stream '{stream}' is incomplete" in links.fault
@@ -209,6 +209,6 @@ def test_the_controller_reconciles_all_that_it_heard(stream: str) -> None:
 @pytest.mark.parametrize(
     "forge", [lambda envelope: [replace(envelope, sequence=None)], on("hello", lambda _: [])]
 )
-def test_a_controller_says_nothing_of_a_run_that_it_does_not_know(forge: Alter) -> None:
+def test_a_controller_says_nothing_of_a_run_that_it_does_not_know(forge):
     with pytest.raises((StreamFault, PeerLost)):
         exchange(scene(), 0, forge=forge)

@@ -5,7 +5,6 @@ import os
 import time
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,7 @@ def long_scene() -> Setup:
     return load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.01"])
 
 
-def test_more_samples_than_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_samples_than_room(tmp_path, monkeypatch):
     monkeypatch.setattr(lane, "_SLOTS", 2048)
     pair = Pair(long_scene()).run()
     compiled = record(long_scene(), tmp_path / "a.mcap", Transport.COMPILED)
@@ -44,7 +43,7 @@ def test_more_samples_than_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert pair.stats.exchanges > 9000  # a force a step was waited for
 
 
-def test_one_core() -> None:
+def test_one_core():
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(cores)})
     try:
@@ -63,7 +62,7 @@ def lane_of_same_run(**how: Any) -> str:
     return pair.stats.lane
 
 
-def test_without_a_lane_the_run_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_lane_the_run_is_the_same(monkeypatch):
     assert lane_of_same_run(fast_lane=False) == ""
     assert lane_of_same_run(takes_lane=False) == "SWITCHED_OFF"
     hosts = iter(["one", "another"])
@@ -79,7 +78,7 @@ def test_without_a_lane_the_run_is_the_same(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("what", ["file", "unsealed", "foreign run", "gone"])
-def test_what_is_no_segment_is_not_joined(tmp_path: Path, what: str) -> None:
+def test_what_is_no_segment_is_not_joined(tmp_path, what):
     pair = Pair(scene_of(FEEDBACK))
     segment = lane.Segment(1, 2, 3)  # of another run
     fds = {"foreign run": segment.fd, "gone": 2**20, "unsealed": os.memfd_create("x")}
@@ -95,7 +94,7 @@ def test_what_is_no_segment_is_not_joined(tmp_path: Path, what: str) -> None:
     assert pair.stats.lane == "NOT_ALLOWED"
 
 
-def test_nothing_of_it_has_a_name() -> None:
+def test_nothing_of_it_has_a_name():
     before = set(os.listdir("/dev/shm"))
     segment = lane.Segment(1, 2, 3)
     assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is not None
@@ -104,7 +103,7 @@ def test_nothing_of_it_has_a_name() -> None:
     assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is None
 
 
-def test_no_end_can_change_its_size_or_seal_it_further() -> None:
+def test_no_end_can_change_its_size_or_seal_it_further():
     segment = lane.Segment(1, 2, 3)
     size = os.fstat(segment.fd).st_size
     for other in (size - 8, size + 8):
@@ -119,7 +118,7 @@ def test_no_end_can_change_its_size_or_seal_it_further() -> None:
     ("stream", "field", "differs"),
     [("daq", "value", "at sample"), ("force", "force_n", "at step")],
 )
-def test_the_lane_and_the_bus_must_say_the_same(stream: str, field: str, differs: str) -> None:
+def test_the_lane_and_the_bus_must_say_the_same(stream, field, differs):
     """The last bit of one number is another on the bus."""
     pair = Pair(long_scene())
 
@@ -151,9 +150,7 @@ def test_the_lane_and_the_bus_must_say_the_same(stream: str, field: str, differs
         (3, np.inf, "holds a number that is infinite"),
     ],
 )
-def test_a_broken_answer_in_the_lane_ends_the_run(
-    word: int, value: float, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_broken_answer_in_the_lane_ends_the_run(word, value, said, monkeypatch):
     pair, spoiled = Pair(long_scene()), list[int]()
     serve = ControllerNode.work
 
@@ -182,7 +179,7 @@ def test_a_broken_answer_in_the_lane_ends_the_run(
 
 
 @pytest.mark.parametrize("silent", [PLANT, CONTROLLER])
-def test_silence_is_named_in_time(silent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silence_is_named_in_time(silent, monkeypatch):
     pair = Pair(long_scene(), timeout_s=2.0)
     work = ControllerNode.work
 
@@ -206,7 +203,7 @@ def test_silence_is_named_in_time(silent: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.full
-def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_run_is_heard_of_all_the_time(monkeypatch):
     """Where a block of steps takes longer than anybody waits. Counted in answers, none of which
     takes less than its delay: a busy machine adds time to them, but no answer."""
     timeout_s, delay_s = 3.0, 0.002
@@ -231,7 +228,7 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) ->
     assert max(b - a for a, b in pairwise(told)) * delay_s < timeout_s / 2
 
 
-def test_between_rare_samples_an_end_sleeps_soon() -> None:
+def test_between_rare_samples_an_end_sleeps_soon():
     end = lane.closed()
     assert lane.at_pace(end, 1e6).yield_ns == 100_000
     assert lane.at_pace(end, 1e9).yield_ns == end.yield_ns

@@ -25,7 +25,7 @@ SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller
 
 
 @pytest.fixture(scope="module")
-def example(messages: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def example(messages, tmp_path_factory):
     """The example's program and messages, as environment."""
     program = tmp_path_factory.mktemp("lane") / "lane_controller"
     words = ["cc", "-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
@@ -56,7 +56,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
 
 @needs_cc
 @pytest.mark.parametrize("every", default([1, 3], [3]))
-def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) -> None:
+def test_the_same_forces(example, tmp_path, every):
     more = ["run.duration_s=0.0055", f"sensors.every_steps={every}"]
     with run(example, tmp_path / "c.mcap", *more) as processes:
         for process in processes:
@@ -74,7 +74,7 @@ def test_the_same_forces(example: dict[str, str], tmp_path: Path, every: int) ->
 
 @needs_cc
 @pytest.mark.full
-def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Path) -> None:
+def test_a_program_that_is_killed_is_named(example, tmp_path):
     recording = tmp_path / "c.mcap"
     with run(example, recording, "run.duration_s=15") as (plant, recorder, controller):
         wait_for(grown_to(recording, 500_000))
@@ -86,7 +86,7 @@ def test_a_program_that_is_killed_is_named(example: dict[str, str], tmp_path: Pa
         assert not program.is_running()
 
 
-def test_the_header_has_the_same_layout() -> None:
+def test_the_header_has_the_same_layout():
     text = (ROOT / "bus" / "hertzloop_lane.h").read_text()
     offsets = {name: int(at) for name, at in re.findall(r"(\w+);\s*/\* (\d+):", text)}
     names = "run_id", "slots", "steps", "every_steps", "joined", "closed", "answers_taken"

@@ -6,7 +6,6 @@ import signal
 import threading
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,7 @@ FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.acc
 
 
 @pytest.fixture(scope="session", autouse=True)
-def warm_paced_kernels(warm_kernels: None) -> None:
+def warm_paced_kernels(warm_kernels):
     from hertzloop.warmup import RUN, Work, ensure_compiled
 
     ensure_compiled(works=[*RUN, Work.PACED])
@@ -69,7 +68,7 @@ def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
 
 @pytest.mark.full
 @pytest.mark.parametrize("lane", [True, False])
-def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:
+def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
     """A step every 20 ms, and 21 steps from a sample to its force."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
     pair = paced(scene, 0.00005, lane).run()
@@ -89,7 +88,7 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Pat
 
 
 @pytest.mark.parametrize("lane", [True, False])
-def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
+def test_late_forces_repeat_to_the_bit(lane, tmp_path):
     """Two threads of one process cannot hold a step every 10 us."""
     scene = feedback()
     first = paced(scene, 0.1, lane).run().recorded(tmp_path / "paced.mcap")
@@ -109,7 +108,7 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     assert "this is not the same run" in repeated(scene, other).fault
 
 
-def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
+def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path):
     """A controller that stops for 0.1 s at a pace that leaves 2.1 ms."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.0025")
     pair = paced(scene, 0.01)
@@ -132,7 +131,7 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     assert re.match(rf"late forces? ([0-9]+ to )?{found.late_forces}:", late[-1])
 
 
-def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_controller_is_named(monkeypatch):
     pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=2.0)
     work = ControllerNode.work
 
@@ -151,7 +150,7 @@ class TestProcesses:
 
     @pytest.fixture(scope="class")
     @staticmethod
-    def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    def folder(tmp_path_factory):
         folder = tmp_path_factory.mktemp("paced")
         recording = folder / "paced.mcap"
         settings = as_options(FEEDBACK)
@@ -167,7 +166,7 @@ class TestProcesses:
         ended(run)
         return folder
 
-    def test_repeated(self, folder: Path) -> None:
+    def test_repeated(self, folder):
         again = folder / "again.mcap"
         done = hertzloop("run", "--repeat", str(folder / "paced.mcap"), "--out", str(again))
         assert f"Repeated: the same bytes as in {folder / 'paced.mcap'}." in " ".join(
@@ -178,7 +177,7 @@ class TestProcesses:
         assert b.metadata["repeats"] == a.metadata["run_id"]
         assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
 
-    def test_inspected_and_drawn(self, folder: Path) -> None:
+    def test_inspected_and_drawn(self, folder):
         drawn = call("inspect", folder / "paced.mcap", "--responses", folder).output
         assert (folder / "response.png").stat().st_size > 10_000
         rows = (folder / "response.csv").read_text().splitlines()
@@ -201,11 +200,11 @@ class TestProcesses:
         (["--repeat", "no.mcap"], "cannot read no.mcap"),
     ],
 )
-def test_what_does_not_go_together(words: list[str], said: str) -> None:
+def test_what_does_not_go_together(words, said):
     refused(said, "run", *words)
 
 
-def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
+def test_events_do_not_depend_on_how_a_run_is_cut():
     draw = np.random.default_rng(1)
     held = np.where(draw.random(3456) < 0.01, draw.integers(1, 50, 3456), 0).astype(np.int32)
     held[2000:3000] = 0
@@ -223,7 +222,7 @@ def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
     assert whole == events([1, 7, 1000, 1999, 2001]) == events([*range(1, 3456)])
 
 
-def test_classes_of_response_times() -> None:
+def test_classes_of_response_times():
     ends = class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
     starts = np.concatenate([[0], ends[:-1]])
     for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
@@ -232,7 +231,7 @@ def test_classes_of_response_times() -> None:
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32
 
 
-def test_what_is_no_histogram(tmp_path: Path) -> None:
+def test_what_is_no_histogram(tmp_path):
     """A file may hold anything."""
     pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
     recording = pair.recorded(tmp_path / "a.mcap")

@@ -24,14 +24,14 @@ def energies(*settings: str) -> list[float]:
 
 
 @pytest.mark.parametrize("phase", [0.25, 0.5, 0.9])
-def test_the_touch_comes_that_part_of_a_step_after_a_sample(phase: float) -> None:
+def test_the_touch_comes_that_part_of_a_step_after_a_sample(phase):
     gap = simulate(aluminium_3mm(*SHORT, f"run.touch_phase={phase}")).truth[XI]
     last = int(np.argmax(gap <= 0.0)) - 1
     # Falling by about 0.99 um a step; the contact slows it by less than a per cent at first.
     assert gap[last] / (gap[last] - gap[last + 1]) == pytest.approx(phase, abs=0.01)
 
 
-def test_without_control_nothing_depends_on_it() -> None:
+def test_without_control_nothing_depends_on_it():
     found = [
         metrics_of_case(aluminium_3mm("controller.law=off", f"run.touch_phase={p}"))
         for p in (0.05, 0.3, 0.5, 0.95)
@@ -56,7 +56,7 @@ def test_without_control_nothing_depends_on_it() -> None:
         (("controller.v_thr_m_s=-0.6", "controller.latency_us=3"), 0.06, -0.02, 0.36),
     ],
 )
-def test_the_staircase(settings: tuple[str, ...], mean: float, least: float, most: float) -> None:
+def test_the_staircase(settings, mean, least, most):
     found = energies(*settings)
     assert np.mean(found) == pytest.approx(mean, abs=0.02)
     assert (min(found), max(found)) == (
@@ -67,7 +67,7 @@ def test_the_staircase(settings: tuple[str, ...], mean: float, least: float, mos
     assert np.sum(steps > 0.02) == 1  # one step a sample, constant between
 
 
-def test_random_is_drawn_by_the_seed() -> None:
+def test_random_is_drawn_by_the_seed():
     drawn = [
         load("aluminium-3mm", ["run.touch_phase=random"], seed=s).touch_phase for s in range(50)
     ]

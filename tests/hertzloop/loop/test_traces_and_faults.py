@@ -157,7 +157,7 @@ def test_every_fault_reaches_the_closed_loop(settings):
     assert digest(*settings) != digest()
 
 
-def test_the_delay_of_the_loop_counts_a_dead_time() -> None:
+def test_the_delay_of_the_loop_counts_a_dead_time():
     run = Extremes(force_n=90.0, contact_s=3e-5, deflection_m=1e-6, actuator_n=1.0, touched_s=1e-4)
     delays = [
         RunContext(aluminium_3mm(setting), run).delay_s

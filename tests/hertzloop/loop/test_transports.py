@@ -117,7 +117,7 @@ def scene_of(variant: str) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+def compiled(tmp_path_factory):  # type: ignore[no-untyped-def]
     folder = tmp_path_factory.mktemp("compiled")
 
     @cache
@@ -185,14 +185,14 @@ CASES = {(variant, way): variant in quick for way, (*_, tried, quick) in WAYS.it
 
 
 @pytest.mark.parametrize("case", default(CASES, [c for c in CASES if CASES[c]]), ids="-".join)
-def test_the_same_bits(compiled, tmp_path: Path, case: tuple[str, str]) -> None:  # type: ignore[no-untyped-def]
+def test_the_same_bits(compiled, tmp_path, case):  # type: ignore[no-untyped-def]
     variant, way = case
     run, how, *_ = WAYS[way]
     found = run(scene_of(variant), tmp_path / "a.mcap", **how)
     assert first_difference(found, compiled(variant)) is None
 
 
-def test_same_run_twice_and_another_seed(compiled, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_same_run_twice_and_another_seed(compiled, tmp_path):  # type: ignore[no-untyped-def]
     again = record(scene_of("converters"), tmp_path / "again.mcap", Transport.COMPILED)
     assert first_difference(again, compiled("converters")) is None
     name, settings = VARIANTS["converters"]

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,7 +49,7 @@ def one_step_more(hello: Hello) -> None:
 
 
 @pytest.mark.parametrize("stream", ["hello", "end/controller"])
-def test_another_version_is_taken_where_it_is_understood(stream: str) -> None:
+def test_another_version_is_taken_where_it_is_understood(stream):
     links = exchange(scene(), 1, **sent(stream))
     assert links.fault == links.recorder_fault == ""
     assert links.heard.samples() == exchange(scene(), 1).heard.samples()
@@ -64,14 +63,12 @@ def test_another_version_is_taken_where_it_is_understood(stream: str) -> None:
         ("end/controller", later, r"used another scene: .*foresight.* \(the controller is "),
     ],
 )
-def test_another_version_is_refused_with_both_named(
-    stream: str, change: Callable[[Any], None], words: str
-) -> None:
+def test_another_version_is_refused_with_both_named(stream, change, words):
     with pytest.raises(StreamFault, match=words + BOTH):
         exchange(scene(), 1, **sent(stream, change))
 
 
-def test_a_recording_of_a_later_version(tmp_path: Path) -> None:
+def test_a_recording_of_a_later_version(tmp_path):
     """Its samples are there; what needs its scene says why not."""
     whole, path = record(tmp_path / "whole.mcap"), tmp_path / "later.mcap"
     source = read(whole)
@@ -115,5 +112,5 @@ def test_a_recording_of_a_later_version(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_versions_are_checked_and_cut(versions: str, words: str) -> None:
+def test_versions_are_checked_and_cut(versions, words):
     assert other_version(versions, "the plant is") == words

@@ -6,7 +6,7 @@ from hertzloop.loop import watchdog
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     """The watchdog's time in s."""
     now = [1000.0]
     monkeypatch.setattr(watchdog.time, "monotonic", lambda: now[0])
@@ -23,14 +23,14 @@ def looked_at(clock: list[float], progress: list[int], pauses_s: list[float]) ->
     return found
 
 
-def test_one_that_comes_no_further(clock: list[float]) -> None:
+def test_one_that_comes_no_further(clock):
     assert looked_at(clock, [3, 3, 3, 3, 3], [5.0] * 5) == [False] * 4 + [True]
 
 
-def test_one_that_has_not_begun_may_compile(clock: list[float]) -> None:
+def test_one_that_has_not_begun_may_compile(clock):
     assert not any(looked_at(clock, [0] * 9 + [1], [5.0] * 10))
 
 
-def test_a_process_that_was_stopped_did_not_work(clock: list[float]) -> None:
+def test_a_process_that_was_stopped_did_not_work(clock):
     """The pause is no time in which the law could have answered."""
     assert looked_at(clock, [3, 3, 4, 4], [5.0, 3600.0, 5.0, 3600.0]) == [False] * 4

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ BROKEN = f"{sys.executable} {Path(__file__).with_name('broken_controller.py')}"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def path_of_messages(messages: Path) -> Iterator[None]:
+def path_of_messages(messages):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(messages), prepend=os.pathsep)
         yield
@@ -43,12 +42,12 @@ def checked(*words: str, code: int = 0) -> str:
     return words_of(done.stdout + done.stderr)
 
 
-def test_the_example_conforms() -> None:
+def test_the_example_conforms():
     said = checked("--controller", EXAMPLE, "--law", "slope_threshold")
     assert "its law: own slope threshold 1.0" in said
 
 
-def test_another_last_bit_is_named() -> None:
+def test_another_last_bit_is_named():
     command = f"{BROKEN} next-bit {PLACES}"
     said = checked("--controller", command, "--law", "slope_threshold", code=1)
     assert "error: ideal sensor: the controller's force of step " in said
@@ -66,7 +65,7 @@ RULES = {
 
 @pytest.mark.full
 @pytest.mark.parametrize("rule", RULES)
-def test_a_broken_rule_is_named(rule: str) -> None:
+def test_a_broken_rule_is_named(rule):
     wait_s = "5" if rule == "late" else "60"
     command = f"{BROKEN} {rule} {PLACES}"
     said = checked("--controller", command, "--timeout", wait_s, code=1)
@@ -83,7 +82,7 @@ def run_with(command: str, folder: Path, *words: str, code: int = 0) -> subproce
     return hertzloop("run", "aluminium-3mm", *words, cwd=folder, code=code)
 
 
-def test_a_run_has_a_program_as_its_controller(tmp_path: Path) -> None:
+def test_a_run_has_a_program_as_its_controller(tmp_path):
     done = run_with(EXAMPLE, tmp_path, "--out", "own.mcap")
     assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in words_of(done.stdout)
     found = read(tmp_path / "own.mcap")
@@ -103,12 +102,12 @@ def test_a_run_has_a_program_as_its_controller(tmp_path: Path) -> None:
         ("sh -c 'sleep 0.3; kill -9 $$'", "was killed by SIGKILL"),
     ],
 )
-def test_a_program_that_fails_is_named(tmp_path: Path, command: str, sentence: str) -> None:
+def test_a_program_that_fails_is_named(tmp_path, command, sentence):
     assert sentence in words_of(run_with(command, tmp_path, code=1).stderr)
 
 
 @pytest.mark.full
-def test_a_program_ends_with_the_run(tmp_path: Path) -> None:
+def test_a_program_ends_with_the_run(tmp_path):
     pid = tmp_path / "pid"
     stays = f"""sh -c "echo $$ > {pid}; {EXAMPLE}; sleep 500" """
     run_with(stays, tmp_path)

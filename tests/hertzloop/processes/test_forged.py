@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,7 +79,7 @@ class Foreign:
         self.port.close()
 
 
-def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
+def test_a_fault_that_the_recorder_hears_first(tmp_path):
     """It waits until the others have heard it, too: they name the cause, not its departure."""
     bus = Bus("first-heard")
     heard: list[bytes] = []
@@ -107,9 +106,7 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
     assert all(np.isfinite(values).all() for values in kept.truth.arrays.values())
 
 
-def test_a_run_in_one_process_is_reconciled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_in_one_process_is_reconciled(tmp_path, monkeypatch):
     """Here nobody but the run itself can look at what the recorder heard."""
     honest = Recorder.handle
 

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from pathlib import Path
 
 import psutil
 import pytest
@@ -14,7 +13,7 @@ pytestmark = pytest.mark.timeout(EVENTUALLY_S)  # a role that never ends fails i
 
 
 @pytest.fixture
-def errors(tmp_path: Path) -> Path:
+def errors(tmp_path):
     return tmp_path / "stderr"
 
 
@@ -22,9 +21,7 @@ def servers() -> list[psutil.Process]:
     return [c for c in psutil.Process().children() if "fork" in " ".join(c.cmdline())]
 
 
-def test_a_role_has_this_folder_and_environment(
-    errors: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_role_has_this_folder_and_environment(errors, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = []
     for columns in ("60", "200"):
@@ -37,12 +34,12 @@ def test_a_role_has_this_folder_and_environment(
     assert (tmp_path / "mine.py").exists()
 
 
-def test_the_exit_code_and_the_error_are_those_of_the_command(errors: Path) -> None:
+def test_the_exit_code_and_the_error_are_those_of_the_command(errors):
     assert fork_server.start(["run", "no-such-scene"], errors).wait() == 2
     assert "no-such-scene" in errors.read_text()
 
 
-def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors: Path) -> None:
+def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors):
     words = ["node", "recorder", "--out", str(errors.with_suffix(".mcap")), "--machine"]
     role = fork_server.start(words, errors)
     process = psutil.Process(role.pid)
@@ -56,7 +53,7 @@ def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors: Path) -> None
         role.send_signal(signal.SIGKILL)
 
 
-def test_a_role_ends_when_its_standard_input_does(errors: Path) -> None:
+def test_a_role_ends_when_its_standard_input_does(errors):
     words = ["node", "recorder", "--out", str(errors.with_suffix(".mcap")), "--machine"]
     role = fork_server.start(words, errors)
     role.stdin.close()
@@ -64,7 +61,7 @@ def test_a_role_ends_when_its_standard_input_does(errors: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_killed_server_is_replaced(errors: Path) -> None:
+def test_a_killed_server_is_replaced(errors):
     fork_server.start(["--version"], errors).wait()
     [server] = servers()
     server.kill()

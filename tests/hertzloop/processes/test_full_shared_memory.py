@@ -1,7 +1,6 @@
 """A full /dev/shm, as in a container: a run needs nothing of it, a sweep says that it does."""
 
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +19,7 @@ def in_full(*words: str) -> tuple[int, str]:
 
 
 @pytest.mark.full
-def test_a_run_goes_on_and_a_sweep_says_why_it_cannot(tmp_path: Path) -> None:
+def test_a_run_goes_on_and_a_sweep_says_why_it_cannot(tmp_path):
     code, said = in_full("sh", "-c", "! echo more > /dev/shm/more")
     if code:
         pytest.skip(f"no mount namespace of one's own here: {said}")

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,14 +34,14 @@ PATIENT = ["--timeout", "60", "--wait", str(EVENTUALLY_S)]
 
 
 @pytest.fixture
-def hosts() -> Iterator[Network]:
+def hosts():
     made = network([*ROLES, *INTRUDERS])
     yield made
     made.close()
 
 
 @pytest.fixture
-def keys(hosts: Network, tmp_path: Path) -> Path:
+def keys(hosts, tmp_path):
     """What the command writes for these hosts."""
     folder = tmp_path / "keys"
     words = ",".join(f"{role}={hosts.address(role)}" for role in ROLES)
@@ -90,9 +89,7 @@ def same_as_here(recording: Path, folder: Path) -> None:
     assert first_difference(there, here) is None
 
 
-def test_three_hosts_by_the_commands_of_the_documentation(
-    hosts: Network, keys: Path, tmp_path: Path
-) -> None:
+def test_three_hosts_by_the_commands_of_the_documentation(hosts, keys, tmp_path):
     """Delay and loss change no sample."""
     hosts.delay_s, hosts.loss = 0.020, 0.01
     recording = tmp_path / "run.mcap"
@@ -103,9 +100,7 @@ def test_three_hosts_by_the_commands_of_the_documentation(
     same_as_here(recording, tmp_path)
 
 
-def test_a_cut_link_ends_the_run_with_a_sentence(
-    hosts: Network, keys: Path, tmp_path: Path
-) -> None:
+def test_a_cut_link_ends_the_run_with_a_sentence(hosts, keys, tmp_path):
     recording = tmp_path / "run.mcap"
     impatient = ["--timeout", "5", "--wait", str(EVENTUALLY_S)]
     roles = begin(hosts, keys, recording, "run.duration_s=15", patience=impatient)
@@ -171,11 +166,11 @@ class Paper:
 
 
 @pytest.fixture
-def paper(hosts: Network, tmp_path: Path) -> Paper:
+def paper(hosts, tmp_path):
     return Paper(hosts, tmp_path)
 
 
-def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: Path) -> None:
+def test_nobody_else_hears_or_is_heard(hosts, paper, tmp_path):
     """A certificate of another authority, one of ours for another name, one without its key."""
     certificates = {
         "other authority": CertificateAuthority(2).certificate(common_name(RECORDER), "10.77.0.4"),
@@ -208,7 +203,7 @@ def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: P
     assert [got[host]["links"] for host in ("other authority", "replayed")] == [0, 0]
 
 
-def test_the_true_certificate_is_let_in(hosts: Network, paper: Paper, tmp_path: Path) -> None:
+def test_the_true_certificate_is_let_in(hosts, paper, tmp_path):
     """The intruder above hears, and is heard, once it has a role's certificate with its key."""
     config = paper.of_intruder("replayed", *paper.pairs[CONTROLLER])
     intruder = Intruder(hosts, "replayed", config, "--listen-first")
@@ -219,7 +214,7 @@ def test_the_true_certificate_is_let_in(hosts: Network, paper: Paper, tmp_path: 
     assert {code for code, _ in ends.values()} == {1}, ends
 
 
-def test_who_is_not_let_in_is_told_so(hosts: Network, paper: Paper) -> None:
+def test_who_is_not_let_in_is_told_so(hosts, paper):
     """A controller whose certificate names somebody else, and the plant that waits for it."""
     config = paper.folder / "misnamed.json5"
     texts = paper._texts(*paper.authority.certificate("stranger", hosts.address(CONTROLLER)))

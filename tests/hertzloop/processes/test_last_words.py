@@ -3,7 +3,6 @@
 import math
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
@@ -20,7 +19,7 @@ from tests.ports import free_ports
 
 
 @pytest.fixture
-def mesh() -> Iterator[dict[str, ZenohPort]]:
+def mesh():
     ports = zenoh_mesh(free_ports(3), "last-words")
     yield ports
     for port in ports.values():
@@ -38,7 +37,7 @@ def heard_last(port: ZenohPort) -> Envelope:
     return found[-1]
 
 
-def test_a_plant_without_a_recorder_tells_the_controller(mesh: dict[str, ZenohPort]) -> None:
+def test_a_plant_without_a_recorder_tells_the_controller(mesh):
     """What it cannot send any more does not keep it from its last words."""
     node = PlantNode(scene(), mesh[PLANT], timeout_s=PATIENCE_S)
     mesh[RECORDER].close()
@@ -51,7 +50,7 @@ def test_a_plant_without_a_recorder_tells_the_controller(mesh: dict[str, ZenohPo
     assert "recorder left the run; plant was sending 'hello'" in decoded(last).header.fault
 
 
-def test_it_stays_until_they_have_heard(mesh: dict[str, ZenohPort]) -> None:
+def test_it_stays_until_they_have_heard(mesh):
     """Until each has left, or has said its own last words; a recorder says none."""
     over = threading.Event()
 

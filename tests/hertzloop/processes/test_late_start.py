@@ -2,7 +2,6 @@
 
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -23,7 +22,7 @@ def _serve(node: ControllerNode) -> None:
 
 
 @pytest.mark.full
-def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
+def test_a_run_that_begins_after_the_timeout(tmp_path):
     path, bus = tmp_path / "late.mcap", Bus("late-start")
     recorder = bus.start(RECORDER, "--timeout", str(TIMEOUT_S), "--out", str(path))
     ports = {

@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,7 +24,7 @@ SAY = "import json, time\ndef say(report): print(json.dumps(report), flush=True)
 
 
 @pytest.fixture(autouse=True)
-def bounded() -> Iterator[None]:
+def bounded():
     """A launcher that waits for ever fails the test instead of keeping it."""
     timer = threading.Timer(EVENTUALLY_S, signal.pthread_kill, [threading.main_thread().ident, 2])
     timer.start()
@@ -70,13 +69,7 @@ def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
         ),
     ],
 )
-def test_one_that_does_not_end_is_named(
-    patience: dict[str, float],
-    programs: dict[str, str],
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_one_that_does_not_end_is_named(patience, programs, sentence, tmp_path, monkeypatch):
     for name, seconds in patience.items():
         monkeypatch.setattr(launchers, name, seconds)
     launcher = waiting_for(tmp_path, programs)
@@ -88,7 +81,7 @@ def test_one_that_does_not_end_is_named(
     assert all(child.process.poll() is not None for child in launcher.children)
 
 
-def test_processes_of_roles_that_are_done_keep_nobody(tmp_path: Path) -> None:
+def test_processes_of_roles_that_are_done_keep_nobody(tmp_path):
     launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, DONE + "; time.sleep(600)"))
     try:
         launcher.wait()

@@ -29,7 +29,7 @@ NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAN
 
 @pytest.mark.full
 @pytest.mark.parametrize("hangs", [False, True])
-def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: bool) -> None:
+def test_who_watches_sees_the_run_and_changes_nothing(tmp_path, hangs):
     ports, rrd = free_ports(3), tmp_path / "a.rrd"
     keys, more = RUN, list[str]()
     if hangs:  # it may miss the end of the run, and has that of its standard input then
@@ -51,7 +51,7 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
 
 
 @pytest.mark.full
-def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
+def test_what_an_interrupted_watcher_saw_is_kept(tmp_path):
     run, watcher, rrd = watched_run(tmp_path)
     watcher.send_signal(signal.SIGTERM)
     said = f"interrupted; what was seen until now is in {rrd}"
@@ -62,7 +62,7 @@ def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> None:
+def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path):
     run, watcher, rrd = watched_run(tmp_path)
     child_of(run, "plant").kill()
     lost = "the plant left the run without a final message"
@@ -100,7 +100,7 @@ def shown_in(rrd: Path) -> str:
 
 
 @pytest.mark.full
-def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
+def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path):
     live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
     assert "no screen is available" in hertzloop(*live, env=NO_SCREEN).stderr
     assert read(tmp_path / "a.mcap").problems == []

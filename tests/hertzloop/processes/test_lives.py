@@ -20,7 +20,6 @@ from hertzloop.bus.streams import PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import _ids
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.recording import Recording
 from tests.commands import as_options
 from tests.hertzloop.commands import (
     EVENTUALLY_S,
@@ -42,7 +41,7 @@ from tests.ports import free_ports
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     return tmp_path / "run.mcap"
 
 
@@ -83,13 +82,7 @@ MISSED = "recorder (left the run|accepted no message for 20 s)"
          {"plant": (130, "interrupted"), "controller": (1, TOLD), "recorder": (1, "")}),
     ],
 )  # fmt: skip
-def test_all_are_told(
-    recording: Path,
-    victim: str,
-    sent: signal.Signals,
-    timeout_s: float,
-    said: dict[str, tuple[int, str]],
-) -> None:
+def test_all_are_told(recording, victim, sent, timeout_s, said):
     with terminals(recording, *LONG, timeout_s=timeout_s) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
         roles[victim].send_signal(sent)
@@ -98,7 +91,7 @@ def test_all_are_told(
 
 
 @pytest.mark.full
-def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording: Path) -> None:
+def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording):
     """The patience with the recorder is an hour here: what ends the wait is the signal."""
     with terminals(recording, *LONG, timeout_s=3600.0) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -109,14 +102,14 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording: Path)
         ended(roles["plant"], 130, "interrupted")
 
 
-def test_all_exit_codes_tell_of_a_good_run(recording: Path) -> None:
+def test_all_exit_codes_tell_of_a_good_run(recording):
     with terminals(recording, "--set", "run.duration_s=0.002") as roles:
         for process in roles.values():
             ended(process)
 
 
 @pytest.mark.full
-def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> None:
+def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path):
     config = tmp_path / "bus.json5"
     config.write_text("{}")
     plant = start("node", "plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
@@ -127,7 +120,7 @@ def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> 
 
 
 @pytest.mark.full
-def test_a_second_interrupt_leaves_no_process(recording: Path) -> None:
+def test_a_second_interrupt_leaves_no_process(recording):
     run = start("run", *LONG, "--out", str(recording))
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child_of(run, "plant").send_signal(signal.SIGSTOP)  # it cannot end in order
@@ -138,7 +131,7 @@ def test_a_second_interrupt_leaves_no_process(recording: Path) -> None:
     assert not leftovers(recording)
 
 
-def test_an_interrupt_while_its_processes_start_ends_the_run(recording: Path) -> None:
+def test_an_interrupt_while_its_processes_start_ends_the_run(recording):
     run = start("run", *LONG, "--out", str(recording))
     child_of(run, "plant")
     run.send_signal(signal.SIGINT)
@@ -147,7 +140,7 @@ def test_an_interrupt_while_its_processes_start_ends_the_run(recording: Path) ->
 
 
 @pytest.mark.full
-def test_full_disk(recording: Path) -> None:
+def test_full_disk(recording):
     """The recorder may write 3 MB and no more; the kernel refuses the rest."""
 
     def limit() -> None:
@@ -161,7 +154,7 @@ def test_full_disk(recording: Path) -> None:
 
 
 @pytest.mark.full
-def test_controller_never_started(recording: Path) -> None:
+def test_controller_never_started(recording):
     with terminals(recording, wait_s=10.0, roles=[PLANT, RECORDER]) as roles:
         for process in roles.values():
             assert re.search("waited 10 s for controller .* not there", ended(process, 1))
@@ -172,13 +165,13 @@ SECOND = ["run.duration_s=1"]
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def alone(tmp_path_factory):
     """A second that nobody disturbs."""
     return recorded(aluminium_3mm(*SECOND), tmp_path_factory.mktemp("alone") / "alone.mcap")
 
 
 @pytest.mark.full
-def test_a_run_whose_processes_were_all_stopped_goes_on(alone: Recording, recording: Path) -> None:
+def test_a_run_whose_processes_were_all_stopped_goes_on(alone, recording):
     """The launcher is stopped, too, and messages wait for the recorder: all arrive."""
     words = ["aluminium-3mm", *as_options(SECOND), "--timeout", "2"]
     run = start("run", *words, "--out", str(recording))
@@ -223,9 +216,7 @@ time.sleep(600)
 @pytest.mark.parametrize(
     "words", [["0.5"], ["0", _ids("victim", "recorder")[7]]], ids=["lags", "stops, with an id"]
 )
-def test_a_stranger_that_does_not_keep_up_changes_nothing(
-    alone: Recording, recording: Path, words: list[str]
-) -> None:
+def test_a_stranger_that_does_not_keep_up_changes_nothing(alone, recording, words):
     """It has an id that follows from the run's name, or not. It hears something, then stops (0), or
     takes half a second for every message. Its lease is short, so that zenoh gives its link up."""
     base = free_ports(3, in_a_row=True)[0]

@@ -1,7 +1,5 @@
 """Two runs and one file: one is refused, and one that never began leaves the file as it was."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.loop.in_process import record_in_process
@@ -15,7 +13,7 @@ SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 
 
 @pytest.mark.full
-def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> None:
+def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path):
     """Both may overwrite; the first one goes on and keeps its recording."""
     out = tmp_path / "one.mcap"
     first = start("run", *LONG, "--out", str(out), "--overwrite")
@@ -33,7 +31,7 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> Non
     assert read(out).metadata["steps"] == "15000000"
 
 
-def test_a_run_that_never_began_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+def test_a_run_that_never_began_leaves_the_file_as_it_was(tmp_path):
     old, new = tmp_path / "old.mcap", tmp_path / "new.mcap"
     record_in_process(aluminium_3mm(*SHORT), old, compiled=True)
     content = old.read_bytes()

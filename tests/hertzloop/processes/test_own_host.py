@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -28,7 +26,7 @@ UNDER_WAY = 200_000  # bytes
 
 
 @pytest.fixture
-def going(tmp_path: Path) -> Iterator[tuple[subprocess.Popen, dict[str, psutil.Process]]]:
+def going(tmp_path):
     """A default run, well under way, and its processes."""
     recording = tmp_path / "run.mcap"
     run = start("run", *LONG, "--out", str(recording))
@@ -54,9 +52,7 @@ def as_user(user: int, endpoints: list[str], name: str) -> tuple[list[str], bool
     return refused, took_part
 
 
-def test_nothing_listens_on_any_network(
-    going: tuple[subprocess.Popen, dict[str, psutil.Process]],
-) -> None:
+def test_nothing_listens_on_any_network(going):
     run, children = going
     for process in (psutil.Process(run.pid), *children.values()):
         assert process.net_connections("inet") == [], process.cmdline()
@@ -70,9 +66,7 @@ def test_nothing_listens_on_any_network(
 
 @pytest.mark.full
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user, too")
-def test_another_user_gets_neither_samples_nor_a_say(
-    going: tuple[subprocess.Popen, dict[str, psutil.Process]], tmp_path: Path
-) -> None:
+def test_another_user_gets_neither_samples_nor_a_say(going, tmp_path):
     run, children = going
     endpoints = [
         f"unixsock-stream/{held}" for child in children.values() for held in sockets_of(child)
@@ -86,9 +80,7 @@ def test_another_user_gets_neither_samples_nor_a_say(
     assert read(tmp_path / "run.mcap").problems
 
 
-def test_a_killed_launcher_leaves_no_sockets(
-    going: tuple[subprocess.Popen, dict[str, psutil.Process]],
-) -> None:
+def test_a_killed_launcher_leaves_no_sockets(going):
     run, children = going
     [held] = sockets_of(children["plant"])
     folder = held.parent

@@ -2,7 +2,6 @@
 watchdog that gives the cores back. Every test works in a child, whose class goes with it."""
 
 import os
-from pathlib import Path
 
 import pytest
 
@@ -21,7 +20,7 @@ def child(text: str) -> str:
 
 
 @pytest.fixture(scope="session")
-def permitted() -> None:
+def permitted():
     """Skips where a real-time class is not."""
     text = """
 try:
@@ -74,13 +73,13 @@ print(taken)
     ],
     ids=["a core for others", "not permitted", "more cores than loops"],
 )  # fmt: skip
-def test_what_is_set_and_said(text: str, words: list[str]) -> None:
+def test_what_is_set_and_said(text, words):
     said = child(text)
     assert all(word in said for word in words), said
 
 
 @pytest.mark.usefixtures("permitted")
-def test_the_loop_is_in_the_class_and_leaves_it() -> None:
+def test_the_loop_is_in_the_class_and_leaves_it():
     text = f"""
 import gc
 p = RealtimeProfile(Wanted.ON, 'plant'){SHOW}
@@ -92,7 +91,7 @@ print(gc.isenabled()){SHOW}
 
 
 @pytest.mark.usefixtures("permitted")
-def test_a_loop_that_spins_without_progress_gives_the_class_up() -> None:
+def test_a_loop_that_spins_without_progress_gives_the_class_up():
     text = """
 p = RealtimeProfile(Wanted.ON, 'plant')
 with p.loop(lambda: 0):
@@ -106,7 +105,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
     assert "withdrawn: the loop spun without progress" in said
 
 
-def test_a_run_says_what_was_granted(tmp_path: Path) -> None:
+def test_a_run_says_what_was_granted(tmp_path):
     scene = aluminium_3mm("run.duration_s=0.0015")
     report = run_as_json(run_and_assess(scene, tmp_path / "a.mcap", RunOptions(realtime="off")))
     assert report["realtime"] == "off"

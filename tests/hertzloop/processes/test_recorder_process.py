@@ -57,7 +57,7 @@ def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> F
 
 
 @pytest.mark.parametrize("stream", ["balance", "truth"])
-def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, stream: str) -> None:
+def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path, stream):
     """The last message of a stream: no later one shows that it lacks."""
     path = tmp_path / "a.mcap"
     said = plant_says()
@@ -83,9 +83,7 @@ def run_over_zenoh(path: Path, name: str, timeout_s: float = PATIENCE_S) -> list
     return others
 
 
-def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(tmp_path, monkeypatch):
     """All was sent and answered: without the recorder's word nobody knows that it was kept."""
     monkeypatch.setattr(Liveliness, "confirm_completion", lambda _: None)
     for role in run_over_zenoh(tmp_path / "a.mcap", "unconfirmed"):
@@ -93,7 +91,7 @@ def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
             role.result()
 
 
-def test_the_plant_leaves_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_plant_leaves_last(tmp_path, monkeypatch):
     """A controller that is slow to hear the plant's end does not miss the plant before."""
     leave, order = ZenohPort.close, list[str]()
 
@@ -109,9 +107,7 @@ def test_the_plant_leaves_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert order == [RECORDER, CONTROLLER, PLANT]
 
 
-def test_a_controller_that_compiles_its_law_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_controller_that_compiles_its_law_is_waited_for(tmp_path, monkeypatch):
     """It takes longer than the others wait for anything else."""
     timeout_s = 2.0
 

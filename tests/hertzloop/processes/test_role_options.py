@@ -25,7 +25,7 @@ PACED = RunOptions(name="mine", pace=0.5)  # which excludes horizon and repeat
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_a_role_gets_each_option_that_its_command_has(role: str) -> None:
+def test_a_role_gets_each_option_that_its_command_has(role):
     [entry] = [entry for entry in all_commands() if entry.words == f"node {role}"]
     for options in (UNUSUAL, PACED):
         words = role_options(role, "mine", options)

@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from tests.hertzloop.commands import finish, next_line, start, wait_for
 
 
 @pytest.fixture
-def handlers() -> Iterator[None]:
+def handlers():
     """The command line's handlers for the time of a test."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     # A caller such as nohup may ignore SIGHUP, which the handlers would respect.
@@ -29,7 +29,7 @@ def handlers() -> Iterator[None]:
 
 @pytest.mark.usefixtures("handlers")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_raises_but_not_while_it_is_deferred(number: signal.Signals) -> None:
+def test_a_signal_raises_but_not_while_it_is_deferred(number):
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
     steps: list[str] = []
@@ -48,7 +48,7 @@ def hold_back(number: signal.Signals, steps: Callable[[str], None]) -> None:
 
 
 @pytest.mark.usefixtures("handlers")
-def test_a_signal_is_deferred_where_another_thread_takes_it() -> None:
+def test_a_signal_is_deferred_where_another_thread_takes_it():
     over, steps = threading.Event(), list[str]()
     other = threading.Thread(target=over.wait)
     other.start()
@@ -60,14 +60,14 @@ def test_a_signal_is_deferred_where_another_thread_takes_it() -> None:
 
 
 @pytest.mark.usefixtures("handlers")
-def test_one_that_a_call_from_c_has_lost_is_raised_before_the_next_work() -> None:
+def test_one_that_a_call_from_c_has_lost_is_raised_before_the_next_work():
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)  # and nobody heeds it
     with pytest.raises(KeyboardInterrupt), ending_signals(lambda _: None):
         pass
 
 
-def test_ending_signals_are_counted_in_order() -> None:
+def test_ending_signals_are_counted_in_order():
     counted: list[int] = []
     before = signal.getsignal(signal.SIGTERM)
     with ending_signals(counted.append):
@@ -81,7 +81,7 @@ def test_ending_signals_are_counted_in_order() -> None:
 
 
 @pytest.mark.usefixtures("handlers")
-def test_a_signal_that_is_ignored_stays_so() -> None:
+def test_a_signal_that_is_ignored_stays_so():
     """As under nohup: a run goes on where its terminal closes."""
     counted: list[int] = []
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -96,7 +96,7 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_a_run_that_compiles_ends_in_one_sentence(tmp_path: Path) -> None:
+def test_a_run_that_compiles_ends_in_one_sentence(tmp_path):
     """Nothing goes on compiling for it."""
     cache = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     run = start("run", "--out", str(tmp_path / "a.mcap"), env=cache)

@@ -68,9 +68,7 @@ def run_once(short: Setup, folder: Path, transport: Transport, *, fast_lane: boo
         (Transport.ZENOH, False),
     ],
 )
-def test_runs_in_a_row(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, transport: Transport, fast_lane: bool
-) -> None:
+def test_runs_in_a_row(tmp_path, monkeypatch, transport, fast_lane):
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))

@@ -1,7 +1,6 @@
 """A wall clock that is set during a run, forth and back: the run does not notice."""
 
 import os
-from pathlib import Path
 
 import pytest
 
@@ -22,7 +21,7 @@ os.register_at_fork(after_in_child=leaps)
 
 
 @pytest.mark.full
-def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:
+def test_a_clock_that_is_set_changes_nothing(tmp_path):
     seen = tmp_path / "seen"
     (tmp_path / "sitecustomize.py").write_text(LEAPING.format(seen=str(seen)))
     path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))

@@ -1,7 +1,6 @@
 """Metrics of a case: over the length of time that they are said to be over."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
     ("latency_us", "line"),
     [(90, []), (300, []), (120, ["controller.slew_n_s=2e6"]), (300, ["sensors.every_steps=5"])],
 )
-def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: list[str]) -> None:
+def test_a_force_long_after_the_contact_counts_in_full(latency_us, line):
     scene = aluminium_3mm(*SHORT, *line, f"controller.latency_us={latency_us}")
     impact, run = metrics_of_case(scene, "impact"), metrics_of_case(scene, "run")
     assert impact.injected_j > 1e-5
@@ -31,7 +30,7 @@ def test_a_force_long_after_the_contact_counts_in_full(latency_us: int, line: li
     assert impact.steps < run.steps
 
 
-def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
+def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut():
     scene = aluminium_3mm(*SHORT, "controller.law=velocity_feedback")
     rows, found = simulate(scene).truth, set()
     for size in (1800, 1000, 512, 333, 100, 7):
@@ -51,9 +50,7 @@ def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> N
         (["controller.lead_us=3"], 180.0),
     ],
 )
-def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
-    keys: list[str], percent: float
-) -> None:
+def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(keys, percent):
     scene = aluminium_3mm(*keys, "run.duration_s=0.002")
     found = metrics_of_case(scene).rebound_percent
     assert found == pytest.approx(percent, abs=0.5)
@@ -64,13 +61,13 @@ def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
     assert found == pytest.approx(100.0 * (speeds[0] / speeds[1]) ** 2, rel=1e-3)
 
 
-def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
+def test_no_rebound_without_control_is_nothing_to_compare_with():
     """The first impact leaves the heavy sphere falling still."""
     metrics = metrics_of_case(load("aluminium-20mm", ["run.duration_s=0.003"]))
     assert math.isnan(metrics.rebound_percent)
 
 
-def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path) -> None:
+def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path):
     settings = ["plate.thickness_m=0.0011", "run.accuracy=0.05", "run.duration_s=0.004"]
     assert math.isnan(metrics_of_case(aluminium_3mm(*settings)).rebound_percent)
     out = ["--transport", "compiled", "--out", tmp_path / "a.mcap", "--json", tmp_path / "a.json"]
@@ -81,7 +78,7 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
     assert "rebound height, from nearly zero" in told
 
 
-def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch):
     scene = aluminium_3mm(*SHORT)
 
     def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> SimulatedRun:
@@ -94,7 +91,7 @@ def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch: pytest.MonkeyP
         metrics_of_case(scene)
 
 
-def test_a_delay_of_zero_is_a_delay() -> None:
+def test_a_delay_of_zero_is_a_delay():
     """A threshold below the impact speed is crossed by the first sample in contact."""
     keys = ["run.accuracy=0.1", "run.duration_s=0.0013"]
     at_once = metrics_of_case(aluminium_3mm(*keys, "controller.v_thr_m_s=-2"))
@@ -103,7 +100,7 @@ def test_a_delay_of_zero_is_a_delay() -> None:
     assert off.delay_us != off.delay_us  # nan
 
 
-def test_the_digest_tells_every_bit_apart() -> None:
+def test_the_digest_tells_every_bit_apart():
     generator = np.random.default_rng(1)
     truth, codes = generator.random((10, 31)), generator.integers(-9, 9, 31)
     others = [(truth, codes), (truth, codes + np.eye(31, dtype=int)[30]), (truth[:, :30], codes),

@@ -8,7 +8,7 @@ from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
 
 
-def test_a_hammer_that_was_withdrawn_keeps_its_energy() -> None:
+def test_a_hammer_that_was_withdrawn_keeps_its_energy():
     setup = load("aluminium-3mm", [
         "hammer.mass_kg=0.1", "hammer.speed_m_s=0.5", "hammer.tip_stiffness=1e7",
         "hammer.tip_exponent=1", "controller.law=off", "run.duration_s=0.0025",

@@ -36,7 +36,7 @@ def replayed(folder: Path, scene: Setup) -> tuple[Recording, Deflection]:
         ),
     ],
 )
-def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings: list[str]) -> None:
+def test_the_contact_node_moves_as_recorded(tmp_path, name, settings):
     """Rows tell the displacement of the modes from that of a spring, not from that of its mode."""
     scene = load(name, [*settings, "plate.tail=spring"])
     recording, plate = replayed(tmp_path, scene)
@@ -49,7 +49,7 @@ def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings:
     assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * largest
 
 
-def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -> None:
+def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path):
     _, plate = replayed(tmp_path, aluminium_3mm(*SHORT))
     w, rounding = plate.w_m, 1e-12 * abs(plate.w_m).max()
     for edge in (w[:, 0], w[:, -1], w[:, :, 0], w[:, :, -1]):
@@ -58,7 +58,7 @@ def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -
         np.testing.assert_allclose(w, mirrored, rtol=0.0, atol=rounding)
 
 
-def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path: Path) -> None:
+def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path):
     settings = [*SHORT, "plate.contact_point_m=[0.003, 0.41]", "run.accuracy=0.05"]
     _, plate = replayed(tmp_path, aluminium_3mm(*settings))
     i, j = plate.contact_node
@@ -69,7 +69,7 @@ def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path: Path)
         assert np.all(np.diff(axis) > 0.0)
 
 
-def test_frames_are_dense_at_the_first_contact_and_bounded() -> None:
+def test_frames_are_dense_at_the_first_contact_and_bounded():
     xi = np.ones(1_000_000)
     for start in range(5_000, 1_000_000, 20_000):
         xi[start : start + 30] = -1.0
@@ -80,7 +80,7 @@ def test_frames_are_dense_at_the_first_contact_and_bounded() -> None:
     assert (frames[0], frames[-1]) == (0, 999_999)
 
 
-def test_a_recording_without_contact_shows_a_plate_at_rest(tmp_path: Path) -> None:
+def test_a_recording_without_contact_shows_a_plate_at_rest(tmp_path):
     recording, plate = replayed(tmp_path, aluminium_3mm("run.duration_s=5e-4"))
     assert recording.truth.arrays["xi_m"].min() > 0.0
     assert not plate.w_m.any()

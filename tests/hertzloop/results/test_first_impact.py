@@ -1,7 +1,6 @@
 """The first impact is the same span, with the same metrics, wherever a metric of it is shown."""
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -115,7 +114,7 @@ def reports(folder: Path, scene: Setup) -> Reports:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     found = tmp_path_factory.mktemp("laws")
     for name, text in OWN.items():
         (found / name).write_text(text, encoding="utf-8")
@@ -123,7 +122,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def reports_of(folder: Path) -> Callable[[str], Reports]:
+def reports_of(folder):
     """Reports of a law, made once."""
     return cache(lambda law: reports(folder, scene_of(folder, law)))
 
@@ -166,9 +165,7 @@ def check(it: Reports, span: str = "first_impact") -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_everything_says_the_same_of_the_first_impact(
-    reports_of: Callable[[str], Reports], law: str
-) -> None:
+def test_everything_says_the_same_of_the_first_impact(reports_of, law):
     it = reports_of(law)
     check(it)
     check(it, "whole_run")
@@ -181,7 +178,7 @@ def test_everything_says_the_same_of_the_first_impact(
         assert found.noise[0].radiated_j == near(first["radiated_j"])
 
 
-def test_laws_push_when_they_are_meant_to(reports_of: Callable[[str], Reports]) -> None:
+def test_laws_push_when_they_are_meant_to(reports_of):
     """Otherwise the agreement would say little."""
     for law, least, most in (("off", 0, 0), ("late.py", 20, 60), ("again.py", 200, 260)):
         scene = reports_of(law).scene
@@ -193,7 +190,7 @@ def test_laws_push_when_they_are_meant_to(reports_of: Callable[[str], Reports]) 
 
 
 @pytest.mark.parametrize("law", ["late", "again"])
-def test_a_promise_changes_no_metric(reports_of: Callable[[str], Reports], law: str) -> None:
+def test_a_promise_changes_no_metric(reports_of, law):
     without, with_ = (reports_of(f"{law}{end}.py").case for end in ("", "_promise"))
     names = {f.name for f in fields(CaseMetrics)} - {"steps", "digest", "energy_residual"}
     for name in names:
@@ -202,7 +199,7 @@ def test_a_promise_changes_no_metric(reports_of: Callable[[str], Reports], law: 
     assert with_.steps <= without.steps
 
 
-def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> None:
+def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
     """Laws whose case ends when the sphere is on its way back, or long before; the report page."""
     ahead = tmp_path / "ahead.py"
     ahead.write_text(AHEAD, encoding="utf-8")
@@ -229,7 +226,7 @@ def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0
     return [int(impact.counts[i]) for i in (impact_kernels.END, impact_kernels.OVER)]
 
 
-def test_an_impact_is_over_with_its_last_force_or_the_next_contact() -> None:
+def test_an_impact_is_over_with_its_last_force_or_the_next_contact():
     contact, nothing = [1, 1, 0, 0, 0, 0, 0, 0, 0, 0], [0] * 10
     rising = [-1, -1, 1, 2, 3, 4, 5, 6, 7, 8]
     falling = [-1, -1, 1, 2, 3, 4, 3, 2, 1, 0.5]

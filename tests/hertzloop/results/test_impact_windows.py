@@ -39,7 +39,7 @@ def metrics(found: list[ImpactMetrics]) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_blocks_do_not_count(name: str) -> None:
+def test_blocks_do_not_count(name):
     scene = load(*SCENES[name])
     rows = simulate(scene).truth
     whole = impacts_of_truth(scene, rows)
@@ -59,7 +59,7 @@ def test_blocks_do_not_count(name: str) -> None:
         ("aluminium-3mm", ["run.plate_model='infinite'", "run.duration_s=0.0016"]),
     ],
 )
-def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) -> None:
+def test_the_first_impact_alone_has_the_same_bits(name, more):
     scene = load(name, ["run.duration_s=0.015", *more])
     rows = simulate(scene).truth
     alone, among = first_impact(scene, rows), impacts_of_truth(scene, rows)[0]
@@ -73,14 +73,14 @@ def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) ->
     )
 
 
-def test_rows_without_a_contact_have_no_first_impact() -> None:
+def test_rows_without_a_contact_have_no_first_impact():
     scene = aluminium_3mm()
     rows = simulate(scene, steps=100).truth
     assert first_impact(scene, rows) is None
 
 
 @pytest.mark.parametrize(("name", "piece"), [("bouncing", 5), ("elsewhere", 64)])
-def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pieces_add_up(name, piece, monkeypatch):
     """Shorter than a contact or longer: sums in another order, nothing else."""
     scene = load(*SCENES[name])
     rows = simulate(scene).truth[:, :8000]
@@ -94,7 +94,7 @@ def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -
         assert one == pytest.approx(other, rel=1e-9)
 
 
-def test_missing_steps_begin_anew() -> None:
+def test_missing_steps_begin_anew():
     """What is left of the second contact has its own time; the first one ends with its part."""
     scene = load(*SCENES["bouncing"])
     rows = simulate(scene).truth

@@ -1,7 +1,6 @@
 """A run says where twice the modes change what its law does by more than was asked."""
 
 from math import nan
-from pathlib import Path
 
 import pytest
 
@@ -23,7 +22,7 @@ NEAR = [
 
 
 @pytest.mark.full
-def test_a_threshold_within_the_error_is_said() -> None:
+def test_a_threshold_within_the_error_is_said():
     scene = aluminium_3mm(*NEAR, "controller.v_thr_m_s=-0.442")
     found = simulated_law_accuracy(scene, 5e-4)
     assert (found.delay_us, found.finer_delay_us) == (6.0, 7.0)
@@ -34,7 +33,7 @@ def test_a_threshold_within_the_error_is_said() -> None:
     assert "penetration by 2.3 % (requested 0.1 %)" in missed
 
 
-def test_what_moves_without_another_decision_is_said_too() -> None:
+def test_what_moves_without_another_decision_is_said_too():
     """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
     scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
     found = simulated_law_accuracy(scene, 3e-3)
@@ -45,7 +44,7 @@ def test_what_moves_without_another_decision_is_said_too() -> None:
     assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
 
 
-def test_a_run_states_the_larger_error() -> None:
+def test_a_run_states_the_larger_error():
     """Twice the modes that change more than expected, if only by half, are the model error."""
     changed = Verification(0.0015, 1e-4, 1e-4, 1000.0, 3e5)
     found = LawAccuracy(changed, asked=1e-3, expected=9e-4, delay_us=nan, finer_delay_us=nan)
@@ -59,7 +58,7 @@ def test_a_run_states_the_larger_error() -> None:
 
 
 @pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])
-def test_shipped_scenes_keep_it(name: str) -> None:
+def test_shipped_scenes_keep_it(name):
     found = simulated_law_accuracy(load(name, ["controller.law=slope_threshold"]), 5e-3)
     assert found.kept
 
@@ -76,13 +75,13 @@ def test_shipped_scenes_keep_it(name: str) -> None:
         ["run.duration_s=0.0005"],
     ],
 )
-def test_where_nothing_can_be_said(settings: list[str]) -> None:
+def test_where_nothing_can_be_said(settings):
     assert simulated_law_accuracy(aluminium_3mm(*settings), 2e-3) is None
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("v_thr_m_s", "kept"), [(-0.442, False), (-0.48, True)])
-def test_a_run_says_so(tmp_path: Path, v_thr_m_s: float, kept: bool) -> None:
+def test_a_run_says_so(tmp_path, v_thr_m_s, kept):
     settings = as_options([*NEAR, f"controller.v_thr_m_s={v_thr_m_s}"])
     out = ["--transport", "compiled", "--out", tmp_path / "a.mcap", "--json", tmp_path / "a.json"]
     told = succeed("run", "aluminium-3mm", *settings, *out)

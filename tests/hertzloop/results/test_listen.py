@@ -2,7 +2,6 @@
 
 import math
 import wave
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ def samples_of(path: str) -> tuple[int, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def heard(tmp_path_factory: pytest.TempPathFactory) -> dict:
+def heard(tmp_path_factory):
     folder = tmp_path_factory.mktemp("heard")
     record_in_process(load("aluminium-20mm", SHORT), folder / "a.mcap", compiled=True)
     out = ["-o", folder / "x", "--tail", 0.1, "--energy", "--json", folder / "x.json"]
@@ -36,7 +35,7 @@ def heard(tmp_path_factory: pytest.TempPathFactory) -> dict:
     return data
 
 
-def test_both_files_have_one_scale_and_no_clipped_sample(heard: dict) -> None:
+def test_both_files_have_one_scale_and_no_clipped_sample(heard):
     largest = {}
     for name, run in heard["runs"].items():
         rate, samples = samples_of(run["file"])
@@ -51,7 +50,7 @@ def test_both_files_have_one_scale_and_no_clipped_sample(heard: dict) -> None:
     assert max(largest.values()) == round(0.9 * 32767)
 
 
-def test_sound_energy_is_that_given_to_the_plate_times_what_radiates(heard: dict) -> None:
+def test_sound_energy_is_that_given_to_the_plate_times_what_radiates(heard):
     """Through the half sphere, and by the efficiencies of the very modes. Mean efficiencies are
     others on a plate of so few modes; by these, more comes after the file."""
     for run in heard["runs"].values():
@@ -60,7 +59,7 @@ def test_sound_energy_is_that_given_to_the_plate_times_what_radiates(heard: dict
         assert 0.0 < run["by_means_j"] < run["until_rest_j"]
 
 
-def test_nothing_moves_nothing_sounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_moves_nothing_sounds(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # the sounds go there
     scene = load("aluminium-20mm", [*SHORT, "run.duration_s=0.0005", "controller.law=off"])
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)
@@ -72,7 +71,7 @@ def test_nothing_moves_nothing_sounds(tmp_path: Path, monkeypatch: pytest.Monkey
     assert not samples.any()
 
 
-def test_slower_is_the_same_sound_at_a_lower_pitch() -> None:
+def test_slower_is_the_same_sound_at_a_lower_pitch():
     scene = load("aluminium-20mm", SHORT)
     fast, slow = listening.grid_of(scene, 0.01), listening.grid_of(scene, 0.01, slow=4.0)
     assert slow.step_s == pytest.approx(fast.step_s / 4.0)
@@ -82,7 +81,7 @@ def test_slower_is_the_same_sound_at_a_lower_pitch() -> None:
         assert grid.band()[grid.s.imag <= 2.0 * math.pi * 19.9e3].min() == 1.0
 
 
-def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is() -> None:
+def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is():
     thin, solid = (
         listening.radiator_of(aluminium_3mm(*SHORT, f"plate.theory={theory}"))
         for theory in ("kirchhoff", "3d")

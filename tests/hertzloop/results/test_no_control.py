@@ -1,7 +1,6 @@
 """What is said of runs with nothing to compare, and of balance that no energy follows from."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,12 @@ from tests.recordings.rewriting import Sent, record, rewrite
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     return record(tmp_path_factory.mktemp("whole") / "a.mcap", compiled=True)
 
 
 @pytest.mark.full
-def test_a_balance_that_is_not_finite_is_told_of(whole: Path, tmp_path: Path) -> None:
+def test_a_balance_that_is_not_finite_is_told_of(whole, tmp_path):
     def change(sent: Sent) -> None:
         if sent.stream == "balance":
             sent.header.injected_j = math.nan
@@ -36,7 +35,7 @@ def test_a_balance_that_is_not_finite_is_told_of(whole: Path, tmp_path: Path) ->
     assert found["impacts"]
 
 
-def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) -> None:
+def test_an_error_that_nobody_knows_is_no_damage(whole, tmp_path):
     def change(sent: Sent) -> None:
         if sent.stream == "balance":
             sent.header.expected_error = math.inf
@@ -45,7 +44,7 @@ def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) ->
     assert "Complete" in succeed("inspect", str(path))
 
 
-def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
+def test_uncontrolled_rows_are_those_of_a_run_without_control():
     """They come in pieces, whose memory does not grow with the run."""
     for name in ("aluminium-20mm", "offcentre-6mm", "thesis-aluminium"):
         scene = load(name, ["controller.law=off"])

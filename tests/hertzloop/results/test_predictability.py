@@ -1,7 +1,5 @@
 """Later impacts: how far what was before is magnified, and how far runs can be compared."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ from tests.hertzloop.scenes import aluminium_3mm, json_in, recorded
 FOUR = aluminium_3mm("run.duration_s=0.35")
 
 
-def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
+def test_every_bounce_of_a_light_ball_magnifies_what_was_before():
     impacts = metrics_of(FOUR, simulate(FOUR).truth).impacts
     known = known_impacts(FOUR, impacts, 1e-3)
     grown = [each.amplification for each in known]
@@ -29,7 +27,7 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
     assert known[2].errors["rebound_speed_m_s"] > impacts[2].rebound_speed_m_s
 
 
-def test_late_forces_are_no_chaos() -> None:
+def test_late_forces_are_no_chaos():
     """A paced run differs from its lock-step by far more than by what its bounces magnify."""
     scene = aluminium_3mm("run.duration_s=0.15")
     metrics = metrics_of(scene, simulate(scene).truth)
@@ -43,7 +41,7 @@ def test_late_forces_are_no_chaos() -> None:
 
 
 @pytest.mark.full
-def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path: Path) -> None:
+def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path):
     words = ["run", "aluminium-3mm", "--set", "controller.law=velocity_feedback",
              "--set", "controller.kappa=0.3", "--set", "controller.latency_us=6",
              "--set", "run.duration_s=0.15",
@@ -56,7 +54,7 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
     assert told["predictability"]["uncontrolled"][1]["amplification"] > 50.0
 
 
-def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
+def test_the_error_of_the_second_impact_is_what_more_modes_change():
     scene = aluminium_3mm("run.duration_s=0.15")
     finer = aluminium_3mm("run.duration_s=0.15", "run.accuracy=1e-4")
     one, other = (metrics_of(s, simulate(s).truth).impacts for s in (scene, finer))
@@ -74,11 +72,11 @@ def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
         (248.79, 0.3, "249"), (-32.9, 3.0, "about -30"), (2.5e9, 3e8, "about 2e+09"),
     ],
 )  # fmt: skip
-def test_digits(value: float, error: float, shown: str) -> None:
+def test_digits(value, error, shown):
     assert known_digits(value, ".4f", error) == shown
 
 
-def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
+def test_compare_stops_where_rounding_decides(tmp_path):
     """A run that differs by the rounding of another processor, magnified 1e5 times."""
     keys = ["run.duration_s=0.1", "run.accuracy=0.02", "controller.law=off"]
     heights = ("0.005", "0.005000000000000005")

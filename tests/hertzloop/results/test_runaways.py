@@ -2,7 +2,6 @@
 fails, and a force that is known ahead can do neither."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
 
 
 @pytest.mark.parametrize(("law", "kappa"), AWAY)
-def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
+def test_a_runaway_is_an_unstable_case(law, kappa):
     scene = aluminium_3mm(*RUN, f"controller.law={law}", f"controller.kappa={kappa}")
     with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
         metrics_of_case(scene, "run")
@@ -35,9 +34,7 @@ def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     assert abs(run.balance.energy_residual) < 1e-9
 
 
-def test_events_that_are_too_many_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_events_that_are_too_many_are_counted(tmp_path, monkeypatch):
     """However the samples come in blocks."""
     monkeypatch.setattr(loop_events, "MOST", 1)
     scene = aluminium_3mm(*RUN)
@@ -55,7 +52,7 @@ def test_events_that_are_too_many_are_counted(
 
 
 @pytest.mark.parametrize("force_n", [-50.0, 50.0])
-def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n: float) -> None:
+def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n):
     """Its metrics stand however much energy it puts in; it has no kappa to change."""
     keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
             "controller.duration_us=2500"]  # fmt: skip

@@ -1,7 +1,5 @@
 """An unstable loop is called so, from when on, and no other one is."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ def stability_of(scene: Setup, rows: np.ndarray, size: int = 1 << 30) -> Stabili
 
 
 @pytest.mark.full
-def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
+def test_a_loop_that_explodes_is_called_unstable(tmp_path):
     ran, inspected = tmp_path / "run.json", tmp_path / "inspect.json"
     file = str(tmp_path / "a.mcap")
     words = ["--transport", "compiled", "--out", file, "--json", str(ran)]
@@ -49,7 +47,7 @@ def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["aluminium-20mm", "sylomer-20mm", "offcentre-6mm"])
-def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
+def test_no_shipped_scene_and_no_law_is_called_unstable(name):
     for law in shipped_laws():
         own = {
             "constant": ["controller.duration_us=20", "controller.force_n=1e4"],
@@ -70,7 +68,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
         assert closed or found.most_injected < 0.2 * UNSTABLE, (law, found)
 
 
-def test_its_metrics_are_those_of_the_work_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_metrics_are_those_of_the_work_done(monkeypatch):
     monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
     scene = load("offcentre-6mm", ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).truth
@@ -84,7 +82,7 @@ def test_its_metrics_are_those_of_the_work_done(monkeypatch: pytest.MonkeyPatch)
     assert whole.unstable
 
 
-def test_since_when() -> None:
+def test_since_when():
     scene = aluminium_3mm("run.duration_s=0.002")
     accumulator = StabilityAccumulator(scene)
     e, rows = accumulator.impact_j, np.zeros((10, 9))
@@ -98,7 +96,7 @@ def test_since_when() -> None:
         assert found.most_injected == pytest.approx(50.0)
 
 
-def test_no_work_is_done_over_missing_steps() -> None:
+def test_no_work_is_done_over_missing_steps():
     scene = aluminium_3mm("run.duration_s=0.002")
     accumulator = StabilityAccumulator(scene)
     e, rows = accumulator.impact_j, np.zeros((10, 9))
@@ -111,7 +109,7 @@ def test_no_work_is_done_over_missing_steps() -> None:
     assert found.since_s == pytest.approx(1 * scene.step_s)
 
 
-def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
+def test_a_loop_that_pumps_is_told_by_the_energy_there_was():
     """More than the sphere brought, in sum, and not by decibels against a run without control."""
     scene = aluminium_3mm("controller.kappa=2", "controller.latency_us=2", SHORT)
     found = stability_of(scene, simulate(scene).truth)
@@ -126,7 +124,7 @@ def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
     assert not metrics_of_case(gentle).pumps
 
 
-def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
+def test_the_largest_force_is_told_in_units_of_the_rigid_contact():
     """A rigid, lossless Hertz contact of this sphere has a peak of about 85 N at 1 m/s."""
     setup = aluminium_3mm("run.duration_s=0.001")
     rows = np.zeros((10, 100))
@@ -140,7 +138,7 @@ def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
     assert found.of_contact == pytest.approx(50.0 / rigid_n, rel=1e-6)
 
 
-def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) -> None:
+def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path):
     """A user's law as much as a shipped one, whatever energy it feeds in."""
     found = []
     for declared in ("", "open_loop = True"):

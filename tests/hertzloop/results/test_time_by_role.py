@@ -1,7 +1,5 @@
 """How the wall time of a run was spent: what `--details` and `--json` state."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.commands import call
@@ -18,7 +16,7 @@ def row_of(printed: str) -> str:
 
 
 @pytest.mark.parametrize("way", default([[], ["--pace", "0.01"]], [[]]))
-def test_the_parts_lie_within_the_wall_time(way: list[str], tmp_path: Path) -> None:
+def test_the_parts_lie_within_the_wall_time(way, tmp_path):
     more = ["--details", "--json", "a.json", "-o", "a.mcap"]
     done = hertzloop("run", *SHORT, *way, *more, cwd=tmp_path)
     data = json_in(tmp_path / "a.json")
@@ -33,7 +31,7 @@ def test_the_parts_lie_within_the_wall_time(way: list[str], tmp_path: Path) -> N
     assert f"the plant waited {waited_s:.3g} s, {waited_s / data['wall_s']:.0%}" in row
 
 
-def test_one_process_has_no_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_process_has_no_parts(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = call("run", *SHORT, "--transport", "compiled", "--details", "--json", "a.json")
     assert row_of(done.output).startswith("not known: all roles share one process, and none waits")

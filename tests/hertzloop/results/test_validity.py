@@ -1,6 +1,5 @@
 """What a run leaves out: indicators of whole runs, where they are told, and what changes them."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,7 +26,7 @@ def found(name: str, *settings: str) -> dict[str, dict[str, Any]]:
     return {finding["name"]: finding for finding in data["validity"]}
 
 
-def test_the_3_mm_scene_by_hand() -> None:
+def test_the_3_mm_scene_by_hand():
     rows = found("aluminium-3mm", *SHORT)
     # Centre pressure 1.90 GPa against 1.6 x 276 MPa; full at 1.05 GPa of mean pressure.
     assert rows["yield"]["value"] == pytest.approx(1.90 / 0.4416, rel=5e-3)
@@ -46,7 +45,7 @@ def test_the_3_mm_scene_by_hand() -> None:
     assert "damper behind a spring" not in rows
 
 
-def test_the_20_mm_scene_by_hand() -> None:
+def test_the_20_mm_scene_by_hand():
     rows = found("aluminium-20mm", "controller.law=off")
     # Up to 370 N and 0.58 of the thickness; the plate takes everything, whatever its theory.
     assert rows["large deflection"]["value"] == pytest.approx(0.58, abs=0.01)
@@ -82,13 +81,11 @@ def test_the_20_mm_scene_by_hand() -> None:
         (f"{LATE} sensors.full_scale=[-1.2e-5,3e-5]", "range of the sensor", "within"),
     ],
 )
-def test_a_scene_decides_what_it_leaves_out(settings: str, name: str, state: str) -> None:
+def test_a_scene_decides_what_it_leaves_out(settings, name, state):
     assert found("aluminium-3mm", *SHORT, *settings.split())[name]["state"] == state
 
 
-def test_run_inspect_validity_and_sweep_tell_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_run_inspect_validity_and_sweep_tell_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short = ["--set", "run.duration_s=0.0013"]
     told = {}
@@ -114,7 +111,7 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     assert beyond == {"yield": 2, "plate theory (energy)": 1}
 
 
-def test_effects_of_a_plate_need_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effects_of_a_plate_need_one(tmp_path, monkeypatch):
     """A structure of a file without a thickness has none; a solid has the waves through it."""
     monkeypatch.chdir(tmp_path)
     modes = ["frequency_hz,loss_factor,modal_mass_kg,shape_contact"]
@@ -135,7 +132,7 @@ def test_effects_of_a_plate_need_one(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "nan" not in solid["air on the modes"]["sentence"]
 
 
-def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
+def test_an_unstable_loop_and_a_run_without_contact_have_none():
     unstable = neglected_of_scene(
         load("aluminium-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.4"])
     )

@@ -65,7 +65,7 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
             "The sensor saturated once, first at 1.0"]),
     ],
 )  # fmt: skip
-def test_a_verdict(tmp_path: Path, settings: str, sentences: list[str]) -> None:
+def test_a_verdict(tmp_path, settings, sentences):
     said, output = run(tmp_path, "run.duration_s=0.0015", *settings.split())
     assert len(said) == len(sentences)
     for sentence, words in zip(said, sentences, strict=True):
@@ -80,7 +80,7 @@ def test_a_verdict(tmp_path: Path, settings: str, sentences: list[str]) -> None:
         assert (sentence in " ".join(inspected.output.split())) != compared
 
 
-def test_a_contact_that_is_cut_off_is_not_called_a_short_one(tmp_path: Path) -> None:
+def test_a_contact_that_is_cut_off_is_not_called_a_short_one(tmp_path):
     run(tmp_path, "run.duration_s=0.00101", "controller.law=off")
     data = json_in(tmp_path / "a.json")
     assert data["impacts"][0]["duration_s"] < 11e-6
@@ -119,7 +119,7 @@ def said_of(
     return verdict_sentences(verdict(result, free, known))
 
 
-def test_the_words_follow_the_metrics() -> None:
+def test_the_words_follow_the_metrics():
     free = metrics([impact(1e-4)], [noise(1e-5)], ForceTiming(1e-6, 0.0))
     assert said_of([impact(1e-4)], [noise(1e-5)], free) == [
         "Control leaves plate energy nearly unchanged."
@@ -139,7 +139,7 @@ def test_the_words_follow_the_metrics() -> None:
     assert any("saturated 2 times, first at 1 ms" in one for one in said)
 
 
-def test_what_is_not_predictable_is_not_added_up() -> None:
+def test_what_is_not_predictable_is_not_added_up():
     free = metrics([impact(1e-4), impact(1e-5)], [], ForceTiming(0.0, 0.0))
 
     def known(*errors_j: float) -> list[ImpactErrors]:
@@ -172,9 +172,7 @@ BACK = EventData(EventKind.RANGE_REGAINED, quantity="xi")
         ([BEGAN, OUT, ENDED, BACK, OUT], (1, 2)),
     ],
 )
-def test_a_gap_out_of_range_counts_while_it_matters(
-    announced: list[EventData], expected: tuple[int, int] | None
-) -> None:
+def test_a_gap_out_of_range_counts_while_it_matters(announced, expected):
     """Once each time that it leaves, however many contacts pass until it is back."""
     events = [Event(int(1e6 * ms), "plant", 3, "...", data) for ms, data in enumerate(announced, 1)]
     events.append(Event(0, "controller", 3, "...", EventData(EventKind.RANGE_LEFT, quantity="v_p")))

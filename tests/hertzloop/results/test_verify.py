@@ -29,7 +29,7 @@ def largest_error(accuracy: str) -> float:
     return verify(scene, simulate(scene).truth).largest
 
 
-def test_a_run_that_meets_its_accuracy() -> None:
+def test_a_run_that_meets_its_accuracy():
     fine = largest_error("1e-3")
     assert fine < 1e-3
     assert largest_error("1e-2") < 1e-2
@@ -52,7 +52,7 @@ LINES = {
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
+def test_the_loop_on_the_same_plant_has_the_same_bytes(name):
     scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     plant = build_plant(scene)
     assert isinstance(plant, Plant)
@@ -62,7 +62,7 @@ def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
+def test_the_loop_on_half_the_step_is_the_same_loop(name):
     """Samples, latency and chance keep the scene's step; the plant, of order 4, alone is finer."""
     scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     spec = scene.plant
@@ -74,7 +74,7 @@ def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
     assert np.abs(finer[F_A, ::2] - rows[F_A]).max() < 0.01 * rows[F_A].max()
 
 
-def test_the_law_answers_the_finer_plant() -> None:
+def test_the_law_answers_the_finer_plant():
     """With the forces of the run itself the check would miss what the law makes of an error."""
     scene = aluminium_3mm("run.duration_s=0.0012", "run.accuracy=0.1")
     run, fine = simulate(scene), finer_spec(scene)
@@ -88,7 +88,7 @@ def test_the_law_answers_the_finer_plant() -> None:
     assert closed.plate_energy > 1.5 * open_loop
 
 
-def test_nothing_to_verify() -> None:
+def test_nothing_to_verify():
     scene = aluminium_3mm("run.duration_s=0.0005")
     assert verify(scene, simulate(scene).truth) is None
     published = load("thesis-aluminium")
@@ -96,7 +96,7 @@ def test_nothing_to_verify() -> None:
         verify(published, simulate(published).truth)
 
 
-def test_energy_is_compared_once_the_push_is_over() -> None:
+def test_energy_is_compared_once_the_push_is_over():
     """What the spring of a solid plate's modes left out stores under a force comes back."""
     scene = aluminium_3mm("plate.theory=3d", "run.duration_s=0.0015")
     rows = simulate(scene).truth

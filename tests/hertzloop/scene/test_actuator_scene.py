@@ -1,7 +1,5 @@
 """The actuator as a scene's table: what it costs the law, what is refused, what is printed."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -52,9 +50,7 @@ def critical_us(*settings: str) -> float:
         ("actuator.mass_kg=3e-3", -2.94, 6.81),
     ],
 )
-def test_bandwidth_and_mass_cost_the_law_its_latency(
-    setting: str, energy_db: float, latency_us: float
-) -> None:
+def test_bandwidth_and_mass_cost_the_law_its_latency(setting, energy_db, latency_us):
     assert plate_energy_db(0, setting) == pytest.approx(energy_db, abs=0.02)
     assert critical_us(setting) == pytest.approx(latency_us, abs=0.03)
 
@@ -64,7 +60,7 @@ def test_bandwidth_and_mass_cost_the_law_its_latency(
     ("mass_kg", "rebound_m_s", "work_uj"),
     [(1e-3, 0.5767, 286.0), (1e-2, 0.8534, 111.5)],
 )
-def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
+def test_a_mass_on_the_struck_point(mass_kg, rebound_m_s, work_uj):
     settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
     scene = aluminium_3mm(*settings)
     (impact,) = impacts_in(scene.plant, simulate(scene).truth)
@@ -75,7 +71,7 @@ def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj:
 @pytest.mark.parametrize(
     ("name", "mass"), [("aluminium-3mm", ["actuator.mass_kg=2e-3"]), ("offcentre-6mm", [])]
 )
-def test_work_on_the_plate_is_that_of_the_balance(name: str, mass: list[str]) -> None:
+def test_work_on_the_plate_is_that_of_the_balance(name, mass):
     scene = load(name, ["run.duration_s=0.0016", "actuator.bandwidth_hz=1e5", *mass])
     run = simulate(scene)
     assert np.any(run.truth[F_A1])
@@ -85,7 +81,7 @@ def test_work_on_the_plate_is_that_of_the_balance(name: str, mass: list[str]) ->
     assert work == pytest.approx(taken, rel=2e-4)
 
 
-def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
+def test_the_recording_holds_the_force_and_the_command(tmp_path):
     scene = aluminium_3mm("run.duration_s=0.0013", "actuator.force_limit_n=12")
     recording = recorded(scene, tmp_path / "a.mcap")
     assert recording.force.arrays["force_n"].max() > 40.0
@@ -93,7 +89,7 @@ def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
     assert "f_a1_n" not in recording.truth.arrays
 
 
-def test_demand_of_the_ideal_law() -> None:
+def test_demand_of_the_ideal_law():
     scene = aluminium_3mm("run.duration_s=0.0013")
     asked = metrics_of(scene, simulate(scene).truth).demand
     assert 65.0 < asked.force_n < 75.0
@@ -104,7 +100,7 @@ def test_demand_of_the_ideal_law() -> None:
     assert metrics_of(off, simulate(off).truth).demand is None
 
 
-def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
+def test_replay_shows_the_plate_under_the_mass(tmp_path):
     scene = aluminium_3mm("run.duration_s=0.0016", "actuator.mass_kg=3e-3")
     recording = recorded(scene, tmp_path / "a.mcap")
     bare = aluminium_3mm("run.duration_s=0.0016")
@@ -117,7 +113,7 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
     assert forgotten > 0.3 * abs(moved).max()
 
 
-def test_an_actuator_keeps_the_modes() -> None:
+def test_an_actuator_keeps_the_modes():
     short = ["run.duration_s=0.0011"]
     assert aluminium_3mm(*short).plate_model == "infinite"
     real = aluminium_3mm(*short, "actuator.bandwidth_hz=1e5")
@@ -127,7 +123,7 @@ def test_an_actuator_keeps_the_modes() -> None:
         assert aluminium_3mm(nothing) == aluminium_3mm()
 
 
-def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> None:
+def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path):
     rows = [f"{20000 + 8000 * i},{0.01 * (i + 1)},0.01,1.0" for i in range(12)]
     flexible = "# residual_flexibility_m_n = 1e-9"
     header = "frequency_hz,loss_factor,modal_mass_kg,shape_contact"
@@ -136,7 +132,7 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
         build_plant(aluminium_3mm(f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"))
 
 
-def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
+def test_what_is_said_of_the_law_leaves_the_preload_out():
     """Its metrics, margin and limits are those of the commanded force, and no case runs on."""
     short = ["run.duration_s=0.0016", "actuator.force_limit_n=60"]
     plain, preloaded = (aluminium_3mm(*short, f"actuator.preload_n={n}") for n in (0, 3))
@@ -164,7 +160,7 @@ def test_what_is_said_of_the_law_leaves_the_preload_out() -> None:
     assert margins[0] == margins[1]
 
 
-def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on() -> None:
+def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on():
     off = ["controller.law=off", "run.plate_model=modal"]
     errors = [
         expected_error(aluminium_3mm(*off, f"actuator.preload_n={n}"))
@@ -176,7 +172,7 @@ def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on()
     assert errors[2] == switched
 
 
-def test_a_fit_refuses_a_preload() -> None:
+def test_a_fit_refuses_a_preload():
     simulator = ImpactSimulator(aluminium_3mm("actuator.preload_n=5"), 1e-4, 1e-3)
     with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
         simulator.run({}, 1e-4)

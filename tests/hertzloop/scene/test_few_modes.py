@@ -57,7 +57,7 @@ def rigid(folder: Path, *settings: str) -> Setup:
     return scene_of(folder, RIGID_TOML, ["0.0,0.0,1e6,1.0"], settings)
 
 
-def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
+def test_an_infinite_plate_stands_for_the_rest(tmp_path):
     setup = six(tmp_path, "plate.thickness_m=0.003")
     assert rigid_impact(setup.sphere, setup.mechanics.contact).contact_s == pytest.approx(
         41e-6, 0.02
@@ -75,7 +75,7 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
     ("flexibility", "words"),
     [("1e-6", "a spring of 1e-06 m/N stands for the rest"), ("0", "nothing stands for the rest")],
 )
-def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Path) -> None:
+def test_a_spring_has_to_be_asked_for(flexibility, words, tmp_path):
     known = f"plate.residual_flexibility_m_n={flexibility}"
     with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
         build_plant(six(tmp_path, known))
@@ -91,14 +91,14 @@ _PUSH = ("controller.law=constant", "controller.force_n=10", "controller.duratio
 
 
 @pytest.mark.parametrize("law", [(), _PUSH, ("controller.law=force_feedback",)])
-def test_a_rigid_support_leaves_out_nothing(tmp_path: Path, law: tuple[str, ...]) -> None:
+def test_a_rigid_support_leaves_out_nothing(tmp_path, law):
     assert expected_error(rigid(tmp_path, *law)) == 0.0
     assert expected_error(rigid(tmp_path, *law, "plate.thickness_m=0.003")) == 0.0
     unknown = rigid(tmp_path, *law, "plate.residual_flexibility_m_n=1e-9")
     assert expected_error(unknown) == 1.0
 
 
-def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
+def test_a_rigid_body_has_no_damped_rest(tmp_path):
     setup = rigid(tmp_path, "plate.thickness_m=0.003", "plate.tail=auto")
     assert not setup.plant.damped_residual
     with pytest.raises(
@@ -124,15 +124,13 @@ def test_a_rigid_body_has_no_damped_rest(tmp_path: Path) -> None:
         quick=["scene check SCENE"],
     ),
 )
-def test_commands_accept_a_rigid_support(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_accept_a_rigid_support(command, tmp_path, monkeypatch):
     rigid(tmp_path)
     monkeypatch.chdir(tmp_path)
     succeed(*(word.replace("SCENE", "scene.toml") for word in command.split()))
 
 
-def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:
+def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path):
     """The modes are taken to go on as they are: as many in a band, as mobile."""
     hz = np.arange(1, 81) * 1000.0
     rows = [f"{one},0.01,0.3,1.0" for one in hz]
@@ -145,7 +143,7 @@ def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:
     assert not [one for one in neglected_of_scene(with_rest).checks if one.name == ROW]
 
 
-def test_the_share_beyond_a_low_frequency() -> None:
+def test_the_share_beyond_a_low_frequency():
     """Below it, the spectrum of a pulse is flat: 1.4 of the energy for a period."""
     t = np.linspace(0.0, 1.0, 20001)
     pulse = np.sin(np.pi * t) ** 1.5
@@ -155,7 +153,7 @@ def test_the_share_beyond_a_low_frequency() -> None:
 
 
 @pytest.mark.full
-def test_first_impacts_on_few_modes_are_as_right_as_expected() -> None:
+def test_first_impacts_on_few_modes_are_as_right_as_expected():
     for found in few_modes(Plate(4.5, 3.0), (6, 25)):
         assert found.error <= found.expected
         assert (found.error < 0.1) == (found.truncated == "infinite plate")

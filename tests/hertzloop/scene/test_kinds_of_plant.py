@@ -1,7 +1,5 @@
 """Kinds of plant with kernels of their own: a recording, a verification and the views know each."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", default(KINDS, ["damped", "solid"]))
-def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind: str, tmp_path: Path) -> None:
+def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind, tmp_path):
     scene = aluminium_3mm(*SHORT, *KINDS[kind][0])
     recording, done = recorded(scene, tmp_path / "a.mcap"), simulate(scene)
     assert np.array_equal(truth_of(recording), done.truth)
@@ -45,7 +43,7 @@ def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind: str, tmp_p
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", KINDS)
-def test_run_and_inspect_state_it(kind: str, tmp_path: Path) -> None:
+def test_run_and_inspect_state_it(kind, tmp_path):
     settings, words, key = KINDS[kind]
     (ran, written), (inspected, again) = run_and_inspected(tmp_path, *SHORT, *settings)
     assert words in " ".join(ran.replace("│", " ").split())

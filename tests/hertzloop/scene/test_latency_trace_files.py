@@ -44,11 +44,11 @@ def latencies(folder: Path, content: str, use: str | None = None, **table: Any) 
         ("force [N],latency\n9.1,4\n9.2,5.8\n9.3,2.6\n", {}, [4.0, 5.8, 2.6]),
     ],
 )  # fmt: skip
-def test_formats(tmp_path: Path, content: str, table: dict[str, Any], expected: Any) -> None:
+def test_formats(tmp_path, content, table, expected):
     assert latencies(tmp_path, content, **table) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
+def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path):
     found = latencies(tmp_path, HISTOGRAM, "resample", thread=0)
     assert sorted(found) == [3.0] * 5 + [7.0]
     long = HISTOGRAM.replace("000003 000005", "000003 90000000")
@@ -86,15 +86,13 @@ def test_a_histogram_is_drawn_as_often_as_it_counts(tmp_path: Path) -> None:
         ("latency_us\n4.0\n5,8\n", {}, "a decimal comma and with a decimal point"),
     ],
 )
-def test_what_can_mean_two_things_is_refused(
-    tmp_path: Path, content: str, table: dict[str, Any], message: str
-) -> None:
+def test_what_can_mean_two_things_is_refused(tmp_path, content, table, message):
     with pytest.raises(ValueError, match=r"controller\.latency_trace") as error:
         latencies(tmp_path, content, **table)
     assert message in str(error.value)
 
 
-def test_message_times_of_another_recorder(tmp_path: Path) -> None:
+def test_message_times_of_another_recorder(tmp_path):
     path = tmp_path / "bag.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -120,7 +118,7 @@ def test_message_times_of_another_recorder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["cyclictest-list.txt", "stamps.csv", "topic-delay.txt"])
-def test_examples(name: str) -> None:
+def test_examples(name):
     assert all(
         1.0 < latency < 1e5
         for latency in latencies_of_file({"file": name}, None, EXAMPLES / "latency")

@@ -40,7 +40,7 @@ def plate(scene: Setup) -> Material:
 
 
 @pytest.mark.parametrize("name", MATERIALS)
-def test_every_shipped_material_can_be_struck_and_fall(name: str) -> None:
+def test_every_shipped_material_can_be_struck_and_fall(name):
     ball = "steel" if MATERIALS[name].orthotropic else name  # which a plate alone can be
     scene = aluminium_3mm(f"plate.material={name}", f"sphere.material={ball}")
     spec = scene.plant
@@ -48,7 +48,7 @@ def test_every_shipped_material_can_be_struck_and_fall(name: str) -> None:
     assert spec.sphere.material == MATERIALS[ball]
 
 
-def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
+def test_a_file_of_ones_own_goes_into_the_scene(tmp_path):
     scene = load(scene_file(tmp_path))
     assert plate(scene) == Material(1e11, 5000.0, 0.25, 1e-3)
     (tmp_path / "my_materials.toml").unlink()  # nobody needs it any more
@@ -60,7 +60,7 @@ def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
     )
 
 
-def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
+def test_numbers_of_a_material_can_be_set_and_varied(tmp_path):
     table = "{young_pa=1e11, density_kg_m3=5000, poisson=0.25}"
     scene = aluminium_3mm(f"plate.material={table}")
     assert plate(scene) == Material(1e11, 5000.0, 0.25)
@@ -73,7 +73,7 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("speed_m_s", "is_one"), [(9.99, False), (10.01, True), (40_000.5, False)])
-def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
+def test_sound_is_as_fast_as_in_solids(speed_m_s, is_one):
     """From 10 m/s, the softest gel, to 40 km/s, beyond diamond."""
     table = f"{{young_pa={1e3 * speed_m_s**2!r}, density_kg_m3=1e3, poisson=0.3}}"
     with nullcontext() if is_one else pytest.raises(SceneError, match="make a speed of sound of"):
@@ -88,7 +88,7 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
         (MINE.replace("0.25", "0.6"), "mine.poisson = 0.6: must be"),
     ],
 )
-def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> None:
+def test_a_wrong_file_of_materials(tmp_path, text, words):
     with pytest.raises(SceneError, match=r"my_materials\.toml") as caught:
         load(scene_file(tmp_path, text))
     assert words in str(caught.value)

@@ -1,7 +1,6 @@
 """Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ DAMPED = "plate.tail=damped"
 DAMPER = ["contact.damping=hunt_crossley", "contact.restitution=0.5"]
 
 
-def test_the_residual_mode_is_taken_where_it_is_known() -> None:
+def test_the_residual_mode_is_taken_where_it_is_known():
     for source, settings, damped in (
         ("oak-20mm", [], True),
         ("aluminium-3mm", SHORT, True),
@@ -43,7 +42,7 @@ def test_the_residual_mode_is_taken_where_it_is_known() -> None:
         assert load(source, settings).plant.damped_residual is damped, settings
 
 
-def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -> None:
+def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path):
     scene = aluminium_3mm(*SHORT)
     table = modes_of_scene(scene)
     left_out = table.residual_flexibility_m_n
@@ -57,7 +56,7 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
         build_plant(aluminium_3mm(*by_file, DAMPED))
 
 
-def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
+def test_a_spring_with_a_damper_takes_more_modes_and_expects_more():
     spring, damped = (
         aluminium_3mm(*SHORT, *DAMPER, f"plate.tail={tail}") for tail in ("spring", "damped")
     )
@@ -88,9 +87,7 @@ def impact_of(setup: Setup, limit_hz: float, damped: bool) -> tuple[Impact, Bala
         (["controller.v_thr_m_s=-0.6"], 250e3, -1.3e-3, 1.5e-4, 5e-5),
     ],
 )
-def test_errors_of_both_models_of_the_truncated_modes(
-    settings: list[str], limit_hz: float, spring: float | None, damped: float, digits: float
-) -> None:
+def test_errors_of_both_models_of_the_truncated_modes(settings, limit_hz, spring, damped, digits):
     start = ["run.lead_in_s=2.5e-6", "run.plate_model=modal", "run.duration_s=60e-6"]
     setup = aluminium_3mm(*start, *settings, *FINE)
     best, _ = impact_of(setup, 4e6, damped=True)
@@ -106,7 +103,7 @@ def test_errors_of_both_models_of_the_truncated_modes(
         assert energy == pytest.approx(spring, rel=0.15)
 
 
-def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
+def test_auto_is_kirchhoff_where_that_is_good_enough():
     for accuracy, chosen in ((1e-3, "3d"), (0.1, "kirchhoff")):
         scene = aluminium_3mm(*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}")
         assert scene.theory == chosen
@@ -117,13 +114,13 @@ def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
 
 
 @pytest.mark.full
-def test_the_law_in_three_dimensions() -> None:
+def test_the_law_in_three_dimensions():
     for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
         scene = aluminium_3mm(*settings, "controller.v_thr_m_s=-0.6")
         assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
 
 
-def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
+def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path):
     scene = aluminium_3mm(*SOLID)
     table = modes_of_scene(scene)
     assert table.residual_flexibility_m_n < 0.0
@@ -139,7 +136,7 @@ def error(*settings: str) -> float:
     return expected_error(aluminium_3mm(*settings))
 
 
-def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
+def test_a_run_expects_what_the_steps_of_a_held_force_cost():
     """It knows no smaller error than 0.4 kappa (hold/T)^2, however many modes."""
     tight = [*SHORT, "run.accuracy=3e-4"]
     held = error(*tight)
@@ -151,7 +148,7 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     assert "the limit of this time step" in what_limits(False, True, False, 5e5, 5e5)
 
 
-def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
+def test_a_solid_expects_what_the_waves_of_a_held_force_cost():
     """Samples further apart than the modes of a solid reach make waves that no mode carries."""
     scene = aluminium_3mm(*SOLID)
     expected = expected_error(scene)
@@ -163,7 +160,7 @@ def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
 
 
 @pytest.mark.parametrize("law", ["velocity_feedback", "acceleration_feedback"])
-def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law: str) -> None:
+def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law):
     """Its faces move the more the higher the frequency, so the loop may be unstable beyond the
     modes; an actuator with a low bandwidth keeps it stable."""
     keys = [*SOLID, f"controller.law={law}", "controller.kappa=0.3"]

@@ -19,7 +19,7 @@ def noise_of(*settings: str) -> dict[str, float]:
     return vars(metrics_of(scene, simulate(scene).truth).noise[0])
 
 
-def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
+def test_what_is_radiated_beside_the_metric_of_the_study():
     """Metric of the study and real energy, without control; change by the default law."""
     free, controlled = noise_of("controller.law=off"), noise_of()
     wanted = {
@@ -36,7 +36,7 @@ def test_what_is_radiated_beside_the_metric_of_the_study() -> None:
     assert free["radiated_maidanik_j"] > 209.4e-6 > free["sound_maidanik_j"]
 
 
-def test_air_damps_the_plate() -> None:
+def test_air_damps_the_plate():
     """Of the plate's energy most goes into air, more of it by two faces than by one."""
     taken = []
     for faces in ("one_face", "two_faces"):

@@ -126,7 +126,7 @@ CASES = [(name, *case) for name, cases in REFUSED.items() for case in cases.item
 
 
 @pytest.mark.parametrize(("name", "settings", "words"), CASES)
-def test_refused_with_a_sentence(name: str, settings: str, words: str) -> None:
+def test_refused_with_a_sentence(name, settings, words):
     with pytest.raises(SceneError) as caught:
         check_buildable(load(name, settings.split()))
     said = str(caught.value)

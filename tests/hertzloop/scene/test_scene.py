@@ -2,7 +2,6 @@
 
 import math
 import re
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -22,7 +21,7 @@ from hertzloop.scene.varying import vary
 from tests.hertzloop.scenes import aluminium_3mm
 
 
-def test_the_scenes_that_come_with_it() -> None:
+def test_the_scenes_that_come_with_it():
     names = {"aluminium-3mm", "aluminium-20mm", "oak-20mm", "sylomer-20mm", "offcentre-6mm"}
     names |= {"thesis-aluminium", "thesis-oak", "thesis-sylomer"}
     assert set(shipped()) == names
@@ -37,7 +36,7 @@ def test_the_scenes_that_come_with_it() -> None:
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_what_is_recorded_is_the_same_scene(name: str) -> None:
+def test_what_is_recorded_is_the_same_scene(name):
     settings = [
         "sensors.noise_rms=1.25e-7", "controller.bits=12", "run.seed=77",
         "controller.full_scale_n=100", "controller.law=profile", "controller.profile_n=[1.5, -2.0]",
@@ -49,9 +48,7 @@ def test_what_is_recorded_is_the_same_scene(name: str) -> None:
 
 @settings(max_examples=40)
 @given(st.text(max_size=60), st.floats(1e-5, 1.0), st.floats(-100, 100))
-def test_any_text_and_number_survive_the_recording(
-    shows: str, radius_m: float, kappa: float
-) -> None:
+def test_any_text_and_number_survive_the_recording(shows, radius_m, kappa):
     default = load(DEFAULT)
     scene = default.model_copy(
         update={
@@ -75,7 +72,7 @@ def test_any_text_and_number_survive_the_recording(
         (["actuator.damping=0.3", "actuator.mass_kg=0.01"], "without actuator.bandwidth_hz. Leave"),
     ],
 )
-def test_a_key_without_effect_is_refused(settings: list[str], words: str) -> None:
+def test_a_key_without_effect_is_refused(settings, words):
     with pytest.raises(SceneError, match=rf"has no effect .*{re.escape(words)}"):
         load(DEFAULT, settings)
     values = dict(setting.split("=") for setting in settings)
@@ -83,13 +80,13 @@ def test_a_key_without_effect_is_refused(settings: list[str], words: str) -> Non
         vary(load(DEFAULT), {key: toml_value(value) for key, value in values.items()})
 
 
-def test_a_key_of_another_law_may_have_its_default() -> None:
+def test_a_key_of_another_law_may_have_its_default():
     off = load(DEFAULT, ["controller.law=off"])
     assert load(DEFAULT, ["controller.law=off", "controller.kappa=0.8"]) == off
     assert load(DEFAULT, ["actuator.damping=0.7", "contact.restitution=1"]) == load(DEFAULT)
 
 
-def test_a_setting_drops_keys_of_the_file_that_lose_their_effect(tmp_path: Path) -> None:
+def test_a_setting_drops_keys_of_the_file_that_lose_their_effect(tmp_path):
     """One setting switches the law or the damper of a file; what it says itself is refused."""
     for scene in (
         load("offcentre-6mm", ["controller.law=off"]),
@@ -112,12 +109,12 @@ def test_a_setting_drops_keys_of_the_file_that_lose_their_effect(tmp_path: Path)
         load(str(file))
 
 
-def test_a_recording_may_have_keys_without_effect() -> None:
+def test_a_recording_may_have_keys_without_effect():
     text = to_toml(load("offcentre-6mm")).replace('law = "slope_threshold"', 'law = "off"')
     assert parse(text, recorded=True) == load("offcentre-6mm", ["controller.law=off"])
 
 
-def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
+def test_auto_takes_an_infinite_plate_until_reflections_matter():
     until = "run.duration_s=0.00114"  # 140 us after the first touch
     setup = aluminium_3mm(until)
     assert setup.plate_model == "infinite"
@@ -139,7 +136,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     assert {resolve(load(name)).plate_model for name in shipped()} == {"modal"}
 
 
-def test_an_infinite_plate_may_be_of_any_size() -> None:
+def test_an_infinite_plate_may_be_of_any_size():
     huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
     setup, usual = aluminium_3mm(*huge, *short), aluminium_3mm(*short)
@@ -158,12 +155,12 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     ("text", "words"),
     [("name = ", "not valid TOML"), ("", "is missing"), ("\x00", "not valid TOML")],
 )
-def test_broken_scene_text(text: str, words: str) -> None:
+def test_broken_scene_text(text, words):
     with pytest.raises(SceneError, match=words):
         parse(text)
 
 
-def test_unknown_scene_and_file(tmp_path: Path) -> None:
+def test_unknown_scene_and_file(tmp_path):
     with pytest.raises(SceneError, match="Did you mean aluminium-3mm"):
         load("aluminum-3mm")
     with pytest.raises(SceneError, match="cannot read the scene"):
@@ -173,7 +170,7 @@ def test_unknown_scene_and_file(tmp_path: Path) -> None:
         load(str(tmp_path / "latin.toml"))
 
 
-def test_accuracy_decides_how_many_modes() -> None:
+def test_accuracy_decides_how_many_modes():
     """And the most that a step can carry is the end of it (pi/dt)."""
     counts = []
     for accuracy in (0.1, 0.03, 0.01, 1e-3):

@@ -56,9 +56,7 @@ def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | No
     st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
     st.dictionaries(WORDS, VALUES, max_size=2),
 )
-def test_any_values_make_a_scene_or_a_sentence(
-    name: str, changes: dict[tuple[str, str], Any], more: dict[str, Any]
-) -> None:
+def test_any_values_make_a_scene_or_a_sentence(name, changes, more):
     data = load(name).model_dump(exclude_none=True)
     for (table, key), value in changes.items():
         data[table][key] = value
@@ -69,7 +67,7 @@ def test_any_values_make_a_scene_or_a_sentence(
 
 @settings(max_examples=120)
 @given(st.text() | st.binary().map(lambda b: b.decode("latin-1")), st.text(max_size=30))
-def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
+def test_any_text_makes_a_scene_or_a_sentence(text, setting):
     scene_or_sentence(text, [setting])
     scene_or_sentence(tomli_w.dumps(load(shipped()[0]).model_dump(exclude_none=True)), [setting])
     toml_value(text)
@@ -98,7 +96,7 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
 @pytest.mark.full
 @settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.data())
-def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataObject) -> None:
+def test_parts_of_extreme_scenes_can_be_built_and_run(name, data):
     keys = data.draw(st.lists(st.sampled_from(KEYS), unique=True, max_size=4))
     scene = load(name).model_dump(exclude_none=True)
     scene["run"]["lead_in_s"] = 1e-5

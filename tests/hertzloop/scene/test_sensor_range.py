@@ -19,7 +19,7 @@ def energy(*settings: str) -> float:
 
 # Ideal converter: an independent solver's -0.45, -0.50, -0.83 dB.
 @pytest.mark.parametrize(("latency_us", "db"), [(0, -0.45), (10, -0.50), (40, -0.83)])
-def test_sixteen_bits_over_the_automatic_range_are_ideal(latency_us: int, db: float) -> None:
+def test_sixteen_bits_over_the_automatic_range_are_ideal(latency_us, db):
     late = f"controller.latency_us={latency_us}"
     assert energy(late) == pytest.approx(db, abs=0.02)
     assert energy(late, "sensors.bits=16") == pytest.approx(db, abs=0.03)
@@ -27,7 +27,7 @@ def test_sixteen_bits_over_the_automatic_range_are_ideal(latency_us: int, db: fl
     assert energy(late, *noisy) == pytest.approx(db, abs=0.06)
 
 
-def test_the_range_of_the_contact_alone_is_blind_to_the_flight() -> None:
+def test_the_range_of_the_contact_alone_is_blind_to_the_flight():
     late = ("controller.latency_us=40", "sensors.bits=16", "sensors.full_scale=contact")
     assert energy(*late) == pytest.approx(0.0, abs=0.01)  # it never acts
     assert aluminium_3mm("sensors.bits=16", "sensors.full_scale=contact").sensor.full_scale == (
@@ -36,7 +36,7 @@ def test_the_range_of_the_contact_alone_is_blind_to_the_flight() -> None:
 
 
 @pytest.mark.parametrize("latency_us", [0, 5, 40, 300])
-def test_the_flight_fits_into_the_range(latency_us: int) -> None:
+def test_the_flight_fits_into_the_range(latency_us):
     settings = (*PREDICTED, "sensors.bits=12", f"controller.latency_us={latency_us}")
     scene = aluminium_3mm(*settings)
     found = scene.sensor.full_scale
@@ -47,7 +47,7 @@ def test_the_flight_fits_into_the_range(latency_us: int) -> None:
 
 
 @pytest.mark.full
-def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
+def test_a_contact_that_yields_goes_deeper_than_an_elastic_one():
     limit = Limit(0.44e9, 0.003)
     contact = Contact(4.5e9, limit=limit)
     for energy_j in (1e-9, 4.3e-4):

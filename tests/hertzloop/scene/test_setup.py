@@ -150,7 +150,7 @@ def now_of(setup: Setup, key: str) -> Any:
 
 
 @pytest.mark.parametrize("name", default(SCENES, ["aluminium-20mm"]))
-def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
+def test_every_key_varied_gives_what_is_resolved_anew(name):
     base = load(name)
     forget()
     unchanged = stages(base)
@@ -179,7 +179,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
     assert len(seen) > 0.6 * len(accepted), sorted(accepted - seen)
 
 
-def test_a_law_works_with_the_stiffness_that_the_plant_announced() -> None:
+def test_a_law_works_with_the_stiffness_that_the_plant_announced():
     setup = aluminium_3mm()
     told = setup.with_stiffness(2.0 * setup.stiffness)
     assert law_context(told).stiffness == 2.0 * law_context(setup).stiffness

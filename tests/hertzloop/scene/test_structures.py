@@ -26,9 +26,7 @@ CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
 
 
 @pytest.mark.parametrize(("name", "suffix"), zip(CONSISTENT, cycle(SUFFIXES), strict=False))
-def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
-    tmp_path: Path, name: str, suffix: str
-) -> None:
+def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(tmp_path, name, suffix):
     scene = load(name, ["run.duration_s=0.012"])
     file = tmp_path / f"modes{suffix}"
     file.write_bytes(write_modes(suffix, modes_of_scene(scene)))
@@ -48,7 +46,7 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     ],
     ids=lambda settings: " ".join(settings) or "plain",
 )
-def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: list[str]) -> None:
+def test_a_file_holds_what_the_plant_computes_with(tmp_path, settings):
     """No row that no force moves, none twice, and the same oscillators, to the last bit, with
     shapes that are those at both points there."""
     scene = aluminium_3mm(*SHORT, "run.accuracy=0.1", *settings)
@@ -74,7 +72,7 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
 
 
-def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
+def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path):
     """What the forces give a free plate is momentum: m v of its mean deflection."""
     scene = aluminium_3mm(
         *SHORT,
@@ -111,9 +109,7 @@ MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
         (["plate.thickness_m=0.3"], "times as mobile as an infinite plate"),
     ],
 )
-def test_what_does_not_go_with_a_file_of_modes(
-    tmp_path: Path, settings: list[str], words: str
-) -> None:
+def test_what_does_not_go_with_a_file_of_modes(tmp_path, settings, words):
     rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
     (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
     with pytest.raises(SceneError) as caught:
@@ -134,7 +130,7 @@ def modes_alone(tmp_path: Path) -> str:
     return str(tmp_path / "scene.toml")
 
 
-def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_path: Path) -> None:
+def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_path):
     def up_to(highest_hz: float) -> Setup:
         rows = [f"{highest_hz * (i + 1) / 5:.6f},0.01,0.4,1.0" for i in range(5)]
         text = "\n".join(["# residual_flexibility_m_n = 1e-9", MODES.splitlines()[0], *rows])
@@ -154,7 +150,7 @@ def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_pat
     assert margin_of(up_to(4000.0)).applicable
 
 
-def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
+def test_laws_that_need_an_impedance_say_so(tmp_path):
     (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
     file = modes_alone(tmp_path)
     scene = load(file)
@@ -165,19 +161,19 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
         build_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
 
 
-def test_a_point_may_lie_near_an_edge_that_is_free() -> None:
+def test_a_point_may_lie_near_an_edge_that_is_free():
     aluminium_3mm("plate.edges=fccc", "plate.contact_point_m=[1e-6, 0.2]")
 
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m"])
-def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
+def test_a_plate_without_modes_needs_its_sizes(key):
     text = shipped_text("aluminium-3mm")
     lines = [line for line in text.splitlines() if not line.startswith(key)]
     with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
         parse("\n".join(lines))
 
 
-def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) -> None:
+def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path):
     """The file says where the actuator is; the scene names no point of its own."""
     apart = ["plate.actuator_point_m=[0.3, 0.2]", "run.accuracy=0.1"]
     table = modes_of_scene(aluminium_3mm(*SHORT, *apart))

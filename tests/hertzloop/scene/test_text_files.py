@@ -41,7 +41,7 @@ limit = { peak_force_n = 100.0 }
 
 
 @pytest.mark.parametrize("encoded", READ.values(), ids=READ)
-def test_files_that_are_read(encoded, tmp_path: Path) -> None:
+def test_files_that_are_read(encoded, tmp_path):
     """Every kind of text file is read as the same text in UTF-8 without a mark."""
     scene = tmp_path / "a.toml"
     scene.write_bytes(encoded(SCENE))
@@ -85,7 +85,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("name", "content", "words"), REFUSED)
-def test_files_that_are_refused(name: str, content: bytes, words: str, tmp_path: Path) -> None:
+def test_files_that_are_refused(name, content, words, tmp_path):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises((SceneError, LawError)) as caught:
@@ -102,7 +102,7 @@ def test_files_that_are_refused(name: str, content: bytes, words: str, tmp_path:
     ],
     ids=["latin-1", "mark", "windows"],
 )
-def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
+def test_laws_that_are_read(content, tmp_path):
     path = tmp_path / "mine.py"
     path.write_bytes(content)
     law = find(str(path))
@@ -113,14 +113,14 @@ def test_laws_that_are_read(content: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["sto\u0308ße", "梁"])
-def test_letters_of_any_language_in_a_name(name: str) -> None:
+def test_letters_of_any_language_in_a_name(name):
     """A letter and its accent as two characters, as macOS writes them, count as one."""
     named = parse(shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"'))
     assert named.name == unicodedata.normalize("NFC", name)
 
 
 @pytest.mark.parametrize(("name", "use"), [("a b", "a-b"), ("../a", "a"), ("$", "mine")])
-def test_names_that_are_refused(name: str, use: str) -> None:
+def test_names_that_are_refused(name, use):
     text = shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"')
     with pytest.raises(SceneError, match=rf"and '-' only\. Use '{use}'\."):
         parse(text)
@@ -129,7 +129,7 @@ def test_names_that_are_refused(name: str, use: str) -> None:
 ODD = "it's $x y"
 
 
-def test_printed_commands_can_be_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_printed_commands_can_be_copied(tmp_path, monkeypatch):
     """Names with spaces, quotes and dollar signs come back whole from a shell's words."""
     monkeypatch.chdir(tmp_path)
     for words, expected in (

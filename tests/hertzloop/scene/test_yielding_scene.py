@@ -1,7 +1,5 @@
 """A contact that yields, as a scene: metrics of the 3 mm ball, what is recorded and refused."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.loop.simulate import simulate
@@ -34,9 +32,8 @@ def yielding(pressure_pa: float, *settings: str) -> Setup:
     ],
 )
 def test_the_3_mm_ball_on_a_plate_that_yields(
-    pressure_pa: float, contact_us: float, rebound: float, plate_uj: float, lost_uj: float,
-    dent_um: float, law_db: float | None,
-) -> None:  # fmt: skip
+    pressure_pa, contact_us, rebound, plate_uj, lost_uj, dent_um, law_db
+):
     scene = yielding(pressure_pa, "controller.law=off")
     run = simulate(scene)
     (impact,) = impacts_in(scene.plant, run.truth)
@@ -54,7 +51,7 @@ def test_the_3_mm_ball_on_a_plate_that_yields(
         assert found.plate_energy_db == pytest.approx(law_db, abs=0.02)
 
 
-def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
+def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path):
     scene = yielding(0.44e9, "controller.law=off")
     recording = recorded(scene, tmp_path / "a.mcap")
     rows = truth_of(recording)
@@ -76,9 +73,7 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
         (["contact.limiting_pressure_pa=0.5e9"], 0.5, "0.5 GPa, as the scene says"),
     ],
 )
-def test_the_limiting_pressure_comes_from_the_softer_body(
-    settings: list[str], gigapascal: float, words: str
-) -> None:
+def test_the_limiting_pressure_comes_from_the_softer_body(settings, gigapascal, words):
     scene = aluminium_3mm("contact.plasticity=thornton", *settings)
     limit = scene.plant.contact.limit
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)

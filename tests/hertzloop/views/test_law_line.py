@@ -38,13 +38,13 @@ def recording(law: str) -> Recording:
         ("x" * 300, "x" * 200 + " (the scene says slope_threshold)"),
     ],
 )
-def test_what_is_said(law: str, line: str) -> None:
+def test_what_is_said(law, line):
     assert law_line(law_of(recording(law))) == line
     lost = Recording(Path("a.mcap"), "no TOML")
     assert law_line(law_of(lost)) == "not reported by the controller"
 
 
-def test_a_run_that_another_law_made(tmp_path: Path) -> None:
+def test_a_run_that_another_law_made(tmp_path):
     """A recording whose controller said so: neither `inspect` nor the report claims the scene's."""
     made = recorded(SCENE, tmp_path / "a.mcap")
     assert law_line(law_of(made)) == "slope_threshold"

@@ -1,7 +1,5 @@
 """A note of the user: from `run` into the recording, and from there to every reader."""
 
-from pathlib import Path
-
 import pytest
 
 import hertzloop
@@ -14,7 +12,7 @@ from tests.hertzloop.scenes import json_in
 NOTE = "-- new tip, 23 °C [bold]"
 
 
-def test_a_note_passes_through_processes_to_every_reader(here: Path) -> None:
+def test_a_note_passes_through_processes_to_every_reader(here):
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0015", "--json", "run.json"]
     assert call(*run, "-o", "a.mcap", "--note", NOTE).exit_code == 0
     assert json_in(here / "run.json")["note"] == NOTE
@@ -29,7 +27,7 @@ def test_a_note_passes_through_processes_to_every_reader(here: Path) -> None:
     assert read(here / "mended.mcap").note == NOTE
 
 
-def test_a_note_passes_through_the_python_interface(tmp_path: Path) -> None:
+def test_a_note_passes_through_the_python_interface(tmp_path):
     scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0015})
     path = tmp_path / "a.mcap"
     assert hertzloop.run(scene, path, transport="compiled", note=NOTE).note == NOTE
@@ -46,7 +44,7 @@ def test_a_note_passes_through_the_python_interface(tmp_path: Path) -> None:
         ("not \udcff UTF-8", r"note = 'not \udcff UTF-8': must be one line"),
     ],
 )
-def test_a_note_that_cannot_be_recorded_is_refused(here: Path, note: str, sentence: str) -> None:
+def test_a_note_that_cannot_be_recorded_is_refused(here, note, sentence):
     for command in (["run", *SHORT], ["node", "recorder"]):
         refused(sentence, *command, "--note", note)
     assert list(here.iterdir()) == []

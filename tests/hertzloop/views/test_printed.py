@@ -5,8 +5,6 @@ import math
 import operator
 import re
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -14,7 +12,6 @@ from rich.console import Console
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.run_report import RunReport
 from hertzloop.views.details import run_table
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
@@ -51,7 +48,7 @@ IMPACT = {
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
+def ran(tmp_path_factory):
     settings = [
         "run.duration_s=0.003",
         "contact.plasticity=thornton",
@@ -63,7 +60,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
 
 
 @pytest.fixture(scope="module")
-def report(ran: RunReport) -> dict[str, Any]:
+def report(ran):
     return run_as_json(ran)
 
 
@@ -86,7 +83,7 @@ def quantities(words: str) -> list[float]:
 
 
 @pytest.mark.full
-def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None:
+def test_what_the_run_leaves_out(ran, report):
     _, *rows = lines(table_of(ran.assessed.result.metrics.neglected.checks))
     sides = set()
     for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
@@ -104,7 +101,7 @@ def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None
 
 
 @pytest.mark.full
-def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
+def test_noise(ran, report):
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
     cases = [
         ("with", ran.assessed.result.metrics.noise[0]),
@@ -128,7 +125,7 @@ def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
 
 
 @pytest.mark.full
-def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
+def test_impacts(ran, report):
     header, *rows = lines(impacts_table("Impacts", ran.assessed.result.metrics.impacts))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
@@ -136,7 +133,7 @@ def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
             assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
 
 
-def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
+def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table():
     without = ImpactNoise(**{field.name: 1.0 for field in fields(ImpactNoise)})
     under = replace(without, contact_time_s=0.447, next_impact_speed_m_s=1e4)
     rows = {row[0]: row[-1] for row in noise_rows([under, without], compare=True)}
@@ -149,7 +146,7 @@ def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table() -> None:
 
 
 @pytest.mark.full
-def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
+def test_the_run(ran, report):
     rows = {label: words for label, words in lines(run_table(ran))}
     assert "scheme" not in rows
     printed = {label: quantities(words) for label, words in rows.items()}
@@ -174,7 +171,7 @@ def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
 
 
 @pytest.mark.full
-def test_no_cell_of_a_table_is_cut(ran: RunReport) -> None:
+def test_no_cell_of_a_table_is_cut(ran):
     """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
     recording = str(ran.recording.path)
     cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
@@ -194,7 +191,7 @@ def test_no_cell_of_a_table_is_cut(ran: RunReport) -> None:
         assert max(map(len, ruled)) <= 80, words
 
 
-def test_the_details_of_a_run_have_the_mean_latency_under_jitter(tmp_path: Path) -> None:
+def test_the_details_of_a_run_have_the_mean_latency_under_jitter(tmp_path):
     words = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0015", "--details", "--overwrite"]
     words += ["--transport", "inprocess", "--out", str(tmp_path / "a.mcap")]
     jittery = invoke([*words, "--set", "controller.jitter_us=20"], env={"COLUMNS": "200"})

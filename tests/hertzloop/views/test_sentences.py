@@ -34,13 +34,13 @@ EVENTS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_every_kind_of_event_has_its_sentence() -> None:
+def test_every_kind_of_event_has_its_sentence():
     assert {facts["kind"] for facts, _ in EVENTS} == set(Kind.values())
     for facts, sentence in EVENTS:
         role = "controller" if facts["kind"] == Kind.LAW_MODE else "plant"
         assert events.event(role, 3, 1000, **facts).message == sentence
 
 
-def test_a_law_has_the_modes_that_have_names() -> None:
+def test_a_law_has_the_modes_that_have_names():
     numbers = {"idle": IDLE, "watching": WATCHING, "acting": ACTING, "spent": SPENT}
     assert {name: events.MODES.index(name) for name in events.MODES} == numbers

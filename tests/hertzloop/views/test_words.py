@@ -7,7 +7,7 @@ from tests.commands import call, refused, said, succeed
 from tests.hertzloop.own_laws import ROOT
 
 
-def test_markup_in_a_file_name_means_nothing(here: Path) -> None:
+def test_markup_in_a_file_name_means_nothing(here):
     name = "a[/y].mcap"
     for file in (name, f"new{name}"):
         (here / file).parent.mkdir(exist_ok=True)
@@ -20,5 +20,5 @@ def test_markup_in_a_file_name_means_nothing(here: Path) -> None:
     assert f"new{name}" in succeed("repair", name, "--out", f"new{name}")
 
 
-def test_markup_in_a_refused_value() -> None:
+def test_markup_in_a_refused_value():
     refused("[/y]", "run", "--set", "plate.material=[/y]")

@@ -1,6 +1,5 @@
 """A record that cannot be right is refused in a sentence; a spoilt one gives a right answer."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -28,9 +27,7 @@ def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) ->
     (lambda v: np.where(v == v.max(), v, np.sin(np.arange(len(v)) ** 2)), 1.0,
      "impact is shorter"),
 ])  # fmt: skip
-def test_a_record_that_cannot_be_right_is_refused(
-    value: Callable[[np.ndarray], np.ndarray], scale_s: float, words: str
-) -> None:
+def test_a_record_that_cannot_be_right_is_refused(value, scale_s, words):
     one = record(scene())
     with pytest.raises(RecordError, match=words):
         fitted(scene(), changed(one, value(one.value), scale_s * one.time_s), RADIUS)
@@ -66,7 +63,7 @@ def spoilt(kind: str) -> Record:
     ["clipped", "not numbers", "a sparse start", "no start", "coarse", "ten million samples"],
     ["clipped", "not numbers", "a sparse start", "no start", "coarse"],
 ))  # fmt: skip
-def test_a_spoilt_record_gives_the_right_answer(kind: str) -> None:
+def test_a_spoilt_record_gives_the_right_answer(kind):
     found = fitted(scene(), spoilt(kind), RADIUS)
     off = 1e-2 if kind == "no start" else 5e-3
     assert found.estimates[0].value == pytest.approx(0.003, rel=off)
@@ -77,7 +74,7 @@ def test_a_spoilt_record_gives_the_right_answer(kind: str) -> None:
     assert any("end of the range" in note for note in found.notes) == (kind == "clipped")
 
 
-def test_a_second_drop_in_a_record_is_named() -> None:
+def test_a_second_drop_in_a_record_is_named():
     one = record(scene())
     later = one.time_s[-1] - one.time_s[0] + one.interval_s
     twice = changed(one, np.tile(one.value, 2), np.concatenate([one.time_s, one.time_s + later]))

@@ -32,9 +32,7 @@ from tests.identification.fitting import (
 @pytest.mark.parametrize(("bounds", "end", "value"), [
     ("0.002:0.0029", "high", 0.0029), ("0.0032:0.005±50%", "low", 0.0032),
 ])  # fmt: skip
-def test_a_key_at_its_bound_is_not_identified(
-    tmp_path: Path, bounds: str, end: str, value: float
-) -> None:
+def test_a_key_at_its_bound_is_not_identified(tmp_path, bounds, end, value):
     drop, data, page = (tmp_path / name for name in ("drop.csv", "f.json", "f.html"))
     ended = invoke([
         "fit", "aluminium-3mm", write_csv(drop, record(scene())), "--free", f"{RADIUS}={bounds}",
@@ -53,7 +51,7 @@ def test_a_key_at_its_bound_is_not_identified(
         assert "identified" not in text
 
 
-def test_the_command_writes_json_scene_page_and_replay(tmp_path: Path) -> None:
+def test_the_command_writes_json_scene_page_and_replay(tmp_path):
     path = write_csv(tmp_path / "drop.csv", record(scene()))
     data, toml, page, rrd = (tmp_path / name for name in ("f.json", "f.toml", "f.html", "f.rrd"))
     words = ["fit", "aluminium-3mm", path, "--free", RADIUS, "--json", str(data),
@@ -123,7 +121,7 @@ def _typed(data: dict[str, Any]) -> None:
 
 
 @pytest.mark.full
-def test_json_has_the_fields_and_types_of_its_page(tmp_path: Path) -> None:
+def test_json_has_the_fields_and_types_of_its_page(tmp_path):
     elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
     one = write_csv(tmp_path / "a" / "drop.csv", elastic)
     same_name = write_csv(tmp_path / "b" / "drop.csv", record(scene(), seed=8))
@@ -161,7 +159,7 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path: Path) -> None:
             assert data["hold_out"]["records"] == ["drop.csv"]
 
 
-def test_exit_codes_of_the_command(tmp_path: Path) -> None:
+def test_exit_codes_of_the_command(tmp_path):
     path = write_csv(tmp_path / "drop.csv", record(scene(*YIELDS)))
     out = ["--out", str(tmp_path / "o.toml"), "--overwrite"]
     for words, code in (
@@ -172,7 +170,7 @@ def test_exit_codes_of_the_command(tmp_path: Path) -> None:
         assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
 
 
-def test_an_option_without_use_is_refused(tmp_path: Path) -> None:
+def test_an_option_without_use_is_refused(tmp_path):
     path = write_csv(tmp_path / "drop.csv", record(scene()))
     with_scene, supposed = ["aluminium-3mm", path, "--free", RADIUS], "contact_force:80us:0.3%"
     for words, option, value, why in (
@@ -193,12 +191,12 @@ def test_an_option_without_use_is_refused(tmp_path: Path) -> None:
     "contact_force:80us:0.3%:0MHz", "contact_force:1e12us:0.3%", "contact_force:80us:0.3%:1e9MHz",
     "contact_force:1e1e1us:0.3%",
 ])  # fmt: skip
-def test_an_expected_record_that_no_instrument_makes_is_refused(text: str) -> None:
+def test_an_expected_record_that_no_instrument_makes_is_refused(text):
     with pytest.raises((FitError, RecordError), match=f"--expect {text}:"):
         expected_record(scene(), text)
 
 
-def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
+def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
     from hertzloop.identification.fit.fitted_scene import fitted_scene
     from hertzloop.studies.cases.uncertain_file import read_uncertain
 
@@ -215,7 +213,7 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
+def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path):
     from hertzloop.identification.fit.fitted_scene import fitted_scene
     from hertzloop.studies.sweep.repeat_cases import repeat_cases
     from hertzloop.studies.sweep.results_file import read_results

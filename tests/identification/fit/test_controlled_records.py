@@ -1,7 +1,6 @@
 """`hertzloop fit` of records under a law: latency, gains and actuator of a closed loop."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,7 +48,7 @@ def holds(found: FitResult, **true: float) -> bool:
     (), pytest.param(("actuator.bandwidth_hz=5e4",), marks=pytest.mark.full),
     ("sensors.every_steps=3", "controller.latency_us=6"),
 ])  # fmt: skip
-def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str, ...]) -> None:
+def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes):
     setup = scene(*changes)
     coarse, fine = LoopSimulator(setup, 90e-6, 1e-4), LoopSimulator(setup, 90e-6, 1e-4, 50)
     time_s = np.arange(0.0, 85e-6, 0.17e-6)
@@ -64,7 +63,7 @@ def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes: tuple[str
     assert np.array_equal(again.truth, coarse.run({}, 90e-6, 0.4).truth)
 
 
-def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
+def test_the_loop_of_a_fit_has_the_force_of_a_run():
     """With one step of the plant in each of the scene, it is the loop of a run."""
     from hertzloop.loop.simulate import simulate
 
@@ -78,7 +77,7 @@ def test_the_loop_of_a_fit_has_the_force_of_a_run() -> None:
     )
 
 
-def test_the_latency_of_a_loop_is_found_with_an_interval() -> None:
+def test_the_latency_of_a_loop_is_found_with_an_interval():
     found = fitted(scene(), [record(scene(f"{LATENCY}=6"))], LATENCY)
     [estimate] = found.estimates
     assert holds(found, latency_us=6.0)
@@ -89,7 +88,7 @@ def test_the_latency_of_a_loop_is_found_with_an_interval() -> None:
     assert any("simulated under the law 'slope_threshold'" in note for note in found.notes)
 
 
-def test_latency_and_gain_of_a_velocity_feedback() -> None:
+def test_latency_and_gain_of_a_velocity_feedback():
     true = scene(f"{LATENCY}=3", f"{KAPPA}=0.5", f"{BANDWIDTH}=1e5", law="velocity_feedback")
     start = true.vary({LATENCY: 5.0, KAPPA: 0.4})
     found = fitted(start, [record(true, "v_p", 150e-6)], LATENCY, KAPPA)
@@ -98,7 +97,7 @@ def test_latency_and_gain_of_a_velocity_feedback() -> None:
     assert found.covariance.shape == (2, 2)
 
 
-def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not_fit() -> None:
+def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not_fit():
     true = scene(f"{LATENCY}=4", f"{BANDWIDTH}=4e4")
     one = record(true, PUSH, 150e-6)
     found = fitted(true.vary({BANDWIDTH: 5e4}), [one], BANDWIDTH)
@@ -109,7 +108,7 @@ def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not
 
 
 @pytest.mark.full
-def test_the_latency_needs_the_touch_in_the_same_time() -> None:
+def test_the_latency_needs_the_touch_in_the_same_time():
     """A force that comes after the contact has any latency, as its record begins at any time."""
     true = scene(f"{LATENCY}=40", f"{BANDWIDTH}=4e4")
     push = record(true, PUSH, 130e-6, clock="daq")
@@ -124,7 +123,7 @@ def test_the_latency_needs_the_touch_in_the_same_time() -> None:
     assert first.time_shift_s == second.time_shift_s
 
 
-def test_a_latency_without_effect_is_not_identifiable() -> None:
+def test_a_latency_without_effect_is_not_identifiable():
     """The force comes after the contact, whose force does not show it."""
     true = scene(f"{LATENCY}=60")
     found = fitted(true.vary({LATENCY: 30.0}), [record(true, duration_s=60e-6)], LATENCY)
@@ -135,7 +134,7 @@ def test_a_latency_without_effect_is_not_identifiable() -> None:
 
 
 @pytest.mark.full
-def test_a_finer_grid_resolves_more_of_a_latency() -> None:
+def test_a_finer_grid_resolves_more_of_a_latency():
     true = scene("run.step_ns=250", "sensors.every_steps=4", f"{LATENCY}=6.25")
     found = fitted(true.vary({LATENCY: 3.0}), [record(true, phase=1.2)], f"{LATENCY}=4:9")
     assert holds(found, latency_us=6.25)
@@ -143,7 +142,7 @@ def test_a_finer_grid_resolves_more_of_a_latency() -> None:
 
 
 @pytest.mark.full
-def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:
+def test_a_drop_without_the_law_and_one_under_it_share_the_ball():
     true = scene(f"{LATENCY}=6")
     free = truth(true.without_control(), FORCE, 80e-6, accuracy=1e-4)
     off = measured(free, Spoilt(), 5, table=Measurement(quantity=FORCE, control=False))
@@ -151,7 +150,7 @@ def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:
     assert holds(found, radius_m=3e-3, latency_us=6.0)
 
 
-def test_converters_of_the_loop_do_not_spoil_the_derivatives() -> None:
+def test_converters_of_the_loop_do_not_spoil_the_derivatives():
     true = scene("sensors.bits=12", f"{LATENCY}=5", "sensors.noise_rms=1e-9")
     found = fitted(true.vary({KAPPA: 0.7}), [record(true)], KAPPA)
     assert found.estimates[0].value == pytest.approx(0.8, rel=0.02)
@@ -166,16 +165,14 @@ def test_converters_of_the_loop_do_not_spoil_the_derivatives() -> None:
     ((), {"control": False}, (LATENCY,), "Give a record of an impact under the law"),
     ((), {"point_m": (0.1, 0.1)}, (LATENCY,), "must be of the contact point"),
 ])  # fmt: skip
-def test_what_cannot_be_identified_is_refused(
-    changes: tuple[str, ...], table: dict[str, object], keys: tuple[str, ...], words: str
-) -> None:
+def test_what_cannot_be_identified_is_refused(changes, table, keys, words):
     one = record(scene(f"{LATENCY}=6"))
     one = replace(one, measurement=replace(one.measurement, **table))
     with pytest.raises((FitError, RecordError), match=words):
         fitted(scene(*changes), [one], *keys)
 
 
-def test_a_force_that_jumps_needs_a_bandwidth() -> None:
+def test_a_force_that_jumps_needs_a_bandwidth():
     setup, behind = scene(f"{LATENCY}=6"), scene(f"{LATENCY}=6", f"{BANDWIDTH}=5e4")
     push = record(behind, PUSH)
     for start, one, key, words in (
@@ -188,7 +185,7 @@ def test_a_force_that_jumps_needs_a_bandwidth() -> None:
             fitted(start, [one], key)
 
 
-def test_the_command_fits_the_latency_of_a_record(tmp_path: Path) -> None:
+def test_the_command_fits_the_latency_of_a_record(tmp_path):
     path, out = tmp_path / "r.csv", tmp_path / "fitted.toml"
     write_csv(path, record(scene(f"{LATENCY}=6")))
     path.write_text(f"# [record]\n# control = true\n{path.read_text()}")

@@ -37,13 +37,13 @@ def dense(found: Discrepancy) -> np.ndarray:
     return np.linalg.inv(rest.T @ rest + own.T @ own)
 
 
-def test_the_logarithm_is_that_of_the_determinant() -> None:
+def test_the_logarithm_is_that_of_the_determinant():
     found = discrepancy((0.3, 0.1), 4.0)
     logarithm = found.logarithm(found.system())
     assert logarithm == pytest.approx(np.linalg.slogdet(dense(found))[1], rel=1e-8)
 
 
-def test_the_process_is_that_of_matern() -> None:
+def test_the_process_is_that_of_matern():
     """Of order 7/2: its variance is one, its correlation a polynomial times an exponential."""
     kappa = 4.0
     found = discrepancy((0.5, 0.5), kappa)
@@ -56,7 +56,7 @@ def test_the_process_is_that_of_matern() -> None:
     np.testing.assert_allclose(covariance[80, 80:130] / size**2, matern, atol=0.02)
 
 
-def test_a_discrepancy_is_found_with_its_size_and_not_where_there_is_noise_alone() -> None:
+def test_a_discrepancy_is_found_with_its_size_and_not_where_there_is_noise_alone():
     generator = np.random.default_rng(2)
     nothing = discrepancy((0.0, 0.0), 2.0)
     true = dense(discrepancy((0.2, 0.2), 8.0))
@@ -77,7 +77,7 @@ def test_a_discrepancy_is_found_with_its_size_and_not_where_there_is_noise_alone
 
 
 @pytest.mark.full
-def test_the_right_class_gives_the_estimates_of_an_exact_model() -> None:
+def test_the_right_class_gives_the_estimates_of_an_exact_model():
     one = record(scene())
     keys = [parse_free_key(scene(), RADIUS)]
     free, exact = (fit(scene(), [one], keys, exact=e) for e in (False, True))
@@ -88,7 +88,7 @@ def test_the_right_class_gives_the_estimates_of_an_exact_model() -> None:
 
 
 @pytest.mark.full
-def test_intervals_of_a_wrong_class_hold_the_truth() -> None:
+def test_intervals_of_a_wrong_class_hold_the_truth():
     """An elastic model of a contact that yields: taken as exact, it misses the height by far."""
     one = record(scene(*YIELDS))
     keys = [parse_free_key(scene(), HEIGHT)]
@@ -105,7 +105,7 @@ def test_intervals_of_a_wrong_class_hold_the_truth() -> None:
 
 
 @pytest.mark.full
-def test_sixteen_samples_before_the_impact_tell_noise_and_intervals() -> None:
+def test_sixteen_samples_before_the_impact_tell_noise_and_intervals():
     setup = scene()
     seen = truth(setup, "contact_force", 80e-6)
     held = 0
@@ -120,7 +120,7 @@ def test_sixteen_samples_before_the_impact_tell_noise_and_intervals() -> None:
 
 
 @pytest.mark.full
-def test_an_unknown_sensitivity_is_found_with_the_keys() -> None:
+def test_an_unknown_sensitivity_is_found_with_the_keys():
     """A record in volts: its gain is the sensitivity, and the time of the contact is left."""
     setup = load("aluminium-3mm", ["controller.law=off"])
     seen = truth(setup, "contact_force", 80e-6)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +34,7 @@ from tests.identification.fitting import (
 )
 
 
-def test_intervals_hold_the_truth_and_the_model_fits() -> None:
+def test_intervals_hold_the_truth_and_the_model_fits():
     one = record(scene(*YIELDS), gain=1.01, offset=0.02)
     found = fitted(scene(YIELDS[0], f"{PRESSURE}=1.1e9"), one, PRESSURE, HEIGHT)
     assert_holds(found, 8e8, 0.05)
@@ -49,14 +48,14 @@ def test_intervals_hold_the_truth_and_the_model_fits() -> None:
     assert nuisance.offset == pytest.approx(0.02 * 60.0, rel=0.2)
 
 
-def test_a_wrong_class_of_models_is_flagged() -> None:
+def test_a_wrong_class_of_models_is_flagged():
     found = fitted(scene(), record(scene(*YIELDS)), HEIGHT, "contact.stiffness_factor")
     assert found.model is ModelVerdict.DOES_NOT_FIT
     assert found.residual_over_noise > 2.0
     assert found.statistics["f_test_p"] < 1e-6
 
 
-def test_an_elastic_truth_leaves_the_limiting_pressure_open_above() -> None:
+def test_an_elastic_truth_leaves_the_limiting_pressure_open_above():
     found = fitted(scene(*YIELDS), record(scene()), PRESSURE)
     [estimate] = found.estimates
     assert (estimate.verdict, estimate.high) == (KeyVerdict.ONE_SIDED, None)
@@ -64,7 +63,7 @@ def test_an_elastic_truth_leaves_the_limiting_pressure_open_above() -> None:
     assert found.model is ModelVerdict.FITS
 
 
-def test_noise_does_not_make_an_elastic_contact_yield() -> None:
+def test_noise_does_not_make_an_elastic_contact_yield():
     """In these three of 110 records the noise looks like yielding at the highest pressure."""
     seen = truth(scene(), "contact_force", 70e-6)
     start = scene(YIELDS[0], f"{PRESSURE}=2.5e9")
@@ -75,7 +74,7 @@ def test_noise_does_not_make_an_elastic_contact_yield() -> None:
 
 
 @pytest.mark.full
-def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class() -> None:
+def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class():
     """The baseline rests on one level, away from the offset; the contact shows all of the noise."""
     seen = truth(scene(), "contact_force", 70e-6)
     step = 2.5 / 2**8
@@ -90,7 +89,7 @@ def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class() ->
     ("plate.material.density_kg_m3", "plate.thickness_m"),
     ("plate.loss_factor",),
 ])  # fmt: skip
-def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys: tuple[str, ...]) -> None:
+def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys):
     found = fitted(scene(*YIELDS), record(scene(*YIELDS)), *keys)
     assert not found.identifiable
     assert {e.verdict for e in found.estimates} == {KeyVerdict.NOT_IDENTIFIABLE}
@@ -99,7 +98,7 @@ def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys: tuple[str
     assert found.model is ModelVerdict.FITS
 
 
-def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
+def test_a_check_before_the_experiment_says_what_will_be_known():
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.3%:2MHz")
     before = check(setup, [supposed], [parse_free_key(setup, key) for key in (PRESSURE, HEIGHT)])
@@ -108,7 +107,7 @@ def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
         assert one.half_width_percent == pytest.approx(other.half_width_percent, rel=0.2)
 
 
-def test_every_key_that_a_record_cannot_tell_is_named() -> None:
+def test_every_key_that_a_record_cannot_tell_is_named():
     """Without a bound on the loss factor, a force leaves the thickness open as well."""
     from hertzloop.identification.fit.fit_text import sentences
 
@@ -126,7 +125,7 @@ def test_every_key_that_a_record_cannot_tell_is_named() -> None:
     assert not any(s.startswith(PRESSURE) for s in said)
 
 
-def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
+def test_a_prior_that_is_wrong_is_reported_as_pulled():
     one = record(scene())
     start = scene("sphere.radius_m=0.0033")
     found = fit(start, [one], [parse_free_key(start, "sphere.radius_m±0.5%")], exact=True)
@@ -135,7 +134,7 @@ def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
 
 
 @pytest.mark.full
-def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval() -> None:
+def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval():
     one = record(scene(*YIELDS), "v_p", 3e-3, clock_ppm=40.0)
     found = fitted(scene(*YIELDS), one, THICKNESS)
     assert_holds(found, 0.003)
@@ -143,7 +142,7 @@ def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval() -
     assert found.estimates[0].half_width_percent == pytest.approx(0.01, rel=0.3)
 
 
-def test_several_records_share_the_keys() -> None:
+def test_several_records_share_the_keys():
     low, high = scene(*YIELDS), scene(*YIELDS, f"{HEIGHT}=0.1")
     table = Measurement(quantity="contact_force", set={HEIGHT: 0.1})
     other = replace(record(high, seed=6), name="higher", measurement=table)
@@ -155,7 +154,7 @@ def test_several_records_share_the_keys() -> None:
     assert_holds(found, 8e8, 0.003)
 
 
-def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
+def test_channels_of_one_file_are_fitted_together(tmp_path):
     """Force in kN and velocity in mm/s, each with its own gain and noise, share keys and touch."""
     setup = scene()
     parts = [record(setup, gain=1.02), record(setup, "v_p", noise=0.01)]
@@ -185,7 +184,7 @@ def test_channels_of_one_file_are_fitted_together(tmp_path: Path) -> None:
         assert shows.output.count(f"{len(several[0].value)} samples") == 2
 
 
-def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
+def test_a_hold_out_at_another_height_finds_the_wrong_class():
     """A stiffness can stand in for yielding at one height, not at two."""
     one = record(scene(*YIELDS), noise=0.05)
     other = replace(
@@ -198,7 +197,7 @@ def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
         assert (found.hold_out["residual_over_noise"] < 1.5) == fits
 
 
-def test_a_second_impact_is_part_of_the_simulation() -> None:
+def test_a_second_impact_is_part_of_the_simulation():
     """The 20 mm ball does not leave the plate at once: it hits it again 1.6 ms later."""
     setup = load("aluminium-20mm", ["controller.law=off"])
     seen = truth(setup, "contact_force", 2.2e-3, accuracy=1e-4)
@@ -214,9 +213,7 @@ def test_a_second_impact_is_part_of_the_simulation() -> None:
         pytest.param((0.38, 0.26), 1e-3, {"low_pass_hz": 1e5}, 3e-3, marks=pytest.mark.full),
     ],
 )
-def test_a_plate_is_fitted_by_its_motion_beside_the_contact(
-    point: tuple[float, float], duration_s: float, chain: dict[str, float], start_s: float
-) -> None:
+def test_a_plate_is_fitted_by_its_motion_beside_the_contact(point, duration_s, chain, start_s):
     simulator = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, duration_s - 1e-5, 1e-6)
     value = observe(simulator.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
@@ -232,7 +229,7 @@ def test_a_plate_is_fitted_by_its_motion_beside_the_contact(
 
 
 @pytest.mark.full
-def test_poissons_ratio_of_a_plate_with_other_edges_is_found() -> None:
+def test_poissons_ratio_of_a_plate_with_other_edges_is_found():
     """It changes the shapes of the modes."""
     setup = scene("plate.edges=ccff")
     one = record(setup, "v_p", 8e-4, noise=1e-3)
@@ -243,7 +240,7 @@ def test_poissons_ratio_of_a_plate_with_other_edges_is_found() -> None:
 
 
 @pytest.mark.full
-def test_the_records_of_the_tutorial_give_the_true_values() -> None:
+def test_the_records_of_the_tutorial_give_the_true_values():
     from docs.examples.bench_records import EXAMPLES, TRUE
 
     setup = load(str(EXAMPLES / "bench.toml"))
@@ -255,7 +252,7 @@ def test_the_records_of_the_tutorial_give_the_true_values() -> None:
     assert_holds(found, *(TRUE[estimate.key] for estimate in found.estimates))
 
 
-def test_a_fit_says_how_far_it_is() -> None:
+def test_a_fit_says_how_far_it_is():
     one, told = record(scene(*YIELDS)), []
     start = scene(YIELDS[0], "contact.limiting_pressure_pa=1.1e9")
     found = fit(

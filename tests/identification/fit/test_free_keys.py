@@ -19,7 +19,7 @@ def refused(setup: Setup, cases: Iterable[tuple[str, str]]) -> None:
             parse_free_key(setup, text)
 
 
-def test_free_keys_are_read_from_their_text() -> None:
+def test_free_keys_are_read_from_their_text():
     setup = scene()
     one = parse_free_key(setup, "sphere.drop_height_m=0.04:0.06±2%")
     assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
@@ -39,7 +39,7 @@ def test_free_keys_are_read_from_their_text() -> None:
     ))  # fmt: skip
 
 
-def test_free_keys_of_a_law_are_read_from_their_text() -> None:
+def test_free_keys_of_a_law_are_read_from_their_text():
     setup = load("aluminium-3mm", [f"{LATENCY}=2"])
     one = parse_free_key(setup, LATENCY)
     assert (one.low, one.high, one.resolution) == (0.0, 20.0, 1.0)
@@ -55,17 +55,17 @@ def test_free_keys_of_a_law_are_read_from_their_text() -> None:
     ))  # fmt: skip
 
 
-def test_a_default_range_ends_where_the_scene_does() -> None:
+def test_a_default_range_ends_where_the_scene_does():
     wide = parse_free_key(scene("sphere.drop_height_m=50.0"), HEIGHT)
     assert (wide.low, wide.high) == (10.0, pytest.approx(100.0, rel=1e-5))
     assert wide.high <= 100.0
 
 
-def test_a_key_that_is_free_twice_is_refused() -> None:
+def test_a_key_that_is_free_twice_is_refused():
     with pytest.raises(FitError, match="given twice"):
         fitted(scene(), record(scene()), RADIUS, RADIUS)
 
 
-def test_a_latency_starts_within_its_range() -> None:
+def test_a_latency_starts_within_its_range():
     free = parse_free_key(load("aluminium-3mm"), "controller.latency_us=90:100")
     assert free.start == 95.0

@@ -10,7 +10,7 @@ from hertzloop.identification.fit.problem_preparation import prepare_problem
 from tests.identification.fitting import HEIGHT, PRESSURE, YIELDS, record, scene
 
 
-def test_a_limiting_pressure_starts_beside_the_heights_of_several_drops() -> None:
+def test_a_limiting_pressure_starts_beside_the_heights_of_several_drops():
     start = scene(*YIELDS)
     drops = [
         replace(record(scene(*YIELDS, f"{HEIGHT}={height}"), seed=seed), hit=seed)

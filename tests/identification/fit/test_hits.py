@@ -49,7 +49,7 @@ def of_speeds(*speeds_m_s: float) -> Record:
 
 
 @pytest.mark.full
-def test_hits_share_the_tip_and_one_is_held_out() -> None:
+def test_hits_share_the_tip_and_one_is_held_out():
     record = of_speeds(0.5, 0.35, 0.6)
     start = rig("hammer.tip_stiffness=2.4e6", "hammer.speed_m_s=5")
     found = fit(start, [record], [parse_free_key(start, STIFFNESS)])
@@ -74,7 +74,7 @@ def test_hits_share_the_tip_and_one_is_held_out() -> None:
 
 
 @pytest.mark.full
-def test_any_hit_can_be_held_out() -> None:
+def test_any_hit_can_be_held_out():
     record = of_speeds(0.5, 0.35)
     free = [parse_free_key(rig(), STIFFNESS)]
     found = fit(rig(), [record], free, hold_out=[1])
@@ -86,13 +86,13 @@ def test_any_hit_can_be_held_out() -> None:
     assert len(check(rig(), [record], free).estimates) == 3
 
 
-def test_a_number_and_a_record_with_hits_are_not_held_out_together() -> None:
+def test_a_number_and_a_record_with_hits_are_not_held_out_together():
     records = split_hits([of_speeds(1.0, 0.8)], rig())
     with pytest.raises(FitError, match="cannot be combined with the hits of"):
         split_hold_out(records, [1, of_speeds(1.0, 0.8)], rig())
 
 
-def test_check_lists_the_hits(tmp_path: Path) -> None:
+def test_check_lists_the_hits(tmp_path):
     one = train((0.1, 1.0), (0.3, 0.6), (0.31, 0.3))
     path = Path(write_csv(tmp_path / "train.csv", one))
     assert len(read_records(path)) == 1
@@ -109,7 +109,7 @@ def test_check_lists_the_hits(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_hits_on_another_structure_are_not_identifiable() -> None:
+def test_hits_on_another_structure_are_not_identifiable():
     """At a bound of the stiffness the touch may leave the record, which explains nothing."""
     folder = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"
     start = rig("hammer.speed_m_s=0.1", "hammer.tip_stiffness=1.7e7")

@@ -12,7 +12,7 @@ from hertzloop.identification.records.measurement import Measurement
 from tests.identification.fitting import HEIGHT, RADIUS, THICKNESS, YIELDS, fitted, scene
 
 
-def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
+def test_the_frozen_model_has_the_same_modes_at_every_value():
     simulator = ImpactSimulator(scene(), 1e-4, 1e-4)
     counts = {
         simulator.plant_of(simulator.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
@@ -21,7 +21,7 @@ def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
     assert len(counts) == 1
 
 
-def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
+def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew():
     simulator = ImpactSimulator(scene(*YIELDS), 1e-4, 1e-4)
     values = {RADIUS: 0.0031, HEIGHT: 0.06, "contact.stiffness_factor": 1.1}
     simulator.run({}, 1e-4)
@@ -30,7 +30,7 @@ def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
     assert np.array_equal(shared.truth, fresh.truth)
 
 
-def test_stiffness_factor_is_a_factor_on_the_contact() -> None:
+def test_stiffness_factor_is_a_factor_on_the_contact():
     plain, twice = scene(), scene("contact.stiffness_factor=2.0")
     assert twice.contact.stiffness == 2.0 * plain.contact.stiffness
 
@@ -38,9 +38,7 @@ def test_stiffness_factor_is_a_factor_on_the_contact() -> None:
 @pytest.mark.parametrize(("quantity", "filters"), [
     ("v_p", {}), ("acceleration", {"low_pass_hz": 60e3}),
 ])  # fmt: skip
-def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
-    quantity: str, filters: dict[str, float]
-) -> None:
+def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(quantity, filters):
     """With the modes that the gap needs, the record is wrong by half the noise and more."""
     start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")
     seen = truth(start, quantity, 1.2e-4, MeasuringChain(**filters), accuracy=1e-7)
@@ -56,7 +54,7 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(
 
 
 @pytest.mark.full
-def test_a_simulation_that_cannot_be_fine_enough_says_so() -> None:
+def test_a_simulation_that_cannot_be_fine_enough_says_so():
     changes = "sphere.radius_m=1e-3", "plate.thickness_m=2e-3", "plate.loss_factor=1e-3"
     start = scene(*changes)
     record = measured(truth(start, "v_p", 5e-3), Spoilt(noise=1e-3), 0, rate_hz=1e7)

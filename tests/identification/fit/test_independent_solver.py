@@ -1,7 +1,5 @@
 """Records of a solver that shares nothing with the package."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy
@@ -40,9 +38,7 @@ def of_drop(drop: Drop, quantity: str, duration_s: float, seed: int) -> Record:
      {PRESSURE: 9e8, HEIGHT: 0.06}),
     (Drop(thickness=3.2e-3), "v_p", 6e-4, (), {THICKNESS: 3.2e-3, RADIUS: 3e-3}),
 ])  # fmt: skip
-def test_records_of_another_solver_are_fitted(
-    drop: Drop, quantity: str, duration_s: float, changes: tuple[str, ...], true: dict[str, float]
-) -> None:
+def test_records_of_another_solver_are_fitted(drop, quantity, duration_s, changes, true):
     start = scene("plate.loss_factor=1e-3", *changes)
     found = fitted(start, of_drop(drop, quantity, duration_s, 77), *true)
     assert found.model is ModelVerdict.FITS
@@ -60,8 +56,8 @@ OTHER_PLATES = [  # ball, plate; radius, height, thickness; duration; start over
     OTHER_PLATES[0], *(pytest.param(*one, marks=pytest.mark.full) for one in OTHER_PLATES[1:]),
 ])  # fmt: skip
 def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
-    ball: str, plate: str, sizes: tuple[float, ...], duration_s: float, off: tuple[float, float]
-) -> None:
+    ball, plate, sizes, duration_s, off
+):
     """In a few contacts their vibrations are out of phase: the first window has to be short."""
     drop = Drop(*sizes, of_ball=BALLS[ball], of_plate=PLATES[plate])
     true = {THICKNESS: drop.thickness, RADIUS: drop.radius}
@@ -72,7 +68,7 @@ def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
     assert_holds(found, *(true[key] for key in keys))
 
 
-def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
+def test_a_record_without_noise_is_as_exact_as_the_simulation():
     drop = Drop(radius=3.1e-3)
     time_s, force, _ = drop.simulate(80e-6)
     tau = np.arange(-250e-6, 80e-6, 0.5e-6)
@@ -90,7 +86,7 @@ def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
         128,  # the converter rests at one level while the contact takes most of the record
     ],
 )
-def test_records_of_the_independent_solver(number: int, tmp_path: Path) -> None:
+def test_records_of_the_independent_solver(number, tmp_path):
     from tests.identification.fit.many_records import written
 
     _, path, start, true = written(number, tmp_path)

@@ -31,7 +31,7 @@ def judged(force: Record, rules: HitRules, others: Sequence[Record] = ()) -> lis
     return judge_hits(find_hits(force, rules), force, others, rules)
 
 
-def test_hits_are_found_and_judged() -> None:
+def test_hits_are_found_and_judged():
     pulses = (0.1, 1.0), (0.3, 0.6), (0.31, 0.3), (0.5, 0.8), (0.7, 0.2)
     found = judged(train(*pulses), HAMMER)
     assert [round(hit.first / RATE_HZ, 3) for hit in found] == [0.1, 0.3, 0.5, 0.7]
@@ -51,7 +51,7 @@ def test_hits_are_found_and_judged() -> None:
     )
 
 
-def test_bounces_of_a_sphere_are_one_drop() -> None:
+def test_bounces_of_a_sphere_are_one_drop():
     falling = (0.1, 1.0), (0.3, 0.7), (0.45, 0.5), (0.6, 1.0), (0.8, 0.6)
     assert [hit.first for hit in find_hits(train(*falling), DROPS)] == [5121, 30721]
     assert len(find_hits(train(*falling), HAMMER)) == 5
@@ -62,7 +62,7 @@ def test_bounces_of_a_sphere_are_one_drop() -> None:
     assert split_hits([train((0.1, 1.0), (0.3, 0.7))], sphere)[0].hit == 0
 
 
-def test_a_structure_that_still_moves_spoils_a_hit() -> None:
+def test_a_structure_that_still_moves_spoils_a_hit():
     force = train((0.1, 1.0), (0.3, 1.0), (0.9, 1.0))
     after = [force.time_s - start for start in (0.1, 0.3, 0.9)]
     motion = sum(np.where(t > 0, np.sin(3e3 * t) * np.exp(-10.0 * t), 0.0) for t in after)
@@ -74,7 +74,7 @@ def test_a_structure_that_still_moves_spoils_a_hit() -> None:
     )
 
 
-def test_files_of_single_hits_are_paired_by_their_order() -> None:
+def test_files_of_single_hits_are_paired_by_their_order():
     force = train((0.1, 1.0))
     motion = replace(force, quantity="acceleration")
     found = split_hits([force, force, motion, motion], HAMMER_SCENE)
@@ -84,7 +84,7 @@ def test_files_of_single_hits_are_paired_by_their_order() -> None:
         split_hits([train((0.1, 1.0), (0.12, 1.0), (0.4, 1.0), (0.42, 1.0))], HAMMER_SCENE)
 
 
-def test_modes_take_every_hit_from_10_ms_before_it() -> None:
+def test_modes_take_every_hit_from_10_ms_before_it():
     """A weaker hit is a hit, and two contacts within 0.1 s are one excitation."""
     found = find_hits(train((0.1, 1.0), (0.18, 0.6), (0.5, 0.1)), EXCITATION)
     assert [len(hit.contacts) for hit in found] == [2, 1]
@@ -92,7 +92,7 @@ def test_modes_take_every_hit_from_10_ms_before_it() -> None:
     assert found[0].samples.stop == found[1].samples.start
 
 
-def test_a_double_hit_alone_in_its_record_is_used_and_noted() -> None:
+def test_a_double_hit_alone_in_its_record_is_used_and_noted():
     [one] = split_hits([train((0.1, 1.0), (0.11, 0.5))], HAMMER_SCENE)
     assert one.notes[0].startswith(
         "train.csv is a double hit: a second contact follows after 10 ms"
@@ -100,7 +100,7 @@ def test_a_double_hit_alone_in_its_record_is_used_and_noted() -> None:
     assert len(one.value) == RATE_HZ
 
 
-def test_each_record_keeps_its_notes_at_the_first_hit() -> None:
+def test_each_record_keeps_its_notes_at_the_first_hit():
     force = replace(train((0.1, 1.0), (0.3, 1.0)), notes=("of the force",))
     motion = replace(force, name="a", quantity="acceleration", notes=("of the motion",))
     clock = replace(force.measurement, clock="both")
@@ -109,7 +109,7 @@ def test_each_record_keeps_its_notes_at_the_first_hit() -> None:
     assert [len(one.notes) for one in found] == [3, 1, 0, 0]
 
 
-def test_the_onset_is_the_first_sample_above_the_noise() -> None:
+def test_the_onset_is_the_first_sample_above_the_noise():
     for noise in (0.0, 1e-3, 0.05):
         force = train((0.1, 1.0), noise=noise).value
         onset = find_onset(force, noise_after(force))

@@ -65,7 +65,7 @@ def records(
     return found
 
 
-def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
+def test_hits_give_the_modes_and_predict_a_held_out_hit():
     every = records(CONTACT, flexibility=FLEXIBILITY / 100)
     fitted, held = hits_of_records(every[:4]), hits_of_records(every[4:])
     found = modes_of_hits(fitted, held, True, silent)
@@ -78,14 +78,14 @@ def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
         assert found.table.shape_contact[i] == pytest.approx(shape, rel=0.02)
 
 
-def test_a_sensor_that_looks_down_at_the_contact_point_is_refused() -> None:
+def test_a_sensor_that_looks_down_at_the_contact_point_is_refused():
     hits = hits_of_records(records(-CONTACT, hits=2))
     with pytest.raises(ModalDataError, match="turn the sign of the response"):
         modes_of_hits(hits[:1], hits[1:], True, silent)
 
 
 @pytest.mark.full
-def test_hits_elsewhere_need_the_sensor() -> None:
+def test_hits_elsewhere_need_the_sensor():
     """Residues of both signs are of no drive point; with a sensor, the product of shapes is the
     measured residue."""
     hits = hits_of_records(records(OTHER, hits=2))
@@ -99,7 +99,7 @@ def test_hits_elsewhere_need_the_sensor() -> None:
         assert both == pytest.approx(product, rel=0.03)
 
 
-def test_hits_that_are_refused() -> None:
+def test_hits_that_are_refused():
     force, motion, other, last = records(CONTACT, hits=2)
     later = Record("late", motion.time_s + 1e-5, motion.value, "acceleration")
     early = Record("early", force.time_s[:-25], force.value[25:], "contact_force")
@@ -129,7 +129,7 @@ def test_hits_that_are_refused() -> None:
             hits_of_records(some)
 
 
-def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path: Path) -> None:
+def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path):
     force, motion, other, last = records(CONTACT, hits=2)
     expected = hits_of_records([force, motion, other, last])
     columns = [force.time_s, motion.value, force.value]
@@ -152,7 +152,7 @@ def test_a_file_may_hold_both_and_a_record_several_hits(tmp_path: Path) -> None:
     assert np.allclose(second.force_n[end], expected[1].force_n[there], atol=0.2)
 
 
-def test_of_several_hits_the_clipped_one_is_left_out() -> None:
+def test_of_several_hits_the_clipped_one_is_left_out():
     force, motion, other, last = records(CONTACT, hits=2)
     still = np.zeros(2000)
     values = {
@@ -171,7 +171,7 @@ def test_of_several_hits_the_clipped_one_is_left_out() -> None:
     assert re.match(r"Left out: contact_force, hit 2: has \d+ samples that are clipped", note)
 
 
-def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
+def test_an_offset_and_noise_do_not_hide_the_hit():
     force, motion = records(CONTACT, hits=1)
     [plain] = hits_of_records([force, motion])
     [moved] = hits_of_records([replace(force, value=force.value + 9.0), motion])
@@ -185,14 +185,14 @@ def test_an_offset_and_noise_do_not_hide_the_hit() -> None:
 
 
 @pytest.mark.full
-def test_hits_of_other_responses_are_told() -> None:
+def test_hits_of_other_responses_are_told():
     force, motion, other, last = records(CONTACT, hits=2)
     swapped = hits_of_records([force, last, other, motion])
     found = modes_of_hits(swapped, [], False, silent)
     assert re.search(r"error of \d\d % is large: .* same hits in the same order", found.notes[0])
 
 
-def test_a_response_from_rest_is_exact() -> None:
+def test_a_response_from_rest_is_exact():
     """Rows of a mode against the exact steps of the records, without noise."""
     hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
     rows = rows_of_hits([hit], False).basis(2 * np.pi * HZ, LOSS)
@@ -200,7 +200,7 @@ def test_a_response_from_rest_is_exact() -> None:
     assert np.max(np.abs(expected - hit.response)) < 2e-3 * np.max(np.abs(hit.response))
 
 
-def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
+def test_the_smallest_error_decides_on_the_number_of_modes():
     hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
     observed, tried = rows_of_hits([hit], False), []
 
@@ -212,7 +212,7 @@ def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
     assert tried[:2] == [0, 4]
 
 
-def test_the_turn_with_the_least_error_gives_the_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_turn_with_the_least_error_gives_the_modes(monkeypatch):
     fitted, nothing = iter((1.0, 2.0, 3.0)), np.empty(0)
     errors = {1.0: 0.1, 2.0: 0.5, 3.0: 0.3}
 
@@ -245,7 +245,7 @@ def of_known_modes(found: MeasuredModes) -> None:
 
 
 @pytest.mark.parametrize("samples", default([1.0, -0.5], [-0.5]))
-def test_a_late_response_is_corrected_and_told(samples: float) -> None:
+def test_a_late_response_is_corrected_and_told(samples):
     late = delayed(hits_of_records(records(CONTACT)), samples)
     found = modes_of_hits(late[:2], late[2:], True, silent)
     of_known_modes(found)
@@ -256,14 +256,14 @@ def test_a_late_response_is_corrected_and_told(samples: float) -> None:
     )
 
 
-def test_a_late_response_elsewhere_and_in_noise() -> None:
+def test_a_late_response_elsewhere_and_in_noise():
     late = delayed(hits_of_records(records(OTHER, hits=2, noise=0.01)), 1.0)
     found = modes_of_hits(late[:1], late[1:], False, silent)
     assert found.delay_s * 12800 == pytest.approx(1.0, abs=0.03)
     assert found.held_out[0].rms < 0.1
 
 
-def test_no_delay_changes_nothing() -> None:
+def test_no_delay_changes_nothing():
     hits = hits_of_records(records(CONTACT))
     same, others, late = correct_delay(hits[:2], hits[2:])
     assert late == 0.0
@@ -282,27 +282,27 @@ def windowed(hits: list[HitResponse], time_s: float, *, both: bool) -> list[HitR
 
 
 @pytest.mark.parametrize(("time_s", "both"), [(0.02, False), (0.02, True), (0.1, False)])
-def test_an_exponential_window_adds_no_damping(time_s: float, both: bool) -> None:
+def test_an_exponential_window_adds_no_damping(time_s, both):
     hits = windowed(hits_of_records(records(CONTACT)), time_s, both=both)
     given = [replace(hit, window_s=time_s) for hit in hits]
     of_known_modes(modes_of_hits(given[:2], given[2:], True, silent))
 
 
-def test_a_window_that_was_not_given_is_told() -> None:
+def test_a_window_that_was_not_given_is_told():
     hits = windowed(hits_of_records(records(CONTACT)), 0.02, both=False)
     found = modes_of_hits(hits[:2], hits[2:], True, silent)
     [note] = [note for note in found.notes if "peaks of the response" in note]
     assert "give --exponential-window SECONDS" in note
 
 
-def test_a_window_that_takes_more_damping_than_there_is() -> None:
+def test_a_window_that_takes_more_damping_than_there_is():
     hits = [replace(hit, window_s=0.05) for hit in hits_of_records(records(CONTACT))]
     with pytest.raises(ModalDataError, match=r"--exponential-window = 0\.05: the mode at"):
         modes_of_hits(hits[:2], hits[2:], True, silent)
 
 
 @pytest.mark.full
-def test_each_measured_hit_is_predicted_by_the_others(tmp_path: Path) -> None:
+def test_each_measured_hit_is_predicted_by_the_others(tmp_path):
     """The promise: at most 8 % of its rms in the first 40 ms."""
     every = [read_record(HAMMER / f"{kind}{i}.csv") for kind in "fa" for i in (1, 2, 3)]
     found = modes_of_hits(hits_of_records(every), [], False, silent)
@@ -322,7 +322,7 @@ def written(tmp_path: Path, hits: int = 1) -> list[str]:
     return list(map(str, paths))
 
 
-def test_modes_are_written_though_their_scene_cannot_be_run(tmp_path: Path) -> None:
+def test_modes_are_written_though_their_scene_cannot_be_run(tmp_path):
     """The scene is refused when it is run, not when its modes are converted."""
     modes, data = str(tmp_path / "m.csv"), tmp_path / "m.json"
     files = ["scene", "modes", "--from", *written(tmp_path, 2), "-o", modes, "--json", str(data)]
@@ -341,7 +341,7 @@ def test_modes_are_written_though_their_scene_cannot_be_run(tmp_path: Path) -> N
     assert (wrong.exit_code, "run.duration_s" in wrong.output) == (2, True)
 
 
-def test_options_that_are_refused(tmp_path: Path) -> None:
+def test_options_that_are_refused(tmp_path):
     files = written(tmp_path)
     hits = [str(HAMMER / name) for name in ("f1.csv", "a1.csv")]
     for words, sentence in [

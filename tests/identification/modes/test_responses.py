@@ -52,7 +52,7 @@ def taken(sets: list[dict[str, Any]], points: Points, **options: Any) -> Any:
     )
 
 
-def test_exact_responses_give_the_very_modes() -> None:
+def test_exact_responses_give_the_very_modes():
     points = Points(contact=1, actuator=2, sensor=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
     table = found.table
@@ -66,7 +66,7 @@ def test_exact_responses_give_the_very_modes() -> None:
     assert found.notes == ()
 
 
-def test_a_reference_elsewhere_scales_by_its_own_response() -> None:
+def test_a_reference_elsewhere_scales_by_its_own_response():
     """The force was at node 1; contact and actuator are at node 2."""
     points = Points(contact=2)
     found = modes_of_responses(taken(two_sets(), points), None, points, silent)
@@ -74,7 +74,7 @@ def test_a_reference_elsewhere_scales_by_its_own_response() -> None:
     assert found.table.residual_flexibility_m_n is None
 
 
-def test_kinds_units_and_signs() -> None:
+def test_kinds_units_and_signs():
     points = Points(contact=1)
     straight = taken(two_sets()[:1], points)
     hz = straight.hz
@@ -93,7 +93,7 @@ def test_kinds_units_and_signs() -> None:
     assert np.allclose(known.values[0], receptance)
 
 
-def test_units_of_labels_are_those_of_records() -> None:
+def test_units_of_labels_are_those_of_records():
     straight = taken(two_sets()[:1], Points(1))
     for label, force, factor in (
         ("(m/s^2)/N", "kN", 1e-3),
@@ -128,12 +128,12 @@ def test_units_of_labels_are_those_of_records() -> None:
          "--reference = 9: .* no response of this node itself"),
     ],
 )  # fmt: skip
-def test_responses_that_are_refused(change: dict[str, Any], points: Points, sentence: str) -> None:
+def test_responses_that_are_refused(change, points, sentence):
     with pytest.raises(ModalDataError, match=sentence):
         taken(two_sets(**change), points)
 
 
-def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
+def test_what_a_file_leaves_open_is_refused_with_the_choices():
     sets = two_sets()
     along_x = data_set(1, sets[0]["data"], sets[0]["x"], rsp_dir=1, ref_dir=1)
     with pytest.raises(ModalDataError, match=r"--direction: is missing, .* directions x, z"):
@@ -153,7 +153,7 @@ def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
         holds_modes([{"type": 55}, *sets], None, FILE)
 
 
-def test_everything_that_is_missing_is_named_at_once() -> None:
+def test_everything_that_is_missing_is_named_at_once():
     unsaid = two_sets(ordinate_axis_units_lab="", orddenom_axis_units_lab="",
                       ordinate_spec_data_type=0)  # fmt: skip
     along_x = data_set(1, unsaid[0]["data"], unsaid[0]["x"], rsp_dir=1, ref_dir=1)
@@ -169,7 +169,7 @@ def test_everything_that_is_missing_is_named_at_once() -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("order", [1, 2], ids=["mobility", "accelerance"])
-def test_responses_of_a_shipped_scene_by_pyuff(order: int, tmp_path: Path) -> None:
+def test_responses_of_a_shipped_scene_by_pyuff(order, tmp_path):
     """The promise: at 0.1 % noise, up to 5 kHz, frequencies to 1e-5, damping to 1 %, shapes to
     0.5 %."""
     pyuff = pytest.importorskip("pyuff")

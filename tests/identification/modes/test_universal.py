@@ -38,7 +38,7 @@ def modes(sets: list[dict[str, Any]], points: Points = POINTS, **options: Any) -
     return modes_of_sets(sets, FILE, points, options.pop("units", SI), **options)
 
 
-def test_normal_modes_come_as_they_are() -> None:
+def test_normal_modes_come_as_they_are():
     table = modes([normal(2), normal(0), normal(1)]).table
     assert np.allclose(table.omega_rad_s, 2 * np.pi * HZ, rtol=1e-15)
     assert np.allclose(table.loss_factor, LOSS, rtol=1e-15)
@@ -53,9 +53,7 @@ def test_normal_modes_come_as_they_are() -> None:
     ("code", "length", "force", "mass_kg"),
     [(1, 1.0, 1.0, 1.0), (10, 1e3, 1.0, 1e3), (7, 39.3700787, 0.2248089431, 175.126835)],
 )
-def test_the_units_of_the_file_are_converted(
-    code: int, length: float, force: float, mass_kg: float
-) -> None:
+def test_the_units_of_the_file_are_converted(code, length, force, mass_kg):
     stated = {"type": 164, "units_code": code, "length": length, "force": force}
     units = units_of([stated], FILE, None)
     assert units.mass_kg == pytest.approx(mass_kg, rel=1e-6)
@@ -63,7 +61,7 @@ def test_the_units_of_the_file_are_converted(
     assert heavier[0] == pytest.approx(1 / (MASS[0] * mass_kg), rel=1e-6)
 
 
-def test_units_that_cannot_be_known_are_refused() -> None:
+def test_units_that_cannot_be_known_are_refused():
     assert units_of([normal(0)], FILE, None) is None
     with pytest.raises(ModalDataError, match=r"no data set 164, .* Give --units m,N"):
         modes([normal(0)], units=None)
@@ -81,7 +79,7 @@ def test_units_that_cannot_be_known_are_refused() -> None:
         units_of([], FILE, "metric")
 
 
-def test_complex_modes_are_those_normal_modes() -> None:
+def test_complex_modes_are_those_normal_modes():
     """With modal a = 2 j w_d m, a shape turned by any phase, and none turned within itself."""
     omega = 2 * np.pi * HZ
     poles = omega * (-LOSS / 2 + 1j * np.sqrt(1 - LOSS**2 / 4))
@@ -103,7 +101,7 @@ def test_complex_modes_are_those_normal_modes() -> None:
     assert np.allclose(across, SHAPES[:, 0] * SHAPES[:, 2] / MASS, rtol=1e-12)
 
 
-def test_how_near_to_real_is_told_and_far_is_refused() -> None:
+def test_how_near_to_real_is_told_and_far_is_refused():
     near = modes([normal(0, r3=SHAPES[0] * (1 + 0.02j * np.array([1, -1, 1])))])
     assert near.most_complex == pytest.approx(0.02, rel=0.5)
     assert np.allclose(
@@ -113,7 +111,7 @@ def test_how_near_to_real_is_told_and_far_is_refused() -> None:
         modes([normal(0, r3=SHAPES[0] * np.array([1, 1j, 1]))])
 
 
-def test_modes_of_a_finite_element_program() -> None:
+def test_modes_of_a_finite_element_program():
     """Data set 2414, as pyuff reads it."""
     one = {
         "type": 2414, "analysis_type": 2, "dataset_location": 1, "result_type": 8, "data_type": 2,
@@ -145,14 +143,12 @@ def test_modes_of_a_finite_element_program() -> None:
         ([normal(0)], POINTS, {"loss_factor": 0.1}, "--loss-factor = 0.1: .* a damping for each"),
     ],
 )
-def test_what_is_refused(
-    sets: list[dict[str, Any]], points: Points, options: dict[str, Any], sentence: str
-) -> None:
+def test_what_is_refused(sets, points, options, sentence):
     with pytest.raises(ModalDataError, match=sentence):
         modes(sets, points, **options)
 
 
-def test_what_an_option_settles() -> None:
+def test_what_an_option_settles():
     table = modes([normal(0, modal_m=0.0)], unit_mass=True).table
     assert table.per_modal_mass_1_kg[0] == 1.0
     undamped = normal(0, modal_damp_vis=0.0)
@@ -169,7 +165,7 @@ def six_digits(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.full
-def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Path) -> None:
+def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path):
     pyuff = pytest.importorskip("pyuff")
     scene = load("offcentre-6mm")
     known = modes_of_scene(scene)
@@ -219,14 +215,14 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
     assert 1e-9 < np.max(np.abs(rows - original) / np.maximum(largest, 1e-300)) < 1e-1
 
 
-def test_the_column_of_the_sensor_survives_a_file(tmp_path: Path) -> None:
+def test_the_column_of_the_sensor_survives_a_file(tmp_path):
     table = modes([normal(0), normal(1)]).table
     for suffix in (".csv", ".parquet", ".npz"):
         again = read_modes(f"m{suffix}", write_modes(suffix, table))
         assert np.array_equal(again.shape_sensor, table.shape_sensor)
 
 
-def test_the_command_refuses_what_it_cannot_mean() -> None:
+def test_the_command_refuses_what_it_cannot_mean():
     for words, sentence in [
         (["--contact", "3"], "--contact: describes a measured structure. Add --from FILE"),
         (["--from", "none.uff"], "--contact: is missing"),

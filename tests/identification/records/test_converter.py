@@ -9,7 +9,7 @@ from hertzloop.identification.records.record import Record
 
 
 @pytest.mark.parametrize("sensitivity", [0.5, -0.5])
-def test_a_negative_sensitivity_keeps_range_and_step(sensitivity: float) -> None:
+def test_a_negative_sensitivity_keeps_range_and_step(sensitivity):
     table = {"sensitivity": sensitivity, "range": [-5.0, 2.0], "bits": 8}
     volts = np.concatenate([np.zeros(20), [1.0, 2.0, 2.0, -5.0, -1.0], np.zeros(20)])
     measurement = parse_record_table(table, "drop.csv")
@@ -20,7 +20,7 @@ def test_a_negative_sensitivity_keeps_range_and_step(sensitivity: float) -> None
     assert converter_step(record) == pytest.approx(7.0 / 256 / 0.5)
 
 
-def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other() -> None:
+def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other():
     value = np.zeros(40)
     value[20:26] = [2.0, 8.0, 10.0, 10.0, 7.0, 1.0]
     measurement = parse_record_table({"range": [0.0, 10.0]}, "drop.csv")

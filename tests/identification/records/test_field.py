@@ -13,7 +13,7 @@ RECORDS = [name for name in TEXTS if not ANSWERS[name].refused and not ANSWERS[n
 
 
 @pytest.mark.parametrize("name", RECORDS)
-def test_times_and_values_of_a_record_are_in_si_units(name: str) -> None:
+def test_times_and_values_of_a_record_are_in_si_units(name):
     """All hold a pulse of about 88 N and 50 us, sampled every 0.5 us."""
     one = read_record(FOLDER / name)
     assert one.interval_s == pytest.approx(5e-7, rel=1e-3)
@@ -23,7 +23,7 @@ def test_times_and_values_of_a_record_are_in_si_units(name: str) -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ANSWERS)
-def test_a_file_gives_the_right_answer(name: str, tmp_path: Path) -> None:
+def test_a_file_gives_the_right_answer(name, tmp_path):
     for package in {".tdms": ["nptdms"], ".h5": ["h5py"], ".mf4": ["asammdf"], ".uff": ["pyuff"],
                     ".fmu": ["fmpy"]}.get(Path(name).suffix, []):  # fmt: skip
         pytest.importorskip(package)
@@ -32,7 +32,7 @@ def test_a_file_gives_the_right_answer(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_every_file_has_an_answer() -> None:
+def test_every_file_has_an_answer():
     beside = {"README.md", "fmu.c", "fmu_make.py", "gym_seed_and_close.py", "laws",
               "own-times_a.csv", "requirements.toml.other-tool"}  # fmt: skip
     found = {path.name for path in FOLDER.iterdir() if path.suffix != ".toml"}

@@ -16,7 +16,7 @@ TIME = 5e-7 * np.arange(30)
 FORCE = np.round(np.sin(np.arange(30.0)) + 0.01, 6)
 
 
-def test_array_files_hold_records(tmp_path: Path) -> None:
+def test_array_files_hold_records(tmp_path):
     import pyarrow
     import pyarrow.parquet
     import scipy.io
@@ -46,7 +46,7 @@ def test_array_files_hold_records(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["M8[ns]", "m8[us]", "time64[us]", "M8[us] in npz", "h5 in us"])
-def test_times_of_other_kinds_are_seconds(tmp_path: Path, kind: str) -> None:
+def test_times_of_other_kinds_are_seconds(tmp_path, kind):
     import pyarrow
     import pyarrow.parquet
 
@@ -72,13 +72,13 @@ def test_times_of_other_kinds_are_seconds(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize("facts", [
     {"fs_khz": 2000.0}, {"dt_us": 0.5}, {"sampling_frequency": 2e6}, {"Tinterval": 5e-7},
 ])  # fmt: skip
-def test_arrays_state_their_rate_in_any_unit(tmp_path: Path, facts: dict[str, float]) -> None:
+def test_arrays_state_their_rate_in_any_unit(tmp_path, facts):
     path = tmp_path / "r.npz"
     np.savez(path, force=FORCE, **facts)
     assert read_record(path).interval_s == pytest.approx(5e-7)
 
 
-def test_wav_channels_are_chosen_and_scaled(tmp_path: Path) -> None:
+def test_wav_channels_are_chosen_and_scaled(tmp_path):
     import scipy.io.wavfile
 
     stereo = np.stack([np.arange(40), np.arange(40)[::-1]], axis=1).astype(np.int16)
@@ -94,7 +94,7 @@ def test_wav_channels_are_chosen_and_scaled(tmp_path: Path) -> None:
     assert read_record(tmp_path / "u.wav", given).value[0] == pytest.approx(0.5 / 0.5)
 
 
-def test_hdf5_files_state_the_rate_and_the_levels_of_their_data(tmp_path: Path) -> None:
+def test_hdf5_files_state_the_rate_and_the_levels_of_their_data(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "r.h5", "w") as file:
         group = file.create_group("Daq")
@@ -110,7 +110,7 @@ def test_hdf5_files_state_the_rate_and_the_levels_of_their_data(tmp_path: Path) 
     assert record.value == pytest.approx(FORCE, abs=0.006)
 
 
-def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path: Path) -> None:
+def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path):
     nptdms = pytest.importorskip("nptdms")
     begun = np.datetime64("2026-05-06T12:00:00.250000")
     starts = {"Force": begun + np.timedelta64(1250, "us"), "Accel": begun, "Later": None}
@@ -137,7 +137,7 @@ def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path: Path) -> 
 
 
 @pytest.mark.full
-def test_lvm_and_scope_files_are_read(tmp_path: Path) -> None:
+def test_lvm_and_scope_files_are_read(tmp_path):
     head = ("LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
             "X_Columns\tOne\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t30\t30\n"
             "Y_Unit_Label\tkN\tm/s^2\nDelta_X\t5,0E-7\t5,0E-7\nX0\t0,0E+0\t0,0E+0\n"
@@ -175,7 +175,7 @@ def test_lvm_and_scope_files_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", default(["npz", "csv", "parquet", "h5"], ["npz"]))
-def test_exports_of_runs_are_records(tmp_path: Path, ending: str) -> None:
+def test_exports_of_runs_are_records(tmp_path, ending):
     if ending == "h5":
         pytest.importorskip("h5py")
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "controller.law=off",
@@ -189,7 +189,7 @@ def test_exports_of_runs_are_records(tmp_path: Path, ending: str) -> None:
     assert one.measurement.control in (None, False)
 
 
-def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
+def test_recordings_of_runs_are_records(tmp_path):
     """The recording says which filters its sensor has; a run under a law needs one."""
     path = tmp_path / "r.mcap"
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "run.lead_in_s=3e-4",
@@ -214,7 +214,7 @@ def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "given", [{"quantity": "contact_force"}, {"quantity": "force"}, {"column": 2}]
 )
-def test_a_chosen_column_keeps_what_its_table_says(tmp_path: Path, given: dict[str, Any]) -> None:
+def test_a_chosen_column_keeps_what_its_table_says(tmp_path, given):
     path = tmp_path / "two.csv"
     rows = zip(TIME, FORCE, 2.0 * FORCE, strict=True)
     path.write_text("time_s,f,a\n" + "".join(f"{t:.9g},{f},{a}\n" for t, f, a in rows))

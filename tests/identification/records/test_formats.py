@@ -1,7 +1,6 @@
 """The choice of a format by the ending and the first bytes of a file."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -9,9 +8,7 @@ from hertzloop.identification.records import formats
 from hertzloop.identification.records.errors import RecordError
 
 
-def test_a_file_that_begins_like_no_format_of_its_ending_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_begins_like_no_format_of_its_ending_is_refused(tmp_path, monkeypatch):
     row = formats.FORMATS[0]
     rows = [row._replace(endings=(".x",), beginning=re.compile(start)) for start in ("a", "b")]
     monkeypatch.setattr(formats, "FORMATS", rows)

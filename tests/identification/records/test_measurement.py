@@ -1,8 +1,6 @@
 """The `[record]` table: values that are refused, and what they must be."""
 
 import math
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,13 +22,13 @@ from hertzloop.identification.records.reading import read_records
     ("rate_hz", -1e6, "a positive number"), ("low_pass_hz", "50", "a positive number"),
     ("column", True, "a name or a number from 1 on"), ("control", 1, "true or false"),
 ])  # fmt: skip
-def test_a_wrong_value_is_refused(key: str, value: Any, wanted: str) -> None:
+def test_a_wrong_value_is_refused(key, value, wanted):
     with pytest.raises(RecordError) as refused:
         parse_record_table({key: value}, "drop.csv")
     assert str(refused.value) == f"record.{key} = {value}: must be {wanted} in drop.csv."
 
 
-def test_right_values_are_kept() -> None:
+def test_right_values_are_kept():
     table = {
         "bits": 12, "range": [-5, 5.0], "point_m": (0.1, 0.2), "sensitivity": -0.01,
         "sensitivity_uncertainty": math.inf, "clock_tolerance_ppm": 0, "set": {"a": 1},
@@ -40,14 +38,14 @@ def test_right_values_are_kept() -> None:
     assert vars(found) | table | {"range": (-5.0, 5.0)} == vars(found)
 
 
-def test_a_list_of_records_does_not_name_itself(tmp_path: Path) -> None:
+def test_a_list_of_records_does_not_name_itself(tmp_path):
     path = tmp_path / "drop.toml"
     path.write_text('[[record]]\nfile = "drop.toml"\n')
     with pytest.raises(RecordError, match=r"drop\.toml: record\.file = 'drop\.toml': is a TOML"):
         read_records(path)
 
 
-def test_a_list_of_records_beside_its_file_is_no_table_of_it(tmp_path: Path) -> None:
+def test_a_list_of_records_beside_its_file_is_no_table_of_it(tmp_path):
     rows = "".join(f"{i * 1e-6},{i % 7}\n" for i in range(40))
     (tmp_path / "drop.csv").write_text("time (s),force (N)\n" + rows)
     path = tmp_path / "drop.toml"

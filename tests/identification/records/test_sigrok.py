@@ -58,9 +58,7 @@ def export(
         ("", CUT, True, FIRST),
     ],
 )
-def test_every_layout_of_the_export_is_read(
-    tmp_path: Path, label: str, times: list[str] | None, trigger: bool, first: str
-) -> None:
+def test_every_layout_of_the_export_is_read(tmp_path, label, times, trigger, first):
     path = export(tmp_path / "a.csv", label, times, trigger, first)
     for given in (GIVEN, {**TOLD, "channel": 1}):
         one = read_record(path, given)
@@ -73,13 +71,13 @@ def test_every_layout_of_the_export_is_read(
     assert f"channel 1 'CH1' {stated}" in one.source
 
 
-def test_lines_of_windows_and_other_separators_are_read(tmp_path: Path) -> None:
+def test_lines_of_windows_and_other_separators_are_read(tmp_path):
     path = export(tmp_path / "a.txt", "V;V", value=";")
     path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
     np.testing.assert_allclose(read_record(path, GIVEN).value, FORCE, rtol=1e-5, atol=1e-9)
 
 
-def test_an_only_channel_needs_no_choice(tmp_path: Path) -> None:
+def test_an_only_channel_needs_no_choice(tmp_path):
     """sigrok-cli writes each value twice: as text, and in the table."""
     text = "".join(f"0: {0.01 * x:.4f} V DC\n" for x in FORCE)
     rows = "".join(f"{0.01 * x:g}\n" for x in FORCE)
@@ -97,7 +95,7 @@ def test_an_only_channel_needs_no_choice(tmp_path: Path) -> None:
         read_record(path, {"quantity": "contact_force"})
 
 
-def test_tables_stand_beside_the_file_or_above_its_header(tmp_path: Path) -> None:
+def test_tables_stand_beside_the_file_or_above_its_header(tmp_path):
     path = export(tmp_path / "a.csv", "V,V")
     table = '[record]\nquantity = "contact_force"\nchannel = "CH2"\nsensitivity = 0.01\n'
     path.write_text("".join(f"# {line}\n" for line in table.splitlines()) + path.read_text())
@@ -106,7 +104,7 @@ def test_tables_stand_beside_the_file_or_above_its_header(tmp_path: Path) -> Non
     np.testing.assert_allclose(read_record(path).value, FORCE, rtol=1e-5, atol=1e-9)
 
 
-def test_each_frame_is_a_group(tmp_path: Path) -> None:
+def test_each_frame_is_a_group(tmp_path):
     path = export(tmp_path / "a.csv", "V,V")
     head, rows = path.read_text().split("V,V\n")
     path.write_text(f"{head}\nV,V\n{rows}\n{rows}")
@@ -130,9 +128,7 @@ def test_each_frame_is_a_group(tmp_path: Path) -> None:
         ("48 kHz", "48 parsec", "has no known unit of time"),
     ],
 )
-def test_rows_that_do_not_fit_the_header_are_refused(
-    tmp_path: Path, old: str, new: str, sentence: str
-) -> None:
+def test_rows_that_do_not_fit_the_header_are_refused(tmp_path, old, new, sentence):
     path = export(tmp_path / "a.csv", "microseconds,V,V", ADDED)
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
@@ -140,14 +136,14 @@ def test_rows_that_do_not_fit_the_header_are_refused(
         read_record(path, GIVEN)
 
 
-def test_an_export_that_crashed_is_refused(tmp_path: Path) -> None:
+def test_an_export_that_crashed_is_refused(tmp_path):
     path = export(tmp_path / "a.csv", "V,V")
     path.write_bytes(path.read_bytes().replace(b"V,V", b"V,\xb0\xda5LU"))
     with pytest.raises(RecordError, match="holds bytes that are no text"):
         read_record(path, GIVEN)
 
 
-def test_without_a_rate_the_table_gives_it(tmp_path: Path) -> None:
+def test_without_a_rate_the_table_gives_it(tmp_path):
     path = export(tmp_path / "a.csv", "microseconds,V,V", ["0"] * len(FORCE))
     path.write_text(path.read_text().replace("; Samplerate: 48 kHz\n", ""))
     with pytest.raises(RecordError, match=r"give record\.rate_hz"):
@@ -167,7 +163,7 @@ def test_without_a_rate_the_table_gives_it(tmp_path: Path) -> None:
         "",
     ],
 )
-def test_other_tables_are_not_taken_for_it(tmp_path: Path, text: str) -> None:
+def test_other_tables_are_not_taken_for_it(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_text(text)
     assert format_of(path).name == "text table"

@@ -108,13 +108,13 @@ def layouts() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("layout", "text"), list(layouts()))
-def test_a_layout_gives_the_record(tmp_path: Path, layout: str, text: str) -> None:
+def test_a_layout_gives_the_record(tmp_path, layout, text):
     record = read(tmp_path, text, quantity="contact_force")
     assert record.value == pytest.approx(FORCE, abs=1e-9), layout
     assert record.interval_s == pytest.approx(STEP_S, rel=1e-4), record.source
 
 
-def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
+def test_units_of_time_and_names_in_another_alphabet(tmp_path):
     rows = "\n".join(f"{i};{i % 5}" for i in range(20))
     (tmp_path / "r.csv").write_text(f"Time (\u00b5s);Velocity [mm/s]\n{rows}\n", "cp1252")
     one = read_record(tmp_path / "r.csv")
@@ -122,7 +122,7 @@ def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
     assert (one.quantity, one.value[3]) == ("v_p", pytest.approx(3e-3))
 
 
-def test_drawn_tables_are_read_rightly_or_refused(tmp_path: Path) -> None:
+def test_drawn_tables_are_read_rightly_or_refused(tmp_path):
     """The program `python -m tests.identification.records.text_tables` reads many more."""
     found = [judged(draw(seed), seed, tmp_path) for seed in range(20_000, 20_060)]
     assert not [one for one in found if one.result == "wrong"]
@@ -135,12 +135,12 @@ def test_drawn_tables_are_read_rightly_or_refused(tmp_path: Path) -> None:
     ("mm / s", "m/s", 1e-3), ("m s^-2", "m/s^2", 1.0), ("g", "m/s^2", 9.80665),
     ("MSa/s", "Hz", 1e6), ("milliseconds", "s", 1e-3), ("in", "m", 0.0254),
 ])  # fmt: skip
-def test_units_are_known_by_many_names(text: str, si: str, size: float) -> None:
+def test_units_are_known_by_many_names(text, si, size):
     unit = unit_of(text)
     assert (unit.si, unit.size) == (si, pytest.approx(size, rel=1e-12))
 
 
-def test_a_unit_that_could_be_two_is_not_known() -> None:
+def test_a_unit_that_could_be_two_is_not_known():
     """A meganewton in no record; a kilogram is no kilo-g."""
     assert [unit_of(text) for text in ("MN", "kg", "lb", "Nm", "foo", "")] == [None] * 6
     assert name_and_unit("Zeit / s", ()) == ("Zeit", "s")
@@ -182,21 +182,19 @@ def test_a_unit_that_could_be_two_is_not_known() -> None:
     ("Time (s),-Force (N)\n" + XY, {}, "no column is a known quantity"),
     ("Time,force_n\n" + rows(TIME, FORCE, form="{} sec,{} N"), KIND, "is not used: column force_n"),
 ])  # fmt: skip
-def test_a_table_that_can_mean_two_things_is_refused(
-    tmp_path: Path, text: str, given: dict[str, Any], words: str
-) -> None:
+def test_a_table_that_can_mean_two_things_is_refused(tmp_path, text, given, words):
     with pytest.raises(RecordError, match=words):
         read(tmp_path, text, **given)
 
 
-def test_a_record_that_is_no_table_is_refused(tmp_path: Path) -> None:
+def test_a_record_that_is_no_table_is_refused(tmp_path):
     for text in ("record = 3", "record = [1, 2]"):
         (tmp_path / "rig.toml").write_text(text)
         with pytest.raises(RecordError, match=r"rig\.toml: .* is not a table. Write \[record\]"):
             read_records(tmp_path / "rig.toml")
 
 
-def test_a_unit_and_a_factor_can_be_told(tmp_path: Path) -> None:
+def test_a_unit_and_a_factor_can_be_told(tmp_path):
     pounds = read(tmp_path, f"Time,Force [lb]\n{XY}", unit="lbf")
     assert pounds.value == pytest.approx(4.4482216 * FORCE)
     one = read(tmp_path, f"Time [foo],Force\n{XY}", time_unit="ms")
@@ -208,7 +206,7 @@ def test_a_unit_and_a_factor_can_be_told(tmp_path: Path) -> None:
     assert scaled.value == pytest.approx(1e3 * FORCE)
 
 
-def test_two_series_of_one_kind_are_refused_until_one_is_chosen(tmp_path: Path) -> None:
+def test_two_series_of_one_kind_are_refused_until_one_is_chosen(tmp_path):
     four = rows(TIME, FORCE, TIME, FORCE, form="{},{},{},{}")
     text = f"Time (us),Force (N),Time (ms),Force (kN)\n{four}"
     with pytest.raises(RecordError, match=r"2 series could be the record: column 2 .*column 4 "):
@@ -220,7 +218,7 @@ def test_two_series_of_one_kind_are_refused_until_one_is_chosen(tmp_path: Path) 
     assert read(tmp_path, text, column=4, time_column=1).interval_s == pytest.approx(5e-13)
 
 
-def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> None:
+def test_a_second_column_that_could_be_the_record_is_named(tmp_path):
     rows = "\n".join(f"{1e-6 * i},{i % 5},{i % 3}" for i in range(20))
     (tmp_path / "r.csv").write_text(f"time_s,contact_force_n,v_p_m_s\n{rows}\n")
     one = read_record(tmp_path / "r.csv")
@@ -229,7 +227,7 @@ def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> No
     assert read_record(tmp_path / "r.csv", {"column": "v_p_m_s"}).quantity == "v_p"
 
 
-def test_a_table_below_a_long_preamble_says_what_it_is(tmp_path: Path) -> None:
+def test_a_table_below_a_long_preamble_says_what_it_is(tmp_path):
     above = "".join(f"Key {i},{i}\n" for i in range(400))
     one = read(tmp_path, f"{above}Time,Force\n(ms),(N)\n" + XY + "END\n")
     assert one.source == (
@@ -240,7 +238,7 @@ def test_a_table_below_a_long_preamble_says_what_it_is(tmp_path: Path) -> None:
     assert one.value == pytest.approx(FORCE)
 
 
-def test_dates_count_from_the_first_one(tmp_path: Path) -> None:
+def test_dates_count_from_the_first_one(tmp_path):
     for form in ("2024-05-06 23:59:59.{:06d}", "06.05.2024 23:59:59.{:06d}", "23:59:59.{:06d}",
                  "2024-05-06T23:59:59.{:06d}Z", "11:59:59.{:06d} PM"):  # fmt: skip
         one = read(
@@ -252,7 +250,7 @@ def test_dates_count_from_the_first_one(tmp_path: Path) -> None:
         read(tmp_path, f"Timestamp,Force\n{rows(over, over, form='{},1')}")
 
 
-def test_a_file_beside_the_table_describes_it(tmp_path: Path) -> None:
+def test_a_file_beside_the_table_describes_it(tmp_path):
     text = f"time_s,v_p_mm_s\n{rows(TIME, FORCE)}"
     one = read(tmp_path, text)
     assert one.quantity == "v_p"
@@ -267,7 +265,7 @@ def test_a_file_beside_the_table_describes_it(tmp_path: Path) -> None:
         read(tmp_path, text)
 
 
-def test_check_of_a_record_alone_shows_what_was_read(tmp_path: Path) -> None:
+def test_check_of_a_record_alone_shows_what_was_read(tmp_path):
     path = tmp_path / "r.csv"
     path.write_text(f"Time [us],Force [kN]\n{XY}")
     done = invoke(["fit", "--check", str(path)])
@@ -278,7 +276,7 @@ def test_check_of_a_record_alone_shows_what_was_read(tmp_path: Path) -> None:
     assert len(describe_file(path)) == 7
 
 
-def test_the_documentation_lists_every_format() -> None:
+def test_the_documentation_lists_every_format():
     page = (Path(__file__).resolve().parents[3] / "docs" / "how-to" / "fit.md").read_text(
         encoding="utf-8"
     )

@@ -47,7 +47,7 @@ LEISSA = {
 
 
 @pytest.mark.parametrize("edges", LEISSA)
-def test_published_frequencies_of_square_plates(edges: str) -> None:
+def test_published_frequencies_of_square_plates(edges):
     np.testing.assert_allclose(lowest(edges, count=6), LEISSA[edges], rtol=1e-3)
 
 
@@ -56,7 +56,7 @@ def test_published_frequencies_of_square_plates(edges: str) -> None:
     ("edges", "size_m"),
     [("ffff", SQUARE), *((e, OBLONG) for e in ("cccc", "cfff", "ffff", "ccff", "cfsc", "ccfs"))],
 )
-def test_twenty_frequencies_by_finite_elements(edges: str, size_m: tuple[float, float]) -> None:
+def test_twenty_frequencies_by_finite_elements(edges, size_m):
     from tests.plant.structures.argyris import plate_squared
 
     reference = plate_squared(edges, size_m, NU, 20)
@@ -66,7 +66,7 @@ def test_twenty_frequencies_by_finite_elements(edges: str, size_m: tuple[float, 
     np.testing.assert_allclose(found[rigid:], reference[rigid:], rtol=1e-3)
 
 
-def test_central_load_on_a_clamped_plate_is_timoshenkos() -> None:
+def test_central_load_on_a_clamped_plate_is_timoshenkos():
     """w = 0.00560 F a^2/D (Timoshenko and Woinowsky-Krieger, table 37), whatever the limit."""
     plate = edged("cccc")
     for limit_hz in (500.0, 5e3, 3e4):
@@ -77,7 +77,7 @@ def test_central_load_on_a_clamped_plate_is_timoshenkos() -> None:
         assert flexibility * plate.plate.bending_stiffness_n_m == pytest.approx(0.00560, rel=5e-3)
 
 
-def test_supported_edges_by_ritz_are_the_closed_form() -> None:
+def test_supported_edges_by_ritz_are_the_closed_form():
     plate, closed = edged("ssss", OBLONG), Plate(METAL, OBLONG, 0.003)
     at, limit = ((0.31, 0.22), (0.44, 0.37)), 2.0 * np.pi * 2e4
     found, exact = plate.modes(limit, *at), closed.modes(limit, *at)
@@ -91,7 +91,7 @@ def test_supported_edges_by_ritz_are_the_closed_form() -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("edges", ["cccc", "cfff", "ffff", "scff", "cfsc"])
-def test_modes_beyond_ritz_go_on_without_a_gap(edges: str) -> None:
+def test_modes_beyond_ritz_go_on_without_a_gap(edges):
     """No mode twice and none lost where the two ways meet: with more asked, more modes come from
     Ritz's method, and they are the same ones."""
     plates = [edged(edges, OBLONG, accuracy) for accuracy in (1e-2, 1e-6)]
@@ -106,7 +106,7 @@ def test_modes_beyond_ritz_go_on_without_a_gap(edges: str) -> None:
     assert plates[0].reached.beyond_error < 1.5e-3
 
 
-def test_participation_of_free_edges_is_not_lost() -> None:
+def test_participation_of_free_edges_is_not_lost():
     """Sum of phi^2 up to a frequency: that of the modal density, for every kind of edge."""
     limit = 2.0 * np.pi * 5e4
     for edges in ("ssss", "cccc", "ffff", "cfsc"):
@@ -119,9 +119,7 @@ def test_participation_of_free_edges_is_not_lost() -> None:
 @pytest.mark.parametrize(
     ("edges", "nu"), [("ccff", 0.05), pytest.param("ffss", NU * 1.0001, marks=pytest.mark.full)]
 )
-def test_a_plate_of_another_poissons_ratio_uses_the_functions_of_the_first(
-    edges: str, nu: float
-) -> None:
+def test_a_plate_of_another_poissons_ratio_uses_the_functions_of_the_first(edges, nu):
     contact, actuator = (0.3, 0.2), (0.1, 0.31)
     plate, other = edged(edges, OBLONG), edged(edges, OBLONG, nu=nu)
     root = math.sqrt(other.plate.bending_stiffness_n_m / plate.plate.bending_stiffness_n_m)
@@ -143,7 +141,7 @@ def test_a_plate_of_another_poissons_ratio_uses_the_functions_of_the_first(
     assert flexibility == pytest.approx(known, rel=30.0 * near)
 
 
-def test_only_plates_alike_in_all_but_poissons_ratio_share() -> None:
+def test_only_plates_alike_in_all_but_poissons_ratio_share():
     plate = edged("ccff", OBLONG)
     assert plate.beside(plate) is plate
     for other in (edged("ccss", OBLONG, nu=0.2), edged("ccff", nu=0.2), plate.plate):
@@ -206,5 +204,5 @@ def by_levy(edges: str, size_m: tuple[float, float], count: int) -> np.ndarray:
 
 @pytest.mark.full
 @pytest.mark.parametrize("edges", ["sscc", "sscf", "ssff", "sssf", "sssc"])
-def test_twenty_frequencies_between_two_supported_edges(edges: str) -> None:
+def test_twenty_frequencies_between_two_supported_edges(edges):
     np.testing.assert_allclose(lowest(edges, OBLONG), by_levy(edges, OBLONG, 20), rtol=1e-5)

@@ -31,7 +31,7 @@ def table_of(text: str = GOOD) -> ModeTable:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_is_written_is_read(suffix: str) -> None:
+def test_what_is_written_is_read(suffix):
     random = np.random.default_rng(3)
     x, y = np.linspace(0.0, 1.0, 4), np.linspace(0.0, 2.0, 3)
     table = ModeTable(
@@ -48,7 +48,7 @@ def test_what_is_written_is_read(suffix: str) -> None:
         assert all(np.array_equal(a, b) for a, b in zip(found.grid, table.grid, strict=True))
 
 
-def test_five_columns_are_enough() -> None:
+def test_five_columns_are_enough():
     table = table_of()
     assert table.omega_rad_s[0] == 2.0 * math.pi * 120.5
     assert table.residual_flexibility_m_n == 2.5e-9
@@ -75,7 +75,7 @@ def test_five_columns_are_enough() -> None:
         ("2.5e-9", "-1", "residual_flexibility_m_n of mode 1 is -1"),
     ],
 )  # fmt: skip
-def test_wrong_files_end_in_one_sentence(old: str, new: str, words: str) -> None:
+def test_wrong_files_end_in_one_sentence(old, new, words):
     with pytest.raises(ModeFileError, match=r"m\.csv") as caught:
         table_of(GOOD.replace(old, new, 1))
     assert words in str(caught.value)
@@ -93,13 +93,13 @@ def test_wrong_files_end_in_one_sentence(old: str, new: str, words: str) -> None
         ("m.parquet", b"nonsense", "cannot be read as parquet"),
     ],
 )
-def test_files_that_are_none(name: str, content: bytes, words: str) -> None:
+def test_files_that_are_none(name, content, words):
     with pytest.raises(ValueError, match=name) as caught:
         read_modes(name, content)
     assert words in str(caught.value)
 
 
-def test_columns_that_do_not_say_the_same() -> None:
+def test_columns_that_do_not_say_the_same():
     """Radians a second under Hz: the check that a second column makes possible."""
     text = GOOD.replace("frequency_hz", "omega_rad_s,frequency_hz")
     rows = [f"{line.split(',')[0]},{line}" if line[0].isdigit() else line
@@ -108,7 +108,7 @@ def test_columns_that_do_not_say_the_same() -> None:
         table_of("\n".join(rows))
 
 
-def test_a_grid_must_fit() -> None:
+def test_a_grid_must_fit():
     def of(**changed: np.ndarray) -> ModeTable:
         arrays = {
             "frequency_hz": np.array([10.0, 20.0]), "loss_factor": np.zeros(2),
@@ -141,7 +141,7 @@ def of_plate(hz: float = 1.0, kg: float = 1.0) -> ModeTable:
     )  # fmt: skip
 
 
-def test_a_plate_by_its_modes_is_as_mobile_and_as_soft_as_the_plate() -> None:
+def test_a_plate_by_its_modes_is_as_mobile_and_as_soft_as_the_plate():
     structure = ModalStructure("m.csv", of_plate(), PLATE.material, PLATE)
     assert structure.mobility_ratio == pytest.approx(1.0, rel=0.1)
     limit = 2.0 * np.pi * 5e3
@@ -153,11 +153,11 @@ def test_a_plate_by_its_modes_is_as_mobile_and_as_soft_as_the_plate() -> None:
 
 
 @pytest.mark.parametrize(("hz", "kg"), [(1e3, 1.0), (1.0, 1e-3)])
-def test_a_unit_wrong_by_a_thousand_is_noticed(hz: float, kg: float) -> None:
+def test_a_unit_wrong_by_a_thousand_is_noticed(hz, kg):
     with pytest.raises(ValueError, match="frequency_hz must be in Hz, modal_mass_kg in kg"):
         ModalStructure("m.csv", of_plate(hz, kg), PLATE.material, PLATE)
 
 
-def test_somebody_must_say_what_the_modes_left_out_are_worth() -> None:
+def test_somebody_must_say_what_the_modes_left_out_are_worth():
     with pytest.raises(ValueError, match="residual_flexibility_m_n of the truncated modes"):
         ModalStructure("m.csv", of_plate(), PLATE.material)

@@ -37,7 +37,7 @@ def edged(material: Material, edges: str, size_m: tuple[float, float] = SIZE) ->
     return EdgedPlate(Plate(material, size_m, THICKNESS), edges, 1e-3)
 
 
-def test_simply_supported_modes_are_those_of_the_closed_form() -> None:
+def test_simply_supported_modes_are_those_of_the_closed_form():
     plate = Plate(SPRUCE, SIZE, THICKNESS)
     d_x, d_y, d_1, d_xy = rigidities(SPRUCE, THICKNESS)
     limit = 2.0 * np.pi * 2e4
@@ -62,7 +62,7 @@ def test_simply_supported_modes_are_those_of_the_closed_form() -> None:
         np.testing.assert_allclose(shape, exact, atol=1e-12)
 
 
-def test_two_simply_supported_edges_and_waves_agree() -> None:
+def test_two_simply_supported_edges_and_waves_agree():
     """The waves of a plate whose edges are all simply supported have no error of the corners."""
     plate, by_waves = Plate(SPRUCE, SIZE, THICKNESS), edged(SPRUCE, "ssss")
     limit = 2.0 * np.pi * 3e4
@@ -75,7 +75,7 @@ def test_two_simply_supported_edges_and_waves_agree() -> None:
 
 
 @pytest.mark.parametrize("edges", default(["ffff", "cfff", "csff", "sfcf"], ["csff"]))
-def test_an_isotropic_material_said_in_four_numbers_gives_the_same_plate(edges: str) -> None:
+def test_an_isotropic_material_said_in_four_numbers_gives_the_same_plate(edges):
     limit = 2.0 * np.pi * 5e4
     one, other = (edged(m, edges, (0.5, 0.4)).modes(limit, POINT, OTHER) for m in (METAL, TURNED))
     elastic = one.omega > 1e-6
@@ -94,7 +94,7 @@ def test_an_isotropic_material_said_in_four_numbers_gives_the_same_plate(edges: 
     ("material", "edges"),
     [("birch_plywood", "csff"), *(("spruce", e) for e in ("ffff", "cfff", "csff", "cccc"))],
 )
-def test_finite_elements_have_the_same_frequencies(edges: str, material: str) -> None:
+def test_finite_elements_have_the_same_frequencies(edges, material):
     pytest.importorskip("skfem")
     from tests.plant.structures.argyris import plate_squared
 
@@ -111,7 +111,7 @@ def test_finite_elements_have_the_same_frequencies(edges: str, material: str) ->
 
 
 @pytest.mark.parametrize("material", ["spruce", "birch_plywood"])
-def test_the_high_modes_are_as_dense_and_mobile_as_the_infinite_plate(material: str) -> None:
+def test_the_high_modes_are_as_dense_and_mobile_as_the_infinite_plate(material):
     plate: Structure = Plate(MATERIALS[material], (1.3, 1.1), 0.004)
     limit = 2.0 * np.pi * 4e4
     modes = plate.modes(limit, (0.531, 0.472), (0.531, 0.472))
@@ -129,7 +129,7 @@ def test_the_high_modes_are_as_dense_and_mobile_as_the_infinite_plate(material: 
     assert math.sqrt(ratio) == pytest.approx(whole * 2.0 / math.pi, rel=1e-12)
 
 
-def test_residual_flexibility_is_what_the_modes_beyond_add() -> None:
+def test_residual_flexibility_is_what_the_modes_beyond_add():
     plate = Plate(SPRUCE, SIZE, THICKNESS)
     low, high = 2.0 * np.pi * 4e3, 2.0 * np.pi * 4e4
     modes = plate.modes(high, POINT, POINT)
@@ -139,7 +139,7 @@ def test_residual_flexibility_is_what_the_modes_beyond_add() -> None:
     assert summed == pytest.approx(left, rel=0.01)
 
 
-def test_a_turned_plate_is_the_same_plate() -> None:
+def test_a_turned_plate_is_the_same_plate():
     x, y = SPRUCE.young_x_pa, SPRUCE.young_y_pa
     across = replace(SPRUCE, young_x_pa=y, young_y_pa=x, poisson_xy=SPRUCE.poisson_xy * y / x)
     limit = 2.0 * np.pi * 3e3
@@ -153,7 +153,7 @@ WOOD = ["plate.material=spruce", "plate.size_m=[0.5,0.3]", "plate.contact_point_
         "plate.thickness_m=0.005", "run.duration_s=0.003"]  # fmt: skip
 
 
-def test_numbers_in_a_scene_are_those_of_the_name() -> None:
+def test_numbers_in_a_scene_are_those_of_the_name():
     named = load("aluminium-3mm", WOOD)
     said = ", ".join(f"{key} = {value!r}" for key, value in SHIPPED["spruce"].items())
     by_numbers = load("aluminium-3mm", [*WOOD, f"plate.material={{{said}}}"])
@@ -169,12 +169,12 @@ def test_numbers_in_a_scene_are_those_of_the_name() -> None:
     ({"shear_pa": None}, "shear_pa is missing"),
     ({"poisson_xy": 4.0}, "poisson_xy = 4 must be below"),
 ])  # fmt: skip
-def test_numbers_that_make_no_material_are_refused(change: dict[str, float], words: str) -> None:
+def test_numbers_that_make_no_material_are_refused(change, words):
     table = {**SHIPPED["spruce"], **change}
     with pytest.raises(ValueError, match=words):
         material_of("wood", {key: value for key, value in table.items() if value is not None})
 
 
-def test_a_sphere_is_isotropic() -> None:
+def test_a_sphere_is_isotropic():
     with pytest.raises(SceneError, match=r"sphere\.material: is orthotropic"):
         load("aluminium-3mm", [*WOOD, "sphere.material=spruce"])

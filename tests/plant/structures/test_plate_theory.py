@@ -28,16 +28,14 @@ SOLVED = [
 
 
 @pytest.mark.parametrize(("radius", "h", "drop", "number", "inelasticity"), SOLVED)
-def test_the_two_numbers(
-    radius: float, h: float, drop: float, number: float, inelasticity: float
-) -> None:
+def test_the_two_numbers(radius, h, drop, number, inelasticity):
     sphere, plate, contact = _impact(radius, h, drop)
     found = plate_theory.zener_impact(sphere, plate, contact)
     assert found.inelasticity == pytest.approx(inelasticity, abs=0.006)
     assert plate_theory.thickness_number(plate, found.contact_s) == pytest.approx(number, abs=0.006)
 
 
-def test_a_heavy_ball_stays_until_reflections_throw_it_off() -> None:
+def test_a_heavy_ball_stays_until_reflections_throw_it_off():
     sphere, plate, contact = _impact(0.02, 0.003, 0.05)
     found = plate_theory.zener_impact(sphere, plate, contact)
     assert found.inelasticity == pytest.approx(15.0, abs=0.5)
@@ -48,7 +46,7 @@ def test_a_heavy_ball_stays_until_reflections_throw_it_off() -> None:
 @pytest.mark.parametrize(
     ("number", "integral"), [(0.2, 1.00), (0.36, 0.45), (0.64, 0.01), (0.93, -0.19)]
 )
-def test_static_difference(number: float, integral: float) -> None:
+def test_static_difference(number, integral):
     plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
     unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
     assert plate_theory.static_difference_m_n(plate, number) * unit == pytest.approx(
@@ -56,7 +54,7 @@ def test_static_difference(number: float, integral: float) -> None:
     )
 
 
-def test_static_difference_is_a_logarithm_at_long_waves() -> None:
+def test_static_difference_is_a_logarithm_at_long_waves():
     plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
     unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
     for number in (0.09, 0.01):
@@ -64,7 +62,7 @@ def test_static_difference_is_a_logarithm_at_long_waves() -> None:
         assert found == pytest.approx(1.2 * math.log(0.40 / number), rel=0.05)
 
 
-def test_errors_of_solved_impacts() -> None:
+def test_errors_of_solved_impacts():
     """Peak forces and energies that were off by 1 and 2.4 per cent."""
     thin = plate_theory.expected_kirchhoff_error(*_impact(0.003, 0.0015, 0.05))
     assert 0.010 <= thin.peak_force <= 0.02
@@ -74,7 +72,7 @@ def test_errors_of_solved_impacts() -> None:
     assert thick.largest == thick.plate_energy
 
 
-def test_zener_on_a_rigid_plate_is_hertz() -> None:
+def test_zener_on_a_rigid_plate_is_hertz():
     sphere, plate, contact = _impact(0.003, 1.0, 0.05)
     found = plate_theory.zener_impact(sphere, plate, contact)
     rigid = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
@@ -82,7 +80,7 @@ def test_zener_on_a_rigid_plate_is_hertz() -> None:
 
 
 @pytest.mark.parametrize("number", [0.0, 0.1, 1.0, 15.0])
-def test_zeners_impact_as_another_program_integrates_it(number: float) -> None:
+def test_zeners_impact_as_another_program_integrates_it(number):
     def rates(_: float, state: np.ndarray) -> list[float]:
         depth = max(state[0], 0.0)
         return [state[1] - number * depth**1.5, -(depth**1.5)]

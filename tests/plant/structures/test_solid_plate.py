@@ -28,7 +28,7 @@ def compliance(x: np.ndarray | float, poisson_ratio: float) -> np.ndarray:
     return (1.0 - poisson_ratio) / x * (tanh + x * second) / (tanh * tanh - x * x * second)
 
 
-def test_all_branches_together_are_the_static_layer() -> None:
+def test_all_branches_together_are_the_static_layer():
     """Loaded on one face: S(k) in closed form."""
     table = lamb.branches(NU)
     known = table.x >= 0.08  # below, rounding spoils A0
@@ -36,7 +36,7 @@ def test_all_branches_together_are_the_static_layer() -> None:
     assert np.all(abs(table.static / exact - 1.0)[known] < 1e-5)
 
 
-def test_long_waves_bend_a_thin_plate_and_short_ones_a_half_space() -> None:
+def test_long_waves_bend_a_thin_plate_and_short_ones_a_half_space():
     for x in (1e-2, 3e-2):
         # 1/(B' k^4) in units of h/mu, and the first correction, of order x^2.
         thin = 6.0 * (1.0 - NU) / x**3 / x
@@ -47,7 +47,7 @@ def test_long_waves_bend_a_thin_plate_and_short_ones_a_half_space() -> None:
     assert rayleigh == pytest.approx((0.862 + 1.14 * NU) / (1.0 + NU), rel=2e-3)
 
 
-def test_small_kh_is_kirchhoff() -> None:
+def test_small_kh_is_kirchhoff():
     """1 - c (kh)^2 with the known c of the frequency, and all mass moving with the face."""
     table = lamb.branches(NU)
     x = np.array([0.01, 0.04, 0.1])
@@ -66,14 +66,14 @@ def test_small_kh_is_kirchhoff() -> None:
     )
 
 
-def test_no_face_moves_against_its_force() -> None:
+def test_no_face_moves_against_its_force():
     table = lamb.branches(NU)
     x = np.linspace(0.0, lamb.LONGEST, 5000)
     assert np.all(table.weights(x) >= 0.0)
 
 
 @pytest.mark.parametrize("limit_hz", [500e3, 1e6, 2e6])
-def test_what_is_left_out_holds_less_than_a_half_space(limit_hz: float) -> None:
+def test_what_is_left_out_holds_less_than_a_half_space(limit_hz):
     """Below zero, about -k/(pi E'); a contact narrower than pi/(2 k) stays monotone with it."""
     solid = SolidPlate(_plate(0.003))
     omega = 2.0 * math.pi * limit_hz
@@ -113,7 +113,7 @@ def _impact(
         (0.005, 0.010, (-1.1e-2, 7.4e-2, 0.2e-2, -0.5e-2)),
     ],
 )
-def test_effect_of_thickness(radius_m: float, h_m: float, effect: tuple[float, ...]) -> None:
+def test_effect_of_thickness(radius_m, h_m, effect):
     solid, residual = _impact(radius_m, h_m, solid=True, limit_hz=5e5)
     thin, _ = _impact(radius_m, h_m, solid=False, limit_hz=5e5)
     found = (
@@ -128,7 +128,7 @@ def test_effect_of_thickness(radius_m: float, h_m: float, effect: tuple[float, .
         assert have == pytest.approx(want, abs=digits)
 
 
-def test_limit_of_modes_settles() -> None:
+def test_limit_of_modes_settles():
     best, _ = _impact(0.003, 0.003, solid=True, limit_hz=1e6)
     coarse, _ = _impact(0.003, 0.003, solid=True, limit_hz=250e3)
     assert coarse.plate_energy_j == pytest.approx(best.plate_energy_j, rel=2e-4)

@@ -1,7 +1,6 @@
 """The limit of jitter against the worst sequence of latencies, and its replay."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from tests.studies.worst.made_up import SCENE, made_up, simulated
 GOAL = parse_goal("plate_energy_db <= 2")
 
 
-def test_the_limit_of_a_sum() -> None:
+def test_the_limit_of_a_sum():
     setup = load("aluminium-3mm", SCENE)
     weights = np.zeros(30)
     weights[[2, 9, 21]] = 0.2  # 0.6 dB a microsecond, and 2 dB are allowed
@@ -27,7 +26,7 @@ def test_the_limit_of_a_sum() -> None:
     assert worst_limit(setup, [GOAL], 3, [0.0], made_up(weights + 9.0)).tolerated_us == 0.0
 
 
-def test_a_strict_goal_that_is_just_reached_is_missed() -> None:
+def test_a_strict_goal_that_is_just_reached_is_missed():
     setup = load("aluminium-3mm", SCENE)
     weights = np.zeros(30)
     weights[4] = 0.5
@@ -36,9 +35,7 @@ def test_a_strict_goal_that_is_just_reached_is_missed() -> None:
         assert found.tolerated_us == tolerated_us
 
 
-def test_the_command_writes_a_trace_that_run_replays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_writes_a_trace_that_run_replays(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("hertzloop.studies.worst.search.MOST_CASES", 200)
     options = ["--quick", "--no-real-plant", "--only", "jitter_us", "--workers", "1", "--worst"]
@@ -67,7 +64,7 @@ def test_the_command_writes_a_trace_that_run_replays(
         (["--only", "bits"], "Add --only jitter_us"),
     ],
 )
-def test_refused(options: list[str], message: str) -> None:
+def test_refused(options, message):
     done = invoke(["budget", "aluminium-3mm", "--worst", *options])
     assert done.exit_code == 2
     assert message in " ".join(done.output.split())

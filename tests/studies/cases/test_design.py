@@ -1,7 +1,5 @@
 """Designs of sweeps: values of an axis, spread points, and what is refused."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -39,18 +37,18 @@ LAWS = "controller.law=slope_threshold,fade_out,predicted"
         (["contact.restitution=0.5,0.6"], "has no effect with contact.damping = 'none'"),
     ],
 )
-def test_what_cannot_be_swept_is_refused_shortly(over: list[str], says: str) -> None:
+def test_what_cannot_be_swept_is_refused_shortly(over, says):
     with pytest.raises((DesignError, SceneError), match=says) as refused:
         design_of(load("aluminium-3mm"), axes_from(over), "grid", 0, 1)
     assert len(str(refused.value)) < 1000
 
 
-def test_a_case_between_the_ends_of_an_axis_says_itself_that_it_cannot_be() -> None:
+def test_a_case_between_the_ends_of_an_axis_says_itself_that_it_cannot_be():
     over = ["controller.latency_us=0:1:0.5", "run.step_ns=1000"]
     assert design_of(load("aluminium-3mm"), axes_from(over), "grid", 0, 1)
 
 
-def test_laws_may_be_swept_with_the_keys_that_all_of_them_have() -> None:
+def test_laws_may_be_swept_with_the_keys_that_all_of_them_have():
     scene = load("aluminium-3mm", ["controller.lead_us=1"])  # of the scene's own law
     made = design_of(scene, axes_from([LAWS, "controller.kappa=0.5,0.6"]), "grid", 0, 1)
     varied = [scene.vary(case).scene.controller.keys for case in made.cases()]
@@ -67,12 +65,12 @@ def test_laws_may_be_swept_with_the_keys_that_all_of_them_have() -> None:
         ("sensors.bits=12", (12,)),
     ],
 )
-def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
+def test_values_of_an_axis(text, values):
     assert parse_axis(text).values == values
 
 
 @pytest.mark.parametrize("kind", ["lhs", "sobol"])
-def test_spread_points_fill_every_axis_and_are_repeatable(kind: Any) -> None:
+def test_spread_points_fill_every_axis_and_are_repeatable(kind):
     axes = (Axis("controller.kappa", (), 0.0, 2.0), Axis("sensors.bits", (4, 8, 12, 16)))
     cases = Design(axes, kind, 64, 3).cases()
     assert cases == Design(axes, kind, 64, 3).cases()
@@ -82,7 +80,7 @@ def test_spread_points_fill_every_axis_and_are_repeatable(kind: Any) -> None:
     assert [sum(c["sensors.bits"] == b for c in cases) for b in (4, 8, 12, 16)] == [16] * 4
 
 
-def test_spread_points_are_values_that_their_keys_can_have() -> None:
+def test_spread_points_are_values_that_their_keys_can_have():
     scene = load("aluminium-3mm", ["run.step_ns=500"])
     over = ["sensors.bits=4:9", "controller.latency_us=1:3", "run.seed=1:4", "controller.kappa=0:2",
             "controller.law=fade_out", "controller.fade_us=0:1"]  # fmt: skip
@@ -97,13 +95,13 @@ def test_spread_points_are_values_that_their_keys_can_have() -> None:
     assert found["controller.fade_us"] == [0.0, 0.5, 1.0]  # of a law that the scene has not
 
 
-def test_a_tuned_time_is_a_whole_number_of_steps() -> None:
+def test_a_tuned_time_is_a_whole_number_of_steps():
     scene = load("aluminium-3mm", ["run.step_ns=500"])
     axis = fitted(parse_axis("controller.latency_us=1:9"), scene)
     assert [axis.at_resolution(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
 
 
-def test_a_case_is_the_scene_with_its_keys() -> None:
+def test_a_case_is_the_scene_with_its_keys():
     scene = load("aluminium-3mm")
     same = load("aluminium-3mm", ["controller.law=velocity_feedback", "controller.kappa=0.5"])
     assert scene.vary({"controller.law": "velocity_feedback", "controller.kappa": 0.5}) == same

@@ -34,8 +34,8 @@ SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s
     ],
 )
 def test_a_full_disk_ends_a_study_in_a_sentence_and_keeps_what_is_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
+    tmp_path, monkeypatch, words
+):
     """Its journal, that is, whose last line is torn."""
     monkeypatch.chdir(tmp_path)
     write, left = Journal._write, [6]
@@ -83,7 +83,7 @@ def _told(path: Path) -> dict[str, Any]:
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path: Path) -> None:
+def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     report = tmp_path / "r.json"
     subprocess.run(
@@ -123,7 +123,7 @@ def _counted(pool: Pool, ran: list[str]) -> Pool:
     return results
 
 
-def test_a_case_asked_for_twice_is_run_once(tmp_path: Path) -> None:
+def test_a_case_asked_for_twice_is_run_once(tmp_path):
     scene, ran = load("aluminium-3mm", COARSE), list[str]()
     cases = [{"controller.latency_us": latency} for latency in (1, 2, 1)]
     with local_pool(1) as pool:
@@ -135,14 +135,14 @@ def test_a_case_asked_for_twice_is_run_once(tmp_path: Path) -> None:
     assert len(ran) == finished.ran == 2
 
 
-def test_other_work_has_another_file(tmp_path: Path) -> None:
+def test_other_work_has_another_file(tmp_path):
     with kept(tmp_path, "a", {"seed": 1}) as one, kept(tmp_path, "a", {"seed": 2}) as other:
         assert one.journal.path != other.journal.path
 
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path):
     process = subprocess.Popen(
         command(*TUNE, "-o", str(tmp_path)),
         start_new_session=True,

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from benchmarks.latency import Named, critical
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import Axis
-from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.cases.touch_phases import KEY, phases, spread_of
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
@@ -30,7 +28,7 @@ def by_hand(**changes: object) -> list[float]:
     return [metrics_of_case(case).plate_energy_db for case in cases]
 
 
-def test_phases_are_spread_evenly_about_the_middle() -> None:
+def test_phases_are_spread_evenly_about_the_middle():
     assert phases() == (0.1, 0.3, 0.5, 0.7, 0.9)
     assert phases(2) == (0.25, 0.75)
     found = spread_of([1.0, 3.0, 2.0])
@@ -38,7 +36,7 @@ def test_phases_are_spread_evenly_about_the_middle() -> None:
     assert np.isnan(spread_of([1.0, np.nan]).mean)
 
 
-def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_over_phases(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["sweep", "aluminium-3mm", *as_options(EARLY), "--workers", "1"]
     words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
@@ -59,7 +57,7 @@ def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
 
 
-def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
+def test_tuning_searches_by_the_mean_and_tells_the_range(pool):
     scene = load("aluminium-3mm", EARLY)
     axes = (Axis("controller.v_thr_m_s", (-0.9, -0.6, -0.25)),)
     request = TuneRequest(minimise=("plate_energy_db",), generations=3, population=4, phases=5)
@@ -73,7 +71,7 @@ def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
     assert spread.most > spread.least + 0.1
 
 
-def test_critical_latencies_have_a_range(pool: Pool) -> None:
+def test_critical_latencies_have_a_range(pool):
     found = critical(pool, Named("early", "aluminium-3mm", EARLY, "impact"), "slope_threshold", 5)
     assert (found.least_latency_us, found.most_survived_us) == (2.0, 3.0)
     assert found.critical_latency_us == 3.0

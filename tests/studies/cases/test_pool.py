@@ -56,9 +56,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("ends", [None, KeyboardInterrupt])
-def test_nothing_of_a_pool_is_left(
-    ends: type[BaseException] | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_of_a_pool_is_left(ends, monkeypatch):
     at_once(monkeypatch)
     threads, children = set(threading.enumerate()), set(active_children())
 
@@ -82,9 +80,7 @@ def test_nothing_of_a_pool_is_left(
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize(("workers", "cores"), [(3, 1), (None, 3)])
-def test_every_case_is_run_once_by_whichever_process(
-    workers: int | None, cores: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_case_is_run_once_by_whichever_process(workers, cores, monkeypatch):
     at_once(monkeypatch)
     monkeypatch.setattr(crew, "local_cores", lambda: cores)
     before = set(active_children())
@@ -100,7 +96,7 @@ def test_every_case_is_run_once_by_whichever_process(
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_cases_start_no_process(monkeypatch):
     monkeypatch.setattr(crew, "_WORTH_S", 60.0)  # 1.5 s could be, where the machine is busy
     before = set(active_children())
     with local_pool(2) as pool:
@@ -110,7 +106,7 @@ def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_worker_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_cannot_be_started_is_told(monkeypatch):
     at_once(monkeypatch)
     threads, children = set(threading.enumerate()), set(active_children())
     start, started = SpawnProcess.start, []
@@ -142,7 +138,7 @@ with pool.local_pool(2) as results:
 
 
 @pytest.mark.full
-def test_a_worker_that_dies_within_an_answer_holds_nobody_up() -> None:
+def test_a_worker_that_dies_within_an_answer_holds_nobody_up():
     """Python's pool waits for the rest of it, for as long as anybody could still write there."""
     said = subprocess.run(
         [sys.executable, "-c", HALVED, TOML], cwd=ROOT, capture_output=True, text=True, timeout=120
@@ -151,7 +147,7 @@ def test_a_worker_that_dies_within_an_answer_holds_nobody_up() -> None:
 
 
 @pytest.mark.parametrize("by_case", [False, True])
-def test_a_law_from_elsewhere_is_not_run_here(by_case: bool, tmp_path: Path) -> None:
+def test_a_law_from_elsewhere_is_not_run_here(by_case, tmp_path):
     """It may crash its process; what the others have found is not lost with it."""
     law = str(write(tmp_path))
     toml, values = TOML, {"controller.law": law}
@@ -162,7 +158,7 @@ def test_a_law_from_elsewhere_is_not_run_here(by_case: bool, tmp_path: Path) -> 
     assert [row["status"] for row in rows] == ["", ""]
 
 
-def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
+def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path):
     assert scene_of(TOML) is scene_of(TOML)
     law = write(tmp_path)
     toml = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene)

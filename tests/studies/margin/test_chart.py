@@ -1,7 +1,6 @@
 """All closed-loop poles, the binding mode, and what the command writes."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,9 +34,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", default(CASES, ("oak", "leaky integral", "filter")))
 @pytest.mark.parametrize("delay", [1, 21, 200])
-def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(
-    name: str, delay: int
-) -> None:
+def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(name, delay):
     scene, settings = CASES[name]
     setup = load(scene, settings)
     loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
@@ -53,7 +50,7 @@ def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(
     assert np.abs((1.0 + gain) * small / (beyond - gain)).max() < 1e-9
 
 
-def test_the_binding_mode_has_indices_and_frequency() -> None:
+def test_the_binding_mode_has_indices_and_frequency():
     setup = load("oak-20mm", [*VELOCITY, "controller.kappa=0.4"])
     found = binding_mode(setup, 790.9)
     assert found.indices is not None
@@ -69,7 +66,7 @@ def test_the_binding_mode_has_indices_and_frequency() -> None:
     assert np.allclose(np.abs(found.at_contact), 1.0)
 
 
-def test_a_structure_without_indices_has_a_number() -> None:
+def test_a_structure_without_indices_has_a_number():
     setup = load("oak-20mm", [*VELOCITY, "plate.edges=cccc"])
     natural = np.sort(np.abs(np.log(plant_in_flight(setup).poles[:20]))) / setup.step_s
     found = binding_mode(setup, float(natural[4]) / (2.0 * np.pi))
@@ -77,7 +74,7 @@ def test_a_structure_without_indices_has_a_number() -> None:
     assert mode_name(found) == "mode 5"
 
 
-def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said() -> None:
+def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said():
     setup = load("oak-20mm", VELOCITY)
     assert binding_mode(setup, 400e3) is None
     assert "no single mode limits it" in mode_line(None, 400e3)
@@ -87,7 +84,7 @@ def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said() -> None:
 
 
 @pytest.mark.parametrize("kappa", [0.4, 1.1])
-def test_the_picture_shows_limit_and_state(kappa: float) -> None:
+def test_the_picture_shows_limit_and_state(kappa):
     setup = load("oak-20mm", [*VELOCITY, f"controller.kappa={kappa}"])
     margin = margin_of(setup)
     sheet = draw(setup, margin)
@@ -107,7 +104,7 @@ def test_the_picture_shows_limit_and_state(kappa: float) -> None:
             assert np.all(rate[~inside] > 0.0)
 
 
-def test_a_real_pole_counts_whatever_the_sign_of_its_rounding() -> None:
+def test_a_real_pole_counts_whatever_the_sign_of_its_rounding():
     low_pass = "[[-2.3199437104655045, -2.3199437104655045, 0.0, 1.0, -0.9690674171937933, 0.0]]"
     setup = load("oak-20mm", ["controller.law=linear", f"controller.sections={low_pass}"])
     [growth] = [
@@ -121,7 +118,7 @@ def test_a_real_pole_counts_whatever_the_sign_of_its_rounding() -> None:
         assert rate == pytest.approx(np.log(np.abs(poles).max()) / setup.step_s, rel=1e-9)
 
 
-def test_the_command_writes_picture_numbers_and_plant(tmp_path: Path) -> None:
+def test_the_command_writes_picture_numbers_and_plant(tmp_path):
     done = invoke(["margin", "oak-20mm", "--law", "velocity_feedback", "--set",
                    "controller.kappa=0.4", "--out-dir", str(tmp_path / "out")])  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -133,7 +130,7 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path: Path) -> None:
     assert len(plant["poles"]) == data["modes"]
 
 
-def test_the_command_without_a_margin_gives_the_reason(tmp_path: Path) -> None:
+def test_the_command_without_a_margin_gives_the_reason(tmp_path):
     done = invoke(["margin", "oak-20mm", "--law", "off", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / "margin.json").read_text())["binding_mode"] is None

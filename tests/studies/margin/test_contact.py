@@ -1,7 +1,6 @@
 """The loop in contact, against the compiled kernels, and facts on laws without a linear loop."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,9 +27,7 @@ FORCE = ["controller.law=force_feedback", "sensors.quantity=contact_force"]
         pytest.param("oak-20mm", [], 3.0, marks=pytest.mark.full),
     ],
 )
-def test_a_resting_sphere_answers_as_the_frozen_contact(
-    scene: str, settings: list[str], rest_s: float
-) -> None:
+def test_a_resting_sphere_answers_as_the_frozen_contact(scene, settings, rest_s):
     setup = load(scene, [*FORCE, *settings])
     plant = build_plant(setup.with_plate_model("modal"))
     for _ in range(int(rest_s * 10)):
@@ -54,7 +51,7 @@ def test_a_resting_sphere_answers_as_the_frozen_contact(
     assert np.abs(real - expected).max() < 5e-3 * np.abs(real).max()
 
 
-def test_a_short_contact_gets_numbers_and_no_verdict() -> None:
+def test_a_short_contact_gets_numbers_and_no_verdict():
     setup = load("aluminium-3mm", [*FORCE, "controller.kappa=0.8"])
     found = contact_margin(setup)
     assert not isinstance(found, str)
@@ -66,7 +63,7 @@ def test_a_short_contact_gets_numbers_and_no_verdict() -> None:
     assert found.stable is None
 
 
-def test_a_resting_sphere_gets_a_verdict() -> None:
+def test_a_resting_sphere_gets_a_verdict():
     setup = load("sylomer-20mm", [*FORCE, "controller.kappa=0.8"])
     found = contact_margin(setup)
     assert not isinstance(found, str)
@@ -74,7 +71,7 @@ def test_a_resting_sphere_gets_a_verdict() -> None:
     assert found.stable is True
 
 
-def test_facts_on_a_threshold_law() -> None:
+def test_facts_on_a_threshold_law():
     setup = load("aluminium-3mm")
     found = impact_facts(setup)
     rows = simulate(setup).truth
@@ -83,7 +80,7 @@ def test_facts_on_a_threshold_law() -> None:
     assert found.latency_after_contact_us == pytest.approx(1e6 * found.touch.contact_s - acts)
 
 
-def test_the_command_points_to_the_budget(tmp_path: Path) -> None:
+def test_the_command_points_to_the_budget(tmp_path):
     def margin(*words: str) -> tuple[dict, str]:
         done = invoke(["margin", "aluminium-3mm", *words, "--json", str(tmp_path / "m.json")])
         assert done.exit_code == 0, done.output

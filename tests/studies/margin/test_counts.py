@@ -12,18 +12,18 @@ from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
 
 
-def test_counts_of_hard_loops_agree_with_all_poles() -> None:
+def test_counts_of_hard_loops_agree_with_all_poles():
     checks = list(synthetic(7, 150))
     assert [c for c in checks if not c.agrees] == []
     assert sum(c.predicted > 0 for c in checks) > 50
 
 
 @pytest.mark.parametrize("modes", default([(20, 40), (20, 40, 80)], quick=[(20, 40)]))
-def test_counts_agree_with_eigenvalues(modes: tuple[int, ...]) -> None:
+def test_counts_agree_with_eigenvalues(modes):
     assert [c for c in dense(7, modes) if not c.agrees] == []
 
 
-def test_a_dip_below_one_between_the_points_is_found() -> None:
+def test_a_dip_below_one_between_the_points_is_found():
     """|L| falls below 1 by 1e-5 over a millionth of the circle between two resonances."""
     poles = np.exp(np.array([-1e-7 + 0.002j, -1e-7 + 0.0045j]))
     plant = PoleForm(poles, np.array([0.5 + 0j, 0.5 + 0j]), np.array([0.3, 0.0]))
@@ -37,7 +37,7 @@ def test_a_dip_below_one_between_the_points_is_found() -> None:
 
 
 @pytest.mark.parametrize("taps", [[0.3], [0.0, -0.2, 0.5], [0.1] * 12])
-def test_a_finite_impulse_response_closes_the_loop(taps: list[float]) -> None:
+def test_a_finite_impulse_response_closes_the_loop(taps):
     plant = PoleForm(np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(2))
     law = LawFilter(-0.4, np.empty(0, complex), np.empty(0, complex), np.array(taps))
     found = closed_loop_poles(plant, law, 3)
@@ -49,5 +49,5 @@ def test_a_finite_impulse_response_closes_the_loop(taps: list[float]) -> None:
 
 
 @pytest.mark.full
-def test_laws_of_a_user_are_classified() -> None:
+def test_laws_of_a_user_are_classified():
     assert [c.case for c in own_laws(laws()) if not c.agrees] == []

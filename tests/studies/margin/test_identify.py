@@ -93,7 +93,7 @@ def test_what_the_transfer_function_does_not_hold_is_refused(setting):
     ],
     ids=["butter", "notch", "double"],
 )
-def test_sections_have_the_response_of_their_polynomials(sos) -> None:
+def test_sections_have_the_response_of_their_polynomials(sos):
     theta = np.geomspace(1e-4, 3.1, 200)
     exact = np.exp(1j * theta.astype(np.longdouble))  # near z = 1 a double has too few digits
     rows = np.asarray(sos, np.longdouble)
@@ -110,7 +110,7 @@ def test_sections_have_the_response_of_their_polynomials(sos) -> None:
         assert np.abs(fractions - expected).max() <= 1e-7 * np.abs(expected).max()
 
 
-def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path) -> None:
+def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path):
     """`run` refuses it, and so does `margin`."""
     b, a = sg.butter(2, 2000.0, fs=5e4)
     np.savez(tmp_path / "filter.npz", b=-30.0 * b, a=a, dt=2e-5)
@@ -128,7 +128,7 @@ def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path) -> None:
     ("taps", "denominator"),
     [(21, [1.0]), (30, [1.0, -0.9]), pytest.param(200, [1.0, -0.9], marks=pytest.mark.full)],
 )
-def test_poles_at_zero_are_exact(taps: int, denominator: list[float]) -> None:
+def test_poles_at_zero_are_exact(taps, denominator):
     numerator = (-30.0 * sg.firwin(taps, 0.05)).tolist()
     setup = load("oak-20mm", ["controller.law=linear", f"controller.numerator={numerator}",
                               f"controller.denominator={denominator}"])  # fmt: skip
@@ -140,7 +140,7 @@ def test_poles_at_zero_are_exact(taps: int, denominator: list[float]) -> None:
         assert tried.stable is stable
 
 
-def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
+def test_the_law_linear_has_the_margin_of_velocity_feedback():
     other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
     gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
     mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
@@ -151,7 +151,7 @@ def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
         assert found[name] == value
 
 
-def test_an_integrator_counts_as_a_slow_decay() -> None:
+def test_an_integrator_counts_as_a_slow_decay():
     keys = ["controller.numerator=[-1e-4]", "controller.denominator=[1, -1]"]
     found = margin_of(
         load("oak-20mm", ["controller.law=linear", *keys, "sensors.quantity=acceleration"])
@@ -160,7 +160,7 @@ def test_an_integrator_counts_as_a_slow_decay() -> None:
     assert found.stable
 
 
-def test_the_slope_of_a_law_is_that_of_its_response() -> None:
+def test_the_slope_of_a_law_is_that_of_its_response():
     rows = [[0.0, 2.0, -1.0, 1.0, -1.2, 0.5], [1.0, -0.3, 0.0, 1.0, 0.4, 0.0]]
     linear = ["controller.law=linear", f"controller.sections={rows}"]
     for keys in (linear, ["controller.law=acceleration_feedback"]):
@@ -173,7 +173,7 @@ def test_the_slope_of_a_law_is_that_of_its_response() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_zero_on_the_circle_is_met_without_a_warning() -> None:
+def test_a_zero_on_the_circle_is_met_without_a_warning():
     keys = ["controller.numerator=[1.0, -1.0]", "controller.denominator=[1.0, -0.5]"]
     law = law_filter(load("oak-20mm", ["controller.law=linear", *keys]))
     assert law.at(np.array([1.0 + 0j]))[0] == 0.0

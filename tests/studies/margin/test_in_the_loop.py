@@ -28,7 +28,7 @@ def report_of(tmp_path: Path, settings: list[str]) -> tuple[dict, str]:
     return json.loads(out.read_text()), " ".join(done.output.split())
 
 
-def test_a_run_warns_of_an_instability_that_it_cannot_show(tmp_path: Path) -> None:
+def test_a_run_warns_of_an_instability_that_it_cannot_show(tmp_path):
     settings = [*VELOCITY, "controller.kappa=0.4"]
     report, said = report_of(tmp_path, settings)
     found = margin_of(load("aluminium-3mm", settings))
@@ -44,9 +44,7 @@ def test_a_run_warns_of_an_instability_that_it_cannot_show(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("law", [["controller.kappa=0.01", *VELOCITY], SHORT])
-def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(
-    tmp_path: Path, law: list[str]
-) -> None:
+def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(tmp_path, law):
     report, said = report_of(tmp_path, law)
     assert "Linear loop" not in said
     growth = growth_of(load("aluminium-3mm", law))
@@ -61,7 +59,7 @@ def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(
 UNDAMPED = [*VELOCITY, "controller.kappa=0.05", "plate.loss_factor=0"]
 
 
-def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path: Path) -> None:
+def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path):
     """Its poles are on the stability limit, where the loop gain has no value."""
     found, little = (
         margin_of(load("aluminium-3mm", [*UNDAMPED, f"plate.loss_factor={eta}"]))
@@ -81,9 +79,7 @@ def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path: Path) -> Non
     assert float(read_results(out)[0][0]["growth_per_s"]) == found.growth_per_s
 
 
-def test_no_analysis_costs_the_results_of_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_analysis_costs_the_results_of_a_run(tmp_path, monkeypatch):
     def fails(setup: object) -> None:
         raise RuntimeError("no such number")
 
@@ -93,7 +89,7 @@ def test_no_analysis_costs_the_results_of_a_run(
     assert "Linear loop: not analysed (RuntimeError('no such number'))" in said
 
 
-def test_a_sweep_has_the_growth_of_every_case(tmp_path: Path) -> None:
+def test_a_sweep_has_the_growth_of_every_case(tmp_path):
     out, told = tmp_path / "r.parquet", tmp_path / "t.json"
     settings = [*VELOCITY, "controller.kappa=0.4"]
     done = invoke(["sweep", "aluminium-3mm", *as_options(settings),
@@ -109,7 +105,7 @@ def test_a_sweep_has_the_growth_of_every_case(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_search_can_require_a_stable_loop() -> None:
+def test_a_search_can_require_a_stable_loop():
     setup = load("aluminium-3mm", VELOCITY)
     kappa = (Axis("controller.kappa", (), 0.0, 0.6),)
 
@@ -132,7 +128,7 @@ def test_a_search_can_require_a_stable_loop() -> None:
     assert 0.5 * critical < best(True) <= critical
 
 
-def test_the_command_tune_refuses_an_unstable_loop(tmp_path: Path) -> None:
+def test_the_command_tune_refuses_an_unstable_loop(tmp_path):
     def front(*more: str) -> tuple[list[dict], str]:
         out = tmp_path / f"t{len(more)}.json"
         done = invoke(["tune", "aluminium-3mm", *as_options(VELOCITY),

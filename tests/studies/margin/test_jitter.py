@@ -44,9 +44,7 @@ def found_in(*settings: str) -> JitterMargin:
 @pytest.mark.parametrize(
     ("loss", "angle", "gain"), [(0.05, 0.3, 0.02), (0.01, 0.05, 3e-3), (1e-4, 0.01, 1e-3)]
 )
-def test_an_oscillator_with_velocity_feedback_has_its_closed_form(
-    loss: float, angle: float, gain: float
-) -> None:
+def test_an_oscillator_with_velocity_feedback_has_its_closed_form(loss, angle, gain):
     """P = (z - 1)/((z - p)(z - p*)), so that L/(1 + L) = gain (z - 1)/(z^2 - a z + b).
 
     With t = 1/(1 - cos theta) the square of |1 + L|/(|L| |z - 1|) is quadratic in t.
@@ -63,7 +61,7 @@ def test_an_oscillator_with_velocity_feedback_has_its_closed_form(
 
 
 @pytest.mark.parametrize("pole", [0.9, 0.5])
-def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole: float) -> None:
+def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole):
     plant = PoleForm(np.array([pole + 0j]), np.array([0.5 + 0j]), np.zeros(2))
     delay, at = ErrorResponse(polyphase(plant, LawFilter(-0.1, NONE, NONE), 1), 0).largest_delay()
     assert delay == pytest.approx((1.0 + pole - 0.1) / 0.2, rel=1e-12)
@@ -71,7 +69,7 @@ def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole: float) -> None:
 
 
 @pytest.mark.parametrize(("every", "delay"), [(1, 0), (2, 1), (3, 5), (4, 2)])
-def test_the_condition_agrees_with_impulses_in_every_step(every: int, delay: int) -> None:
+def test_the_condition_agrees_with_impulses_in_every_step(every, delay):
     """An error of the force in one step of the closed loop changes the commands as the response
     says."""
     plant = PoleForm(
@@ -111,7 +109,7 @@ def test_the_condition_agrees_with_impulses_in_every_step(every: int, delay: int
 
 
 @pytest.mark.parametrize("every", [1, 2, 5])
-def test_responses_to_single_steps_add_up_to_that_of_a_held_command(every: int) -> None:
+def test_responses_to_single_steps_add_up_to_that_of_a_held_command(every):
     form = PoleForm(np.array([0.9 + 0.3j]), np.array([0.2 - 0.1j]), np.array([0.3, -0.2]))
     z = np.exp(1j * np.linspace(0.1, 3.0, 20))
     parts = sum(form.in_step(every, step).at(z) for step in range(every))
@@ -128,20 +126,20 @@ def checked(loop: RandomLoop, seed: int) -> tuple[float, str, bool]:
 
 
 @pytest.mark.parametrize("first", default(range(0, 300, 20), quick=[0]))
-def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable(first: int) -> None:
+def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable(first):
     for i in range(first, first + 20):
         margin, kind, constant = checked(random_loop(np.random.default_rng([7, i])), i)
         assert margin > 1.0
         assert (kind, constant) == ("", True), i
 
 
-def test_the_loop_of_three_modes_is_stable_within_its_margin() -> None:
+def test_the_loop_of_three_modes_is_stable_within_its_margin():
     margin, kind, constant = checked(three_modes(), 1)
     assert margin == pytest.approx(68.8928, rel=1e-5)
     assert (kind, constant) == ("", True)
 
 
-def test_the_search_finds_sequences_where_every_constant_latency_is_stable() -> None:
+def test_the_search_finds_sequences_where_every_constant_latency_is_stable():
     """Otherwise the search would say nothing about the margin."""
     loop = random_loop(np.random.default_rng([1, 24]))
     assert not loop.loops.unstable(loop.delay + np.arange(601)).any()
@@ -150,7 +148,7 @@ def test_the_search_finds_sequences_where_every_constant_latency_is_stable() -> 
     assert simulated(loop).every == loop.every
 
 
-def test_the_margin_of_a_scene_is_within_the_constant_limit() -> None:
+def test_the_margin_of_a_scene_is_within_the_constant_limit():
     setup = load("aluminium-20mm", SCENE)
     margin, found = margin_of(setup), found_in()
     assert found.margin_steps == margin.latency_limit_steps == 7
@@ -171,21 +169,21 @@ def test_the_margin_of_a_scene_is_within_the_constant_limit() -> None:
         ("controller.latency_us=8", None),
     ],
 )
-def test_verdicts_on_scenes(setting: str, verdict: str | None) -> None:
+def test_verdicts_on_scenes(setting, verdict):
     found = found_in(setting)
     assert found.verdict == verdict
     expected = pytest.approx(8.0) if verdict == "refuted" else None
     assert found.refuted_at_us == expected
 
 
-def test_latencies_between_margin_and_limit_are_undecided() -> None:
+def test_latencies_between_margin_and_limit_are_undecided():
     setup = load("oak-20mm", [*SCENE[:2], "controller.kappa=0.4", "controller.jitter_us=20"])
     found = jitter_margin_of(setup, margin_of(at_shortest_latency(setup)))
     assert found is not None
     assert (found.verdict, found.margin_steps, found.burst) == ("undecided", 0, -1)
 
 
-def test_a_clock_that_drifts_adds_a_sampling_period() -> None:
+def test_a_clock_that_drifts_adds_a_sampling_period():
     settings = ("sensors.every_steps=3", "controller.clock_ppm=-20", "controller.clock_phase=0.4")
     found, constant = found_in(*settings), found_in(settings[0])
     assert found.added_us == pytest.approx(3.0)
@@ -203,7 +201,7 @@ def test_a_clock_that_drifts_adds_a_sampling_period() -> None:
         ("controller.latency_us=10", "unstable at 10 us"),
     ],
 )
-def test_the_command_tells_margin_and_verdict(setting: str, said: str, tmp_path) -> None:
+def test_the_command_tells_margin_and_verdict(setting, said, tmp_path):
     words = [word for one in [*SCENE, setting] for word in ("--set", one)]
     told = invoke(["margin", "aluminium-20mm", *words, "--json", str(tmp_path / "m.json")])
     assert told.exit_code == 0
@@ -218,7 +216,7 @@ def test_the_command_tells_margin_and_verdict(setting: str, said: str, tmp_path)
 
 
 @pytest.mark.parametrize("jitter_us", default([7, 60], quick=[7]))
-def test_the_compiled_loop_decays_within_the_margin(jitter_us: int) -> None:
+def test_the_compiled_loop_decays_within_the_margin(jitter_us):
     setup = load("aluminium-20mm", [*SCENE, f"controller.jitter_us={jitter_us}"]).vary(FLIGHT)
     grows = simulated_growth_per_s(setup, -20.0 if jitter_us == 7 else 20.0)
     assert (grows > 0.0) == (jitter_us > 7)

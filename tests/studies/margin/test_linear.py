@@ -1,7 +1,5 @@
 """The transfer function in flight against the compiled kernels, and the margin's known numbers."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -77,13 +75,11 @@ def samples_under(setup: Setup, forces: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("scene", "settings"), VARIANTS)
-def test_transfer_function_gives_the_samples_of_the_kernels(
-    scene: str, settings: list[str]
-) -> None:
+def test_transfer_function_gives_the_samples_of_the_kernels(scene, settings):
     check_transfer(load(scene, [*VELOCITY, "run.lead_in_s=0.01", *settings]))
 
 
-def test_transfer_function_of_a_file_of_modes(tmp_path: Path) -> None:
+def test_transfer_function_of_a_file_of_modes(tmp_path):
     table = modes_of_scene(load("aluminium-3mm", ["run.accuracy=0.05"]), grid=True)
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table))
     settings = [*VELOCITY, "run.lead_in_s=0.01", f"plate.modes={tmp_path / 'modes.npz'}"]

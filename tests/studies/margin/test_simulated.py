@@ -28,14 +28,14 @@ SCENE = [
         ["controller.law=acceleration_feedback", "sensors.quantity=acceleration"],
     ],
 )
-def test_growth_is_that_of_the_closed_loop(settings: list[str]) -> None:
+def test_growth_is_that_of_the_closed_loop(settings):
     setup = load("aluminium-20mm", [*SCENE, *settings])
     found = growth_of(setup)
     assert found.per_s > 0.0
     assert simulated_growth_per_s(setup, found.per_s) == pytest.approx(found.per_s, rel=0.01)
 
 
-def test_dead_time_counts_as_latency() -> None:
+def test_dead_time_counts_as_latency():
     oak = load("oak-20mm", SCENE)
     late = load("oak-20mm", [*SCENE, "actuator.dead_time_us=40"])
     one, other = margin_of(oak), margin_of(late)
@@ -52,7 +52,7 @@ def test_dead_time_counts_as_latency() -> None:
     assert math.isfinite(same.per_s)
 
 
-def test_a_loop_that_samples_every_third_step_names_what_binds_it() -> None:
+def test_a_loop_that_samples_every_third_step_names_what_binds_it():
     found = margin_of(load("oak-20mm", [*SCENE, "sensors.every_steps=3"]))
     assert found.latency_limit_steps == pytest.approx(497, abs=2)
     assert found.binding_frequency_hz == pytest.approx(790.9, rel=1e-3)

@@ -1,7 +1,5 @@
 """The plant as a linear system: state space, python-control and files give its response."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.io
@@ -9,7 +7,6 @@ import scipy.io
 import hertzloop
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.system import LinearSystem
 
 ACTUATOR = ["actuator.bandwidth_hz=20000", "sensors.low_pass_hz=50000"]
 VARIANTS = {
@@ -22,12 +19,12 @@ VARIANTS = {
 
 
 @pytest.fixture(scope="module", params=VARIANTS)
-def system(request: pytest.FixtureRequest) -> LinearSystem:
+def system(request):
     quantity, settings = VARIANTS[request.param]
     return hertzloop.linear(load("oak-20mm", settings), quantity)
 
 
-def test_the_state_space_has_the_impulse_response(system: LinearSystem) -> None:
+def test_the_state_space_has_the_impulse_response(system):
     expected = system.impulse_response(300)
     for latency in (False, True):
         a, b, c, d = system.to_statespace(latency)
@@ -41,7 +38,7 @@ def test_the_state_space_has_the_impulse_response(system: LinearSystem) -> None:
         assert np.abs(found - shifted).max() <= 1e-12 * np.abs(expected).max()
 
 
-def test_the_frequency_response_is_that_of_the_impulse_response(system: LinearSystem) -> None:
+def test_the_frequency_response_is_that_of_the_impulse_response(system):
     """At complex frequencies whose terms die out within the samples that are summed."""
     z = 1.05 * np.exp(1j * np.linspace(0.0, 3.0, 7))
     summed = system.impulse_response(800) @ z ** -np.arange(800)[:, None]
@@ -54,14 +51,14 @@ def test_the_frequency_response_is_that_of_the_impulse_response(system: LinearSy
     assert np.allclose(late, bare * turn ** -float(system.delay), rtol=1e-12)
 
 
-def test_latency_of_a_decimated_loop_is_split() -> None:
+def test_latency_of_a_decimated_loop_is_split():
     settings = ["sensors.every_steps=3", "controller.latency_us=7", "run.accuracy=0.1"]
     system = hertzloop.linear(load("oak-20mm", settings), "v_p")
     assert (system.delay, system.step_s) == (2, 3e-6)  # 8 steps: 2 samples and 2 steps
 
 
 @pytest.mark.full
-def test_python_control_has_the_same_response() -> None:
+def test_python_control_has_the_same_response():
     control = pytest.importorskip("control")
     system = hertzloop.linear(load("oak-20mm", ["run.accuracy=0.1"]), "v_p")
     frequency_hz = system.resonance_grid_hz()[::7]
@@ -72,7 +69,7 @@ def test_python_control_has_the_same_response() -> None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".mat"])
-def test_files_hold_the_system(tmp_path: Path, ending: str) -> None:
+def test_files_hold_the_system(tmp_path, ending):
     system = hertzloop.linear(load("oak-20mm", ["run.accuracy=0.1"]), "v_p")
     path = tmp_path / f"plant{ending}"
     system.save(path, statespace=True)
@@ -86,7 +83,7 @@ def test_files_hold_the_system(tmp_path: Path, ending: str) -> None:
     assert np.array_equal(found["a"], system.to_statespace().a)
 
 
-def test_a_table_holds_the_frequency_response(tmp_path: Path) -> None:
+def test_a_table_holds_the_frequency_response(tmp_path):
     system = hertzloop.linear(load("oak-20mm", ["run.accuracy=0.1"]), "v_p")
     system.save(tmp_path / "plant.csv")
     rows = np.genfromtxt(tmp_path / "plant.csv", delimiter=",", names=True)
@@ -96,6 +93,6 @@ def test_a_table_holds_the_frequency_response(tmp_path: Path) -> None:
         system.save(tmp_path / "plant.txt")
 
 
-def test_the_contact_force_has_no_response_in_flight() -> None:
+def test_the_contact_force_has_no_response_in_flight():
     with pytest.raises(SceneError, match="no linear response in flight"):
         hertzloop.linear(load("oak-20mm"), "contact_force")

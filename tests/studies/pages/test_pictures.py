@@ -15,7 +15,7 @@ from hertzloop.studies.tune.result import Candidate, TuneResult
 
 
 @pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+def saved(monkeypatch):
     """Figures instead of files."""
     found: list[Figure] = []
 
@@ -39,7 +39,7 @@ def rows(key: str, values: list[Any]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def test_a_row_of_maps_has_one_round_scale_around_zero(saved: list[Figure]) -> None:
+def test_a_row_of_maps_has_one_round_scale_around_zero(saved):
     maps = {
         "sensors.bits": rows("sensors.bits", [3, 4, 5, 6]),
         "controller.kappa": rows("controller.kappa", [0.0, 0.5, 1.0]),
@@ -70,11 +70,11 @@ def test_a_row_of_maps_has_one_round_scale_around_zero(saved: list[Figure]) -> N
 @pytest.mark.parametrize(
     ("value", "above"), [(2.274, 4.0), (0.9, 1.0), (1.0, 1.0), (41.3, 100.0), (0.051, 0.1)]
 )
-def test_scales_are_rounded_up(value: float, above: float) -> None:
+def test_scales_are_rounded_up(value, above):
     assert round_above(value) == pytest.approx(above)
 
 
-def test_a_front_is_labelled_in_words_beside_its_points() -> None:
+def test_a_front_is_labelled_in_words_beside_its_points():
     figures = {"plate_energy_db": -3.0, "peak_force_n": 40.0}
     best = Candidate({"controller.law": "shifted_threshold"}, figures)
     result = TuneResult([], tuple(figures), "impact", {}, [best], best, [], 1, 1, "")
@@ -92,7 +92,7 @@ def test_a_front_is_labelled_in_words_beside_its_points() -> None:
     assert not legend.get_window_extent().overlaps(ax.get_window_extent())
 
 
-def test_every_objective_has_words() -> None:
+def test_every_objective_has_words():
     from hertzloop.results.cases import OBJECTIVES
 
     for figure in OBJECTIVES:

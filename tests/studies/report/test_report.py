@@ -30,7 +30,7 @@ def page_of(folder: Path, scene: str, settings: list[str]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(tmp_path_factory):
     return page_of(tmp_path_factory.mktemp("page"), "aluminium-20mm", SHORT)
 
 
@@ -46,7 +46,7 @@ def in_browser(page: Path) -> tuple[str, list[str]]:
     return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
-def test_a_page_needs_nothing_from_elsewhere_and_is_small(page: Path) -> None:
+def test_a_page_needs_nothing_from_elsewhere_and_is_small(page):
     text = page.read_text()
     assert len(text) < 10e6
     loaded = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{1,60})""", text)
@@ -61,7 +61,7 @@ def test_a_page_needs_nothing_from_elsewhere_and_is_small(page: Path) -> None:
 
 @pytest.mark.full
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here: apt install chromium")
-def test_a_browser_draws_it_without_an_error(page: Path, tmp_path: Path) -> None:
+def test_a_browser_draws_it_without_an_error(page, tmp_path):
     found, console = in_browser(page)
     assert console == []
     drawn = re.search(r'data-drawn-after-ms="(\d+)"', found)
@@ -74,7 +74,7 @@ def test_a_browser_draws_it_without_an_error(page: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.full
-def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path: Path) -> None:
+def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path):
     text = page_of(tmp_path, "aluminium-20mm", UNSTABLE).read_text()
     assert '<p class="warning">Unstable from 7.547 ms on' in text
     assert "<th>change</th>" not in text
@@ -84,7 +84,7 @@ def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path: Path)
     assert "No contact in this run." in text
 
 
-def test_a_page_is_not_replaced_unasked(page: Path) -> None:
+def test_a_page_is_not_replaced_unasked(page):
     result = call("report", page.with_suffix(".mcap"), "-o", page.parent)
     assert result.exit_code == 2
     assert "exists" in result.output
@@ -94,7 +94,7 @@ TWICE = ["run.duration_s=0.15", "run.accuracy=0.02"]  # two impacts, the second 
 
 
 @pytest.fixture(scope="module")
-def bounces(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bounces(tmp_path_factory):
     """A run that bounces, made as by a user, and what it said."""
     path = tmp_path_factory.mktemp("bounces") / "a.mcap"
     words = ("--transport", "compiled", "--out", path, "--json", path.with_suffix(".json"))
@@ -112,7 +112,7 @@ def text_of(recording: Path) -> str:
 
 
 @pytest.mark.full
-def test_the_page_says_what_the_run_said(bounces: Path) -> None:
+def test_the_page_says_what_the_run_said(bounces):
     told = json.loads(bounces.with_suffix(".json").read_text())
     text = text_of(bounces)
     assert told["verdict"]
@@ -140,9 +140,7 @@ def test_the_page_says_what_the_run_said(bounces: Path) -> None:
 
 
 @pytest.mark.full
-def test_what_another_program_controlled_is_not_said_to_repeat(
-    bounces: Path, tmp_path: Path
-) -> None:
+def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path):
     def foreign() -> list:
         sent = messages(bounces)
         for item in sent:
@@ -167,7 +165,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(
 
 
 @pytest.mark.full
-def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_comes_out_of_its_recording(tmp_path, monkeypatch):
     """The commands of the page give the same samples, the law's file being lost."""
     monkeypatch.chdir(tmp_path)
     law = write_law(tmp_path)
@@ -189,7 +187,7 @@ def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.full
-def test_a_linear_loop_has_its_margin_on_the_page(tmp_path: Path) -> None:
+def test_a_linear_loop_has_its_margin_on_the_page(tmp_path):
     law = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
     text = page_of(tmp_path, "oak-20mm", ["run.duration_s=0.003", *law]).read_text()
     assert "Linear margin of the loop in flight" in text

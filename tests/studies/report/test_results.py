@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +23,7 @@ def done(*words: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(tmp_path_factory):
     """A folder each with a sweep over a grid, one over spread points, and a tuning."""
     folder = tmp_path_factory.mktemp("results")
     for name in ("grid", "mixed"):
@@ -49,9 +48,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
           "hertzloop tune aluminium-3mm --minimise plate_energy_db --set run.accuracy=0.05 "], 1),
     ],
 )  # fmt: skip
-def test_a_folder_of_results_becomes_a_page(
-    results: Path, tmp_path: Path, kind: str, name: str, says: list[str], charts: int
-) -> None:
+def test_a_folder_of_results_becomes_a_page(results, tmp_path, kind, name, says, charts):
     page = tmp_path / f"{name}.html"
     assert str(page) in done("report", results / kind, "-o", tmp_path)
     text = page.read_text()
@@ -70,7 +67,7 @@ def test_a_folder_of_results_becomes_a_page(
     assert int(drawn[1]) < 5000
 
 
-def test_a_tuning_reads_as_it_was_written(results: Path, tmp_path: Path) -> None:
+def test_a_tuning_reads_as_it_was_written(results, tmp_path):
     from hertzloop.studies.tune.result import read_tuned, write_tuned
 
     tuned = read_tuned(results / "tune" / "tune-aluminium-3mm.json")
@@ -80,7 +77,7 @@ def test_a_tuning_reads_as_it_was_written(results: Path, tmp_path: Path) -> None
     assert again == json.loads((results / "tune" / "tune-aluminium-3mm.json").read_text())
 
 
-def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: Path) -> None:
+def test_what_is_no_result_is_refused_with_a_sentence(results, tmp_path):
     (tmp_path / "two").mkdir()
     (tmp_path / "tune-x.json").write_text("{}")
     for name in ("a", "b"):
@@ -98,9 +95,7 @@ def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: P
         assert says in result.output
 
 
-def test_a_metric_without_a_value_or_a_change_is_left_out(
-    results: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_metric_without_a_value_or_a_change_is_left_out(results, monkeypatch):
     file = results / "grid" / "g.parquet"
     rows, header = read_results(file)
     changed = [{**row, "radiated_db": math.nan, "pressure_db": -1e-4} for row in rows]

@@ -26,7 +26,7 @@ from tests.studies.sweeping import COARSE, ONE_WORKER, command, wait_until
 
 
 @pytest.mark.parametrize("text", [b"\xff\n", b'{"a": 1}\n{"x": 1}\n'])
-def test_a_damaged_journal_is_left_alone_with_a_sentence(tmp_path: Path, text: bytes) -> None:
+def test_a_damaged_journal_is_left_alone_with_a_sentence(tmp_path, text):
     path = tmp_path / "j"
     path.write_bytes(text)
     with pytest.raises(JournalError, match="its line 1 is damaged"):
@@ -34,7 +34,7 @@ def test_a_damaged_journal_is_left_alone_with_a_sentence(tmp_path: Path, text: b
     assert path.read_bytes() == text
 
 
-def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
+def test_two_sweeps_do_not_write_one_journal(tmp_path):
     path = tmp_path / "j"
     with Journal(path, {"a": 1}) as journal:
         journal.add({"case": 0})
@@ -44,7 +44,7 @@ def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
         assert list(journal.done) == [0]
 
 
-def test_a_torn_last_line_is_run_again(tmp_path: Path) -> None:
+def test_a_torn_last_line_is_run_again(tmp_path):
     path = tmp_path / "j"
     with Journal(path, {"a": 1}) as journal:
         journal.add({"case": 0, "x": 1.5})
@@ -61,7 +61,7 @@ class _Killed(Exception):
     """As if the process had been killed."""
 
 
-def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path: Path) -> None:
+def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path):
     scene = load("aluminium-3mm", COARSE)
     over = ["controller.latency_us=0:23:1"]
     design = design_of(scene, axes_from(over), "grid", 256, scene.seed)
@@ -91,7 +91,7 @@ def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path
     assert (told["ran"], told["damaged_lines"]) == (24 - 16 + 1, [4])
 
 
-def test_the_journal_of_another_sweep_is_left_alone(tmp_path: Path) -> None:
+def test_the_journal_of_another_sweep_is_left_alone(tmp_path):
     path = tmp_path / "j"
     with Journal(path, {"span": "impact"}) as journal:
         journal.add({"case": 0})
@@ -122,7 +122,7 @@ HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 
 
 @pytest.mark.full
-def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Path) -> None:
+def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path):
     out = tmp_path / "r.parquet"
     words = command(*BIG, "-o", str(out))
     process = subprocess.Popen(words, start_new_session=True)
@@ -172,7 +172,7 @@ def _heeds_all() -> None:
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGHUP])
-def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
+def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path, sent):
     """No worker, and no semaphore; a terminal that is closed tells all of them."""
     out = tmp_path / "r.csv"
     process = subprocess.Popen(
@@ -198,7 +198,7 @@ def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.S
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path):
     out = tmp_path / "r.csv"
     process = subprocess.Popen(
         command(*HUGE, "-o", str(out), "--workers", "2"),
@@ -219,7 +219,7 @@ def _workers(pid: int) -> list[int]:
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path: Path) -> None:
+def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path):
     out = tmp_path / "r.csv"
     process = subprocess.Popen(
         command(*HUGE, "-o", str(out), "--workers", "3"),
@@ -271,7 +271,7 @@ def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
 
 
 @pytest.mark.full
-def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
+def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path):
     out, report = tmp_path / "r.csv", tmp_path / "r.json"
     with cluster(2) as (address, workers):
         process = subprocess.Popen(
@@ -287,7 +287,7 @@ def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_dask_cluster_gives_the_rows_of_one_machine(tmp_path: Path) -> None:
+def test_a_dask_cluster_gives_the_rows_of_one_machine(tmp_path):
     uncertain = tmp_path / "uncertain.toml"
     uncertain.write_text(
         '"sphere.drop_height_m" = { distribution = "normal", mean = 0.05, '
@@ -308,7 +308,7 @@ def test_a_dask_cluster_gives_the_rows_of_one_machine(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
+def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path):
     out = tmp_path / "r.csv"
     with cluster(1) as (address, _):
         process = subprocess.Popen(
@@ -323,9 +323,7 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -
 
 
 @pytest.mark.full
-def test_a_cluster_without_workers_is_waited_for_with_a_word(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cluster_without_workers_is_waited_for_with_a_word(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "_WORKERLESS_S", 4.0)
     monkeypatch.setattr(dask_pool, "_LOOK_S", 1.0)
     with cluster(0) as (address, _):
@@ -336,7 +334,7 @@ def test_a_cluster_without_workers_is_waited_for_with_a_word(
 
 
 @pytest.mark.full
-def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_named(tmp_path):
     found = subprocess.run(
         command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
                 "--dask", "tcp://127.0.0.1:1"),

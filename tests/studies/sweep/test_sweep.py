@@ -26,7 +26,7 @@ from tests.studies.sweeping import COARSE, ONE_WORKER
 
 
 @pytest.mark.parametrize("model", ["modal", "infinite"])
-def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
+def test_the_metrics_of_a_case_are_those_of_its_run(model):
     settings = ["run.duration_s=0.0016", "controller.latency_us=3", f"run.plate_model={model}"]
     scene = load("aluminium-3mm", settings)
     metrics = metrics_of_case(scene)
@@ -45,7 +45,7 @@ def test_the_metrics_of_a_case_are_those_of_its_run(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", ["modal", "infinite"])
-def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(model: str) -> None:
+def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(model):
     scene = load("aluminium-3mm", ["run.duration_s=0.0016", f"run.plate_model={model}"])
     case, found = metrics_of_case(scene), first_impact(scene, simulate(scene).truth)
     assert found is not None
@@ -57,7 +57,7 @@ def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(mo
 
 
 @pytest.mark.full
-def test_the_impulse_of_a_case_over_all_contacts_is_that_of_the_first() -> None:
+def test_the_impulse_of_a_case_over_all_contacts_is_that_of_the_first():
     scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.15"])
     first, whole = metrics_of_case(scene), metrics_of_case(scene, "run")
     assert whole.contacts > 1
@@ -65,7 +65,7 @@ def test_the_impulse_of_a_case_over_all_contacts_is_that_of_the_first() -> None:
     assert simulate(scene).balance.contact_impulse_n_s > 1.2 * whole.impulse_n_s
 
 
-def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None:
+def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy():
     settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
     scene = load("aluminium-3mm", settings)
     mine, modal = (metrics_of_case(scene.vary({"run.plate_model": m})) for m in ("auto", "modal"))
@@ -78,13 +78,13 @@ def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None
     assert metrics_of_case(scene.vary({"run.accuracy": 1e-5})).plate_model == "modal"
 
 
-def test_the_span_of_a_run_takes_all_contacts() -> None:
+def test_the_span_of_a_run_takes_all_contacts():
     scene = load("aluminium-20mm", ["run.duration_s=0.006", "controller.law=off", *COARSE])
     assert metrics_of_case(scene, "impact").contacts == 1
     assert metrics_of_case(scene, "run").contacts > 1
 
 
-def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
+def test_a_case_that_cannot_be_has_a_row_that_says_so():
     rows = evaluate.run_chunk(
         evaluate.run_cases,
         to_toml(load("aluminium-3mm", COARSE).scene),
@@ -109,7 +109,7 @@ SETTINGS = {
 
 
 @pytest.mark.parametrize("transport", ["inprocess", "zenoh"])
-def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
+def test_random_cases_have_the_same_bytes_over_the_bus(transport):
     scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0015"])
     axes = tuple(Axis(key, tuple(values)) for key, values in SETTINGS.items())
     design = Design(axes, "lhs", 24, 5)
@@ -134,7 +134,7 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) -> None:
+def test_results_come_back_with_scene_and_versions(tmp_path, suffix):
     scene = load("aluminium-3mm", COARSE)
     axes = (Axis("sensors.bits", (6, "ideal")), Axis("plate.contact_point_m", ([0.2, 0.2],)))
     out = tmp_path / f"r{suffix}"
@@ -149,7 +149,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_results_from_before_a_metric_was_added_stay_readable(tmp_path: Path, suffix: str) -> None:
+def test_results_from_before_a_metric_was_added_stay_readable(tmp_path, suffix):
     out, lacking = tmp_path / f"r{suffix}", "radiated_db"
     setup = load("aluminium-3mm", COARSE)
     design = design_of(setup, axes_from(["controller.latency_us=0,3"]), "grid", 2, 1)
@@ -162,9 +162,7 @@ def test_results_from_before_a_metric_was_added_stay_readable(tmp_path: Path, su
     assert invoke(["report", str(out), "-o", str(tmp_path / "pages")]).exit_code == 0
 
 
-def test_a_repeated_sweep_says_that_its_results_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_repeated_sweep_says_that_its_results_are_there(tmp_path, monkeypatch):
     """A signal may come when a sweep is done; another sweep does not replace them."""
     monkeypatch.chdir(tmp_path)
     words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--over", "sensors.bits=8,9"]
@@ -184,9 +182,7 @@ def test_a_repeated_sweep_says_that_its_results_are_there(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.csv", "r.csv.json"]
 
 
-def test_an_analysis_that_fails_costs_no_results(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_analysis_that_fails_costs_no_results(tmp_path, monkeypatch):
     """The growth of the linear loop is computed when all cases are done."""
 
     def broken(setup: Any) -> Any:
@@ -209,7 +205,7 @@ def test_an_analysis_that_fails_costs_no_results(
         ("b.csv", '{"design": {"axes": []}}'),
     ],
 )
-def test_other_files_are_no_results(tmp_path: Path, name: str, header: str) -> None:
+def test_other_files_are_no_results(tmp_path, name, header):
     (tmp_path / name).write_text("a,b\n1,2\n")
     (tmp_path / f"{name}.json").write_text(header)
     with pytest.raises(ValueError, match="no results of a sweep"):
@@ -217,7 +213,7 @@ def test_other_files_are_no_results(tmp_path: Path, name: str, header: str) -> N
 
 
 @pytest.mark.full
-def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
+def test_cases_that_could_not_be_run_are_counted_apart(tmp_path):
     """Three of five runs end before the sphere has fallen."""
     out, report = tmp_path / "r.csv", tmp_path / "r.json"
     words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--workers", "1", "-o", str(out),
@@ -239,7 +235,7 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     assert json.loads(report.read_text())["without_metrics"] == 3
 
 
-def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path: Path) -> None:
+def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path):
     report = tmp_path / "r.json"
     words = ["sweep", "aluminium-20mm", "--workers", "1", "--span", "run", "--json", str(report),
              "-o", str(tmp_path / "r.csv"), "--over", "controller.kappa=0.2,1.2"]  # fmt: skip
@@ -253,7 +249,7 @@ def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path: Path) -> None:
     assert (told["ran"], told["failed"], told["unstable"]) == (2, 0, 1)
 
 
-def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
+def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path):
     out, report = tmp_path / "r.csv", tmp_path / "c.json"
     axes = (Axis("controller.latency_us", (0, 1, 2)),)
     study.sweep(SweepPlan(load("aluminium-3mm", COARSE), Design(axes), ONE_WORKER), out)
@@ -281,9 +277,7 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
         (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
     ],
 )
-def test_mistakes_in_a_sweep_end_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], code: int, says: str
-) -> None:
+def test_mistakes_in_a_sweep_end_it(tmp_path, monkeypatch, words, code, says):
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
     usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
@@ -292,7 +286,7 @@ def test_mistakes_in_a_sweep_end_it(
     assert says in found.stderr
 
 
-def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
+def test_results_without_a_case_cannot_be_checked(tmp_path):
     scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0009"])
     out = tmp_path / "r.csv"
     study.sweep(SweepPlan(scene, Design((Axis("controller.kappa", (0, 1)),)), ONE_WORKER), out)

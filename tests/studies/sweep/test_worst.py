@@ -25,15 +25,13 @@ WORDS += ["--worst", "plate_energy_db"]
 
 
 @pytest.fixture
-def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_cases(monkeypatch):
     monkeypatch.setattr("hertzloop.studies.worst.search.MOST_CASES", 60)
 
 
 @pytest.mark.usefixtures("few_cases")
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_the_command_writes_columns_and_a_trace_that_run_replays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
-) -> None:
+def test_the_command_writes_columns_and_a_trace_that_run_replays(tmp_path, monkeypatch, suffix):
     monkeypatch.chdir(tmp_path)
     words = [*WORDS, "--over", "controller.jitter_us=0,2,5", "-o", f"r{suffix}", "--json", "r.json"]
     done = invoke(words)
@@ -67,7 +65,7 @@ class _Killed(Exception):
 
 
 @pytest.mark.usefixtures("few_cases")
-def test_a_killed_search_continues_with_the_next_case(tmp_path: Path) -> None:
+def test_a_killed_search_continues_with_the_next_case(tmp_path):
     setup = load("aluminium-3mm", SCENE)
     request = SweepRequest(["controller.jitter_us=1:3:1"], workers=1, worst="rebound_percent")
     plan = plan_sweep(setup, request)
@@ -85,7 +83,7 @@ def test_a_killed_search_continues_with_the_next_case(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("few_cases")
-def test_a_loop_that_some_latencies_make_unstable_is_the_worst() -> None:
+def test_a_loop_that_some_latencies_make_unstable_is_the_worst():
     settings = ["run.accuracy=0.05", "controller.law=velocity_feedback", "run.duration_s=0.01"]
     setup = load("aluminium-20mm", [*settings, "controller.kappa=1.2", "controller.jitter_us=20"])
     cases: Numbered = [(0, {}), (1, {"run.duration_s": 0.0009})]
@@ -96,7 +94,7 @@ def test_a_loop_that_some_latencies_make_unstable_is_the_worst() -> None:
 
 
 @pytest.mark.usefixtures("few_cases")
-def test_python_has_the_worst_values_and_latencies() -> None:
+def test_python_has_the_worst_values_and_latencies():
     pytest.importorskip("xarray")
     over = {"controller.jitter_us": [0, 3]}
     scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0016})
@@ -124,9 +122,7 @@ def test_python_has_the_worst_values_and_latencies() -> None:
         ),
     ],
 )
-def test_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], says: str
-) -> None:
+def test_refused(tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     done = invoke([*WORDS, *words])
     assert done.exit_code == 2

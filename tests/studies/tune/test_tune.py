@@ -24,7 +24,7 @@ CHEAP = ["run.accuracy=0.1", "run.duration_s=0.0013"]
 
 
 @pytest.fixture(scope="module")
-def scene() -> Setup:
+def scene():
     return load("aluminium-3mm", CHEAP)
 
 
@@ -41,7 +41,7 @@ def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> Candidat
     return search_law(pool, plan, "force_feedback")[0]
 
 
-def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Setup) -> None:
+def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool, scene):
     kappas = np.linspace(-0.5, 1.5, 101)
     grid = [energy(scene, float(kappa)) for kappa in kappas]
     found = best(pool, [scene], {})
@@ -49,7 +49,7 @@ def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Setu
     assert abs(found.values["controller.kappa"] - kappas[int(np.argmin(grid))]) < 0.03
 
 
-def test_a_limit_is_kept(pool: Pool, scene: Setup) -> None:
+def test_a_limit_is_kept(pool, scene):
     free, limited = best(pool, [scene], {}), best(pool, [scene], {"rebound_percent": 130.0})
     rebound = metrics_of_case(scene.vary(limited.values)).rebound_percent
     assert rebound <= 130.0
@@ -57,7 +57,7 @@ def test_a_limit_is_kept(pool: Pool, scene: Setup) -> None:
     assert limited.metrics["plate_energy_db"] > free.metrics["plate_energy_db"]
 
 
-def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Setup) -> None:
+def test_over_a_set_of_scenes_the_worst_counts(pool, scene):
     other = scene.vary({"controller.latency_us": 6})
     found = best(pool, [scene, other], {})
     alone = [metrics_of_case(s.vary(found.values)).plate_energy_db for s in (scene, other)]
@@ -65,7 +65,7 @@ def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Setup) -> None
     assert alone[0] != alone[1]
 
 
-def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> None:
+def test_a_front_holds_nothing_that_another_beats(pool, scene):
     request = TuneRequest(generations=6, population=16, seed=2)
     plan = TunePlan([scene], [scene], {"predicted": ranges_of("predicted", 1.0)}, request)
     found = search_law(pool, plan, "predicted")
@@ -84,19 +84,19 @@ def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> N
 
 
 @pytest.mark.parametrize("law", shipped())
-def test_a_search_may_come_back_with_what_a_scene_starts_from(law: str) -> None:
+def test_a_search_may_come_back_with_what_a_scene_starts_from(law):
     for axis in ranges_of(law, 1.0):
         default = find(law).keys.model_fields[axis.key.removeprefix("controller.")].default
         assert axis.low <= default <= axis.high, axis
 
 
-def test_without_a_better_setting_none_is_named() -> None:
+def test_without_a_better_setting_none_is_named():
     good = Candidate({}, {"a": 0.0, "b": 0.0})
     assert better_than(good, [Candidate({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
     assert better_than(good, [Candidate({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
 
 
-def test_unstable_settings_are_not_offered(pool: Pool) -> None:
+def test_unstable_settings_are_not_offered(pool):
     scene = load("aluminium-3mm", [*CHEAP, "controller.latency_us=5"])
     axes = (Axis("controller.kappa", (), 25.0, 30.0),)
     request = TuneRequest(generations=2, population=6)
@@ -104,7 +104,7 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
     assert search_law(pool, plan, "velocity_feedback") == []
 
 
-def test_the_command_writes_front_and_picture(tmp_path: Path) -> None:
+def test_the_command_writes_front_and_picture(tmp_path):
     scene = str(Path(__file__).parents[3] / "hertzloop" / "scene" / "aluminium-3mm.toml")
     words = ["tune", scene, "--law", "force_feedback", "--generations", "2", "--population", "6",
              *as_options(CHEAP),

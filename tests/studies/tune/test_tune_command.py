@@ -41,9 +41,7 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (["--out-dir", "/proc"], "cannot write to the folder /proc"),
     ],
 )
-def test_mistakes_are_the_users(
-    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes_are_the_users(words, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = invoke(["tune", *words])
     assert found.exit_code == 2
@@ -51,7 +49,7 @@ def test_mistakes_are_the_users(
     assert not list(tmp_path.iterdir())
 
 
-def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
+def test_settings_that_could_not_be_run_are_counted_apart(tmp_path):
     """A run of 0.9 ms ends before the sphere has fallen; the search goes on without it."""
     report = tmp_path / "r.json"
     words = ["tune", "aluminium-3mm", *QUICK, "--json", str(report)]
@@ -86,9 +84,7 @@ def command(p, s, samples, i):
 @pytest.mark.parametrize(
     ("law", "key"), [("fade_out", "fade_us"), ("precomputed", "delay_us"), ("mine.py", "wait_us")]
 )
-def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
-    law: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(law, key, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(OWN_LAW)
     # The coarser of the scenes decides: what it can have, the other can.
@@ -102,7 +98,7 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
     assert isinstance(best.get("controller.often", 1), int)
 
 
-def test_all_laws_can_be_tuned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_laws_can_be_tuned(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = invoke(["tune", "aluminium-3mm", "--law", "all", *QUICK, "--json", "r.json"])
     assert found.exit_code == 0, found.output

@@ -18,7 +18,7 @@ def search_of(setup: Setup) -> WorstSearch:
     return WorstSearch(setup, ENERGY, [0.0], lambda cases: simulated(setup, cases))
 
 
-def test_the_corner_of_a_sum_is_found() -> None:
+def test_the_corner_of_a_sum_is_found():
     setup = load("aluminium-3mm", SCENE)
     weights = np.random.default_rng(3).standard_normal(30)
     found = WorstSearch(setup, ENERGY, [0.0], made_up(weights)).within(4)
@@ -27,7 +27,7 @@ def test_the_corner_of_a_sum_is_found() -> None:
     assert found.cases <= MOST_CASES
 
 
-def test_no_case_is_simulated_twice() -> None:
+def test_no_case_is_simulated_twice():
     setup, asked = load("aluminium-3mm", SCENE), list[str]()
     run = made_up(np.random.default_rng(3).standard_normal(30))
 
@@ -42,7 +42,7 @@ def test_no_case_is_simulated_twice() -> None:
     assert found[3].excess >= found[1].excess > found[2].excess > found[0].excess
 
 
-def test_sequences_of_the_caller_are_tried_first() -> None:
+def test_sequences_of_the_caller_are_tried_first():
     setup, weights = load("aluminium-3mm", SCENE), np.tile([1.0, -1.0], 15)
     search = WorstSearch(setup, ENERGY, [0.0], made_up(weights))
     known = np.tile([4, 0], 600)
@@ -60,12 +60,12 @@ def test_sequences_of_the_caller_are_tried_first() -> None:
         ("unstable", None, np.inf),
     ],
 )
-def test_the_largest_value_is_the_worst(state: str, value: float | None, excess: float) -> None:
+def test_the_largest_value_is_the_worst(state, value, excess):
     assert ENERGY.excess({"plate_energy_db": value, "state": state}) == excess
 
 
 @pytest.mark.parametrize("count", [1, 7, 40])
-def test_blocks_cover_a_window(count: int) -> None:
+def test_blocks_cover_a_window(count):
     blocks = LatencyWindow(5, 15, 60).blocks(count)
     ends = [5, *(end for _, end in blocks)]
     assert [first for first, _ in blocks] == ends[:-1]
@@ -74,7 +74,7 @@ def test_blocks_cover_a_window(count: int) -> None:
     assert lengths[0] <= lengths[-1]
 
 
-def test_it_is_as_bad_as_the_worst_of_all_few() -> None:
+def test_it_is_as_bad_as_the_worst_of_all_few():
     """All sequences of two samples with three latencies each, by brute force."""
     setup = load("aluminium-3mm", [*SCENE, "sensors.every_steps=20"])
     search = search_of(setup)
