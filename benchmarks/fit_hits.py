@@ -14,7 +14,7 @@ from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.modes.from_hits import modes_of_hits
 from hertzloop.identification.modes.hit_responses import hits_of_records

@@ -12,8 +12,8 @@ from benchmarks.program import median
 from benchmarks.results import Results
 from benchmarks.synthetic_records import Spoilt, measured
 from hertzloop.cli.terminal import fail, out
-from hertzloop.identification.fit.observed_signal import ObservedSignal
 from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.simulation.observed_signal import ObservedSignal
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup

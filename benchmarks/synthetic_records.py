@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.loop_simulator import LoopSimulator
-from hertzloop.identification.fit.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.observed_signal import ObservedSignal, observe
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.simulation.loop_simulator import LoopSimulator
+from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.simulation.observed_signal import ObservedSignal, observe
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup

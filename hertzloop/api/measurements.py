@@ -74,7 +74,7 @@ def fit(
         SceneError: the scene cannot be simulated.
     """
     from hertzloop.identification.fit.fit import fit as fit_records
-    from hertzloop.identification.fit.free_key_option import parse_free_key
+    from hertzloop.identification.fit.keys.free_key_option import parse_free_key
     from hertzloop.identification.records.record import Record
 
     setup = resolved(scene)

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup, load

@@ -7,8 +7,8 @@ import pytest
 import scipy
 
 from benchmarks.margin import beside_the_contact
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.problem_preparation import with_measuring_point
+from hertzloop.identification.fit.problem.problem_preparation import with_measuring_point
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.record import Record

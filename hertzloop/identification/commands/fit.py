@@ -14,14 +14,14 @@ from hertzloop.common.text_files import text_of
 from hertzloop.identification.fit.check import check as check_records
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.expected_record import expected_record
-from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit as fit_records
-from hertzloop.identification.fit.fit_json import as_json
-from hertzloop.identification.fit.fit_text import parameter_table, sentences
-from hertzloop.identification.fit.fitted_scene import fitted_scene
-from hertzloop.identification.fit.free_key_option import parse_free_key
-from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.key_scope import is_control_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_keys import FreeKey
+from hertzloop.identification.fit.keys.key_scope import is_control_key
+from hertzloop.identification.fit.reports.file_description import describe_file
+from hertzloop.identification.fit.reports.fit_json import as_json
+from hertzloop.identification.fit.reports.fit_text import parameter_table, sentences
+from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
@@ -153,7 +153,7 @@ def fit(
         data["scene"] = str(target)
         out.say(f"written: {target}")
     if report_file is not None:
-        from hertzloop.identification.fit.fit_page import page  # of an extra
+        from hertzloop.identification.fit.reports.fit_page import page  # of an extra
 
         named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
         flags = {"--check": check, "--exact": exact, "--report": True}
@@ -161,7 +161,7 @@ def fit(
         atomic_write(report_file, page(result, shlex.join(map(str, words))))
         out.say(f"written: {report_file}")
     if replay_file is not None:
-        from hertzloop.identification.fit.fit_replay import write_replay  # of an extra
+        from hertzloop.identification.fit.reports.fit_replay import write_replay  # of an extra
 
         write_replay(result, replay_file)
         out.say(f"written: {replay_file}")

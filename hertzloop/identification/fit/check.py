@@ -4,20 +4,23 @@ import math
 import time
 from collections.abc import Sequence
 
-from hertzloop.identification.fit.assessment import ModelAssessment
-from hertzloop.identification.fit.discrete_key import expected_profile
-from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
-from hertzloop.identification.fit.hit_speeds import add_hit_speeds
-from hertzloop.identification.fit.intervals import add_discrete_estimate, estimate_from_covariance
-from hertzloop.identification.fit.key_uncertainty import key_uncertainty
-from hertzloop.identification.fit.problem_preparation import prepare_problem
-from hertzloop.identification.fit.residuals import impact_speeds
-from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.fit.summary import (
+from hertzloop.identification.fit.assessment.assessment import ModelAssessment
+from hertzloop.identification.fit.assessment.residuals import impact_speeds
+from hertzloop.identification.fit.assessment.summary import (
     check_sample_count,
     common_fields,
     unique_names,
 )
+from hertzloop.identification.fit.keys.free_keys import FreeKey, refuse_duplicates
+from hertzloop.identification.fit.problem.hit_speeds import add_hit_speeds
+from hertzloop.identification.fit.problem.problem_preparation import prepare_problem
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.solver.discrete_key import expected_profile
+from hertzloop.identification.fit.uncertainty.intervals import (
+    add_discrete_estimate,
+    estimate_from_covariance,
+)
+from hertzloop.identification.fit.uncertainty.key_uncertainty import key_uncertainty
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.record import Record

@@ -5,12 +5,15 @@ import re
 
 import numpy as np
 
-from hertzloop.identification.fit.controlled_records import refuse_incomparable, refuse_unknown_loop
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.loop_simulator import LoopSimulator
-from hertzloop.identification.fit.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.observed_signal import observe
+from hertzloop.identification.fit.problem.controlled_records import (
+    refuse_incomparable,
+    refuse_unknown_loop,
+)
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.simulation.loop_simulator import LoopSimulator
+from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.simulation.observed_signal import observe
 from hertzloop.identification.hits.find import LASTING_S
 from hertzloop.identification.records.measurement import Measurement
 from hertzloop.identification.records.quantities import QUANTITIES

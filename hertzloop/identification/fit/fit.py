@@ -5,31 +5,31 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from hertzloop.identification.fit.assessment import assess_model
-from hertzloop.identification.fit.converter_draws import apply_converter_draws
-from hertzloop.identification.fit.discrete_key import search_discrete_key
-from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.free_keys import FreeKey, refuse_duplicates
-from hertzloop.identification.fit.global_search import best_start, search_lower_minimum
-from hertzloop.identification.fit.hit_speeds import add_hit_speeds
-from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
-from hertzloop.identification.fit.intervals import add_discrete_estimate, estimate_keys
-from hertzloop.identification.fit.iterate import Iterate
-from hertzloop.identification.fit.key_scope import is_control_key, values_for_record
-from hertzloop.identification.fit.key_uncertainty import key_uncertainty
-from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.problem import FitProblem
-from hertzloop.identification.fit.problem_preparation import prepare_problem
-from hertzloop.identification.fit.residuals import impact_speeds, residual_curves
-from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.fit.sample_selection import exclude_contact
-from hertzloop.identification.fit.simulators import rebuild_simulators
-from hertzloop.identification.fit.solution import solve
-from hertzloop.identification.fit.summary import (
+from hertzloop.identification.fit.assessment.assessment import assess_model
+from hertzloop.identification.fit.assessment.residuals import impact_speeds, residual_curves
+from hertzloop.identification.fit.assessment.summary import (
     check_sample_count,
     common_fields,
     unique_names,
 )
+from hertzloop.identification.fit.channels.sample_selection import exclude_contact
+from hertzloop.identification.fit.errors import FitError
+from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
+from hertzloop.identification.fit.keys.free_keys import FreeKey, refuse_duplicates
+from hertzloop.identification.fit.keys.key_scope import is_control_key, values_for_record
+from hertzloop.identification.fit.problem.hit_speeds import add_hit_speeds
+from hertzloop.identification.fit.problem.iterate import Iterate
+from hertzloop.identification.fit.problem.problem import FitProblem
+from hertzloop.identification.fit.problem.problem_preparation import prepare_problem
+from hertzloop.identification.fit.problem.simulators import rebuild_simulators
+from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.solver.discrete_key import search_discrete_key
+from hertzloop.identification.fit.solver.global_search import best_start, search_lower_minimum
+from hertzloop.identification.fit.solver.minimise import minimise
+from hertzloop.identification.fit.solver.solution import solve
+from hertzloop.identification.fit.uncertainty.converter_draws import apply_converter_draws
+from hertzloop.identification.fit.uncertainty.intervals import add_discrete_estimate, estimate_keys
+from hertzloop.identification.fit.uncertainty.key_uncertainty import key_uncertainty
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.chain_keys import is_chain_key

@@ -6,14 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.discrete_key import search_discrete_key
+from hertzloop.identification.fit.assessment.residuals import (
+    describe_nuisances,
+    independent_samples,
+)
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.free_keys import FreeKey
-from hertzloop.identification.fit.hit_speeds import hit_speed_keys
-from hertzloop.identification.fit.minimise import minimise
-from hertzloop.identification.fit.problem_preparation import prepare_problem
-from hertzloop.identification.fit.residuals import describe_nuisances, independent_samples
-from hertzloop.identification.fit.solution import solve
+from hertzloop.identification.fit.keys.free_keys import FreeKey
+from hertzloop.identification.fit.problem.hit_speeds import hit_speed_keys
+from hertzloop.identification.fit.problem.problem_preparation import prepare_problem
+from hertzloop.identification.fit.solver.discrete_key import search_discrete_key
+from hertzloop.identification.fit.solver.minimise import minimise
+from hertzloop.identification.fit.solver.solution import solve
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.records.reading import read_record
 from hertzloop.plant.contact.hertz import rigid_contact_time_s

@@ -197,7 +197,7 @@ def test_an_expected_record_that_no_instrument_makes_is_refused(text):
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
-    from hertzloop.identification.fit.fitted_scene import fitted_scene
+    from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
     from hertzloop.studies.cases.uncertain_file import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
@@ -214,7 +214,7 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
 
 @pytest.mark.full
 def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path):
-    from hertzloop.identification.fit.fitted_scene import fitted_scene
+    from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
     from hertzloop.studies.sweep.repeat_cases import repeat_cases
     from hertzloop.studies.sweep.results_file import read_results
 

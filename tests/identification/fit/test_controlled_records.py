@@ -9,10 +9,10 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.fit_text import sentences
-from hertzloop.identification.fit.free_key_option import parse_free_key
-from hertzloop.identification.fit.loop_simulator import LoopSimulator
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.reports.fit_text import sentences
 from hertzloop.identification.fit.results import FitResult
+from hertzloop.identification.fit.simulation.loop_simulator import LoopSimulator
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement

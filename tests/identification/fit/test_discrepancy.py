@@ -8,14 +8,14 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.discrepancy import Discrepancy, build_discrepancy
-from hertzloop.identification.fit.discrepancy_estimate import (
+from hertzloop.identification.fit.channels.discrepancy import Discrepancy, build_discrepancy
+from hertzloop.identification.fit.fit import fit
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.reports.fit_text import sentences
+from hertzloop.identification.fit.solver.discrepancy_estimate import (
     RecordLikelihood,
     estimate_discrepancies,
 )
-from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.fit_text import sentences
-from hertzloop.identification.fit.free_key_option import parse_free_key
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement, parse_record_table

@@ -10,10 +10,10 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_key_option import parse_free_key
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.observed_signal import observe
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.simulation.observed_signal import observe
 from hertzloop.identification.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
@@ -109,7 +109,7 @@ def test_a_check_before_the_experiment_says_what_will_be_known():
 
 def test_every_key_that_a_record_cannot_tell_is_named():
     """Without a bound on the loss factor, a force leaves the thickness open as well."""
-    from hertzloop.identification.fit.fit_text import sentences
+    from hertzloop.identification.fit.reports.fit_text import sentences
 
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.4%")

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.scene.setup import Setup, load
 from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene
 

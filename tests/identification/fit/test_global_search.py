@@ -3,10 +3,10 @@
 import math
 from dataclasses import replace
 
-from hertzloop.identification.fit.free_key_option import parse_free_key
-from hertzloop.identification.fit.global_search import best_start
-from hertzloop.identification.fit.hit_speeds import add_hit_speeds
-from hertzloop.identification.fit.problem_preparation import prepare_problem
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.problem.hit_speeds import add_hit_speeds
+from hertzloop.identification.fit.problem.problem_preparation import prepare_problem
+from hertzloop.identification.fit.solver.global_search import best_start
 from tests.identification.fitting import HEIGHT, PRESSURE, YIELDS, record, scene
 
 

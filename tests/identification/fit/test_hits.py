@@ -8,12 +8,12 @@ import pytest
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.identification.fit.check import check
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.file_description import describe_file
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.fit_text import sentences
-from hertzloop.identification.fit.fitted_scene import fit_table
-from hertzloop.identification.fit.free_key_option import parse_free_key
 from hertzloop.identification.fit.hold_out import split_hold_out
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.fit.reports.file_description import describe_file
+from hertzloop.identification.fit.reports.fit_text import sentences
+from hertzloop.identification.fit.reports.fitted_scene import fit_table
 from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.hits.split import split_hits
 from hertzloop.identification.records.measurement import Measurement

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.problem_preparation import prepare_problem
+from hertzloop.identification.fit.problem.problem_preparation import prepare_problem
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.measurement import Measurement
 from tests.identification.fitting import HEIGHT, RADIUS, THICKNESS, YIELDS, fitted, scene

@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.free_key_option import parse_free_key
+from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import read_record
 from hertzloop.identification.records.record import Record

@@ -5,9 +5,9 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.fit.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.observed_signal import observe
+from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
+from hertzloop.identification.fit.simulation.observed_signal import observe
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import parse_record_table
 from hertzloop.loop.simulate import simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hertzloop.common.optional_dependencies import EXTRAS
-from hertzloop.identification.fit.file_description import describe_file
+from hertzloop.identification.fit.reports.file_description import describe_file
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.reading import read_record, read_records

@@ -1,0 +1,1 @@
+"""Scene keys that a fit varies, and what a key changes."""

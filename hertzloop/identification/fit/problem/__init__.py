@@ -1,0 +1,1 @@
+"""The least-squares problem: parameters, priors, residuals and their derivatives."""

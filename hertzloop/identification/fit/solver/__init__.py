@@ -1,0 +1,1 @@
+"""Solve the problem: minimum, outliers, unknown noise and discrepancy, discrete keys."""

@@ -1,0 +1,1 @@
+"""What the records know of the keys: covariance, intervals, what to measure next."""
