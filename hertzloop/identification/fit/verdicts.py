@@ -10,9 +10,9 @@ _NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 
 
 def half_width(sd: float) -> float:
-    """Return the relative 95 % half-width by the standard deviation of a logarithm; inf if nothing
-    is known."""
-    return math.expm1(NORMAL * sd) if NORMAL * sd < _NO_BOUND else math.inf
+    """Return half the 95 % interval over the value, by the standard deviation of the logarithm; inf
+    if nothing is known."""
+    return math.sinh(NORMAL * sd) if NORMAL * sd < _NO_BOUND else math.inf
 
 
 class KeyVerdict(StrEnum):

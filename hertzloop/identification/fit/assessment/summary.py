@@ -66,10 +66,12 @@ def _collect_notes(problem: FitProblem, setup: Setup) -> list[str]:
 
 
 def check_sample_count(iterate: Iterate) -> None:
-    """Raise RecordError if there are fewer samples than unknowns."""
-    if len(iterate.residual) <= len(iterate.x):
+    """Raise RecordError if there are fewer samples than unknowns that no prior holds."""
+    samples = sum(one.rows.stop - one.rows.start for one in iterate.channels)
+    unknowns = len(iterate.x) - (iterate.prior_rows.stop - iterate.prior_rows.start)
+    if samples <= unknowns:
         raise RecordError(
-            f"the records have {len(iterate.residual)} samples for {len(iterate.x)} unknowns. "
+            f"the records have {samples} samples for {unknowns} unknowns. "
             "Record at a higher rate, or free fewer keys."
         )
 

@@ -133,15 +133,10 @@ class Channel:
         found = scipy.signal.lfilter(np.concatenate([[1.0], -self.ar]), [1.0], scaled, axis=0)
         return np.asarray(found / self.innovation)
 
-    def prior_sds(self, exact: bool = False) -> tuple[float, float]:
-        """Standard deviations of the priors of gain and clock (ppm); unless the model is `exact`,
-        with the discrepancy that a whole record shares."""
+    def prior_sds(self) -> tuple[float, float]:
+        """Standard deviations of the priors of gain and clock (ppm)."""
         m = self.record.measurement
-        common = 0.0 if exact or self.discrepancy is None else self.discrepancy.overall
-        return (
-            max(math.hypot(m.sensitivity_uncertainty, common), 1e-9),
-            max(math.hypot(m.clock_tolerance_ppm, 1e6 * common), 1e-6),
-        )
+        return max(m.sensitivity_uncertainty, 1e-9), max(m.clock_tolerance_ppm, 1e-6)
 
     def whitening(self) -> Any:
         """The matrix of `whitened`, (samples, samples)."""

@@ -14,7 +14,7 @@ _DENSE_CONTACTS = 12.0
 
 
 def thin_samples(channel: Channel, contact_s: float) -> None:
-    """Use every sample of the first contacts, and of a very long record every n-th beyond."""
+    """Use every n-th sample of a very long record: more of those in the first contacts."""
     n = len(channel.time_s)
     if n <= _MOST_SAMPLES:
         return
@@ -30,9 +30,10 @@ def thin_samples(channel: Channel, contact_s: float) -> None:
     channel.time_s, channel.value = channel.time_s[chosen], channel.value[chosen]
     channel.kept = channel.kept[chosen]
     channel.ar, channel.innovation = np.empty(0), 1.0
+    within = "all" if keep_dense == 1 else f"one in {keep_dense}"
     channel.notes.append(
-        f"{channel.record.name}: of {n} samples {np.count_nonzero(chosen)} are used, every "
-        f"{every}th beyond the first {_DENSE_CONTACTS:g} contact times."
+        f"{channel.record.name}: of {n} samples {np.count_nonzero(chosen)} are used, {within} of "
+        f"the first {_DENSE_CONTACTS:g} contact times and one in {every} beyond."
     )
 
 

@@ -34,7 +34,7 @@ def prior_rows(
             row(j, math.log(f.start), f.early_sd)
     shared: set[int] = set()
     for c, at in zip(parameters.channels, parameters.nuisance_indices, strict=True):
-        gain_sd, clock_sd = c.prior_sds(exact=True)
+        gain_sd, clock_sd = c.prior_sds()
         if at.clock not in shared:
             row(at.clock, 0.0, clock_sd)
         if at.gain not in shared:

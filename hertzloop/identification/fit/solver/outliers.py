@@ -6,7 +6,7 @@ from hertzloop.identification.fit.problem.iterate import Iterate
 from hertzloop.identification.fit.problem.problem import FitProblem
 from hertzloop.identification.records.statistics import robust_deviation
 
-_OUTLIER = 4.0  # robust deviations
+OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
 _FEW = 60  # samples of a pulse, none of which is taken out
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
@@ -28,7 +28,7 @@ def reject_outliers(problem: FitProblem, iterate: Iterate) -> bool:
             continue
         sd = robust_deviation(residual[used])
         sd = max(sd, c.noise if c.noise_from == "quiet" else 0.0, 0.5 * c.step)
-        far = used & (np.abs(residual) > _OUTLIER * sd)
+        far = used & (np.abs(residual) > OUTLIER * sd)
         contact = (tau > -0.5 * simulator.contact_s) & (tau < 1.5 * simulator.contact_s)
         if np.count_nonzero(contact) < _FEW:  # a misfit of the pulse is as short as an outlier
             far &= ~contact

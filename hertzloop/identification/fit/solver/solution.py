@@ -21,7 +21,7 @@ from hertzloop.identification.fit.solver.discrepancy_estimate import (
 )
 from hertzloop.identification.fit.solver.discrete_key import DiscreteProfile, profile_discrete_key
 from hertzloop.identification.fit.solver.minimise import minimise
-from hertzloop.identification.fit.solver.outliers import reject_outliers
+from hertzloop.identification.fit.solver.outliers import OUTLIER, reject_outliers
 from hertzloop.identification.fit.solver.phase_search import minimise_over_phases
 
 _ROUNDS = 4  # of outliers
@@ -146,7 +146,9 @@ def _estimate_discrepancies(
         before = np.array(c.discrepancy.shares if c.discrepancy else (0.0, 0.0))
         apart = np.abs(before - shares) > _SETTLED * np.maximum(before, shares)
         changed |= bool(np.any(apart)) or abs(factor - 1.0) > 0.1 * _SETTLED
-        cost += 2.0 * record.count * math.log(c.noise)
+        # An outlier costs what the farthest sample that counts does: else solutions that reject
+        # more could not be compared.
+        cost += 2.0 * (record.count + c.rejected) * math.log(c.noise) + OUTLIER**2 * c.rejected
         c.noise *= factor
         c.discrepancy = None
         if discrepancy is not None and any(shares):

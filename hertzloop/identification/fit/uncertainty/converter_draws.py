@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from hertzloop.identification.fit.key_combinations import key_combinations
 from hertzloop.identification.fit.problem.iterate import Iterate
 from hertzloop.identification.fit.problem.problem import FitProblem
 from hertzloop.identification.fit.uncertainty.key_uncertainty import KeyUncertainty
@@ -22,6 +23,9 @@ def apply_converter_draws(problem: FitProblem, iterate: Iterate, known: KeyUncer
     least = float(np.max(np.diag(known.covariance) / np.diag(drawn)))
     if math.isfinite(least):
         known.covariance = drawn * max(1.0, _LEAST_DRAWN * least)
+        known.combinations = key_combinations(
+            [f.key for f in problem.varied_keys], known.covariance
+        )
 
 
 def _drawn_covariance(problem: FitProblem, iterate: Iterate) -> np.ndarray | None:

@@ -85,7 +85,7 @@ def add_discrete_estimate(
         if e.low is not None and e.high is not None and e.sd_log is not None:
             down, up = profile.spread(j, e.sd_log)
             e = replace(e, low=e.value * math.exp(down), high=e.value * math.exp(up))
-            if e.verdict is KeyVerdict.IDENTIFIED and 0.5 * (up - down) > math.log1p(WIDEST):
+            if e.verdict is KeyVerdict.IDENTIFIED and math.sinh(0.5 * (up - down)) > WIDEST:
                 e = replace(e, verdict=KeyVerdict.NOT_IDENTIFIABLE)
         found.append(e)
     low, high = profile.interval()

@@ -11,7 +11,6 @@ from hertzloop.identification.fit.key_combinations import (
 )
 from hertzloop.identification.fit.problem.iterate import Iterate
 from hertzloop.identification.fit.problem.problem import FitProblem
-from hertzloop.identification.fit.verdicts import NORMAL
 
 _NULL = 1e-10  # of the largest singular value
 # Of intervals of a model with a discrepancy, which is not as random as a process: the factor on
@@ -40,11 +39,6 @@ class KeyUncertainty:
     def sd(self) -> np.ndarray:
         """Standard deviations of the logarithms, (keys,)."""
         return np.sqrt(np.diag(self.covariance))
-
-    def half_widths(self) -> np.ndarray:
-        """Return relative 95 % half-widths, (keys,)."""
-        with np.errstate(over="ignore"):
-            return np.asarray(np.expm1(np.minimum(NORMAL * self.sd, 700.0)))
 
 
 def key_uncertainty(

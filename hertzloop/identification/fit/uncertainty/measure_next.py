@@ -7,6 +7,7 @@ import numpy as np
 from hertzloop.identification.fit.problem.iterate import Iterate
 from hertzloop.identification.fit.problem.problem import FitProblem
 from hertzloop.identification.fit.uncertainty.key_uncertainty import KeyUncertainty, key_uncertainty
+from hertzloop.identification.fit.verdicts import half_width
 
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
 
@@ -16,10 +17,10 @@ def suggest_measurement(problem: FitProblem, iterate: Iterate, known: KeyUncerta
     n = len(problem.varied_keys)
     if n < 2:
         return []
-    half = known.half_widths()
-    worst = int(np.argmax(np.where(np.isfinite(half), half, np.inf)))
-    if half[worst] <= 0.1:
+    widest = half_width(float(np.max(known.sd)))
+    if widest <= 0.1:
         return []
+    linear = key_uncertainty(problem, iterate).sd
     best: tuple[float, int] | None = None
     for j in range(n):
         if "[" in problem.varied_keys[j].key:  # the speed of one hit, which no one measures
@@ -31,7 +32,10 @@ def suggest_measurement(problem: FitProblem, iterate: Iterate, known: KeyUncerta
             residual=np.append(iterate.residual, 0.0),
             jacobian=np.concatenate([iterate.jacobian, line]),
         )
-        others = float(np.max(key_uncertainty(problem, more).half_widths()))
+        sd = key_uncertainty(problem, more).sd
+        # `known` may hold more than the linear covariance: converter draws, shifts of windows.
+        scale = np.divide(known.sd, linear, out=np.ones(n), where=np.isfinite(linear))
+        others = half_width(float(np.max(sd * scale)))
         if best is None or others < best[0]:
             best = (others, j)
     if best is None:
@@ -39,7 +43,7 @@ def suggest_measurement(problem: FitProblem, iterate: Iterate, known: KeyUncerta
     key = problem.varied_keys[best[1]].key
     return [
         f"Measure {key} by other means to 1 % and give it as a prior, --free '{key}±1%': the worst "
-        f"half-width falls from {_percent(half[worst])} to {_percent(best[0])}."
+        f"half-width falls from {_percent(widest)} to {_percent(best[0])}."
     ]
 
 
