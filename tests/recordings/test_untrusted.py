@@ -44,6 +44,7 @@ def test_a_second_hello_with_an_empty_scene(whole, tmp_path):
     assert kept.scene_toml == source.scene_toml
     assert kept.metadata == source.metadata
     assert "there is a second scene; the first is used" in kept.problems
+    assert not any("second description" in problem for problem in kept.problems)
     assert any("'hello' is ignored: there is a second one" in problem for problem in kept.problems)
 
 

@@ -188,6 +188,7 @@ def test_the_page_shows_limits_and_a_map():
     text = page.budget_page(setup, found, ["A line."], "hertzloop budget").html()
     assert "A line." in text
     assert text.count("<svg") == 2
+    assert ("no: met again at" in text) == any(not x.interval for x in found.ideal.limits)
 
 
 @pytest.mark.full
