@@ -28,8 +28,7 @@ from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.touch_phases import KEY as PHASE
-from hertzloop.studies.cases.touch_phases import phases, spread_of
+from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.studies.pages import words
 from hertzloop.studies.tune.plan import LAWS
 
@@ -214,7 +213,9 @@ def over_phases(energies: Energies, middle_us: float, most_us: int) -> dict[str,
     for phase in phases():
 
         def helps(latency_us: int, phase: float = phase) -> bool:
-            return energies([{"controller.latency_us": latency_us, PHASE: phase}])[0] < 0.0
+            return (
+                energies([{"controller.latency_us": latency_us, TOUCH_PHASE_KEY: phase}])[0] < 0.0
+            )
 
         at = most_us if middle_us == math.inf else -1 if math.isnan(middle_us) else round(middle_us)
         if at >= 0 and not helps(at):
@@ -224,7 +225,9 @@ def over_phases(energies: Energies, middle_us: float, most_us: int) -> dict[str,
             while at < most_us and helps(at + 1):
                 at += 1
         found.append(math.inf if at >= most_us else -1.0 if at < 0 else float(at))
-    ideal = spread_of(energies([{"controller.latency_us": 0, PHASE: p} for p in phases()]))
+    ideal = spread_of(
+        energies([{"controller.latency_us": 0, TOUCH_PHASE_KEY: p} for p in phases()])
+    )
     least, most = (math.nan if us < 0.0 else us for us in (min(found), max(found)))
     return {
         "mean_db": ideal.mean,

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hertzloop.identification.fit.results import FitResult
     from hertzloop.identification.records.errors import RecordError
     from hertzloop.identification.records.record import Record
+    from hertzloop.loop.run_options import OptionError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.comparison import Comparison, Difference
@@ -48,6 +49,7 @@ __all__ = [
     "Impact",
     "ImpactNoise",
     "MarginResult",
+    "OptionError",
     "Record",
     "RecordError",
     "RecordingError",
@@ -87,6 +89,7 @@ _NAMES_BY_MODULE = {
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),
     "interop.environment": ("ImpactEnv",),
+    "loop.run_options": ("OptionError",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
     "identification.fit.errors": ("FitError",),

@@ -223,7 +223,7 @@ def run(
 
     Raises:
         SceneError: the scene cannot be run, or not at this `pace`.
-        ValueError: `note` is too long, or not one line of visible characters; or two arguments
+        OptionError: `note` is too long, or not one line of visible characters; or two arguments
             exclude each other.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.

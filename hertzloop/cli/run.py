@@ -16,7 +16,7 @@ from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
-from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport, check_transport
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
@@ -133,8 +133,8 @@ def _checked(arguments: RunArguments) -> tuple[Setup, Path]:
     outputs.check_json(arguments.json_file, recording)
     if asked.verify:
         check_verifiable(setup)
-    if arguments.live and asked.transport is not Transport.ZENOH:
-        fail(f"--live: not available with --transport {asked.transport}. Use --transport zenoh.")
+    if arguments.live:
+        check_transport("--live", asked.transport)
     if asked.controller is not None:
         check_command(asked.controller)
     prepare.check_pace(setup, asked)

@@ -19,8 +19,7 @@ from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.cases.evaluate import Rows, run_case, with_metric
-from hertzloop.studies.cases.touch_phases import KEY as PHASE
-from hertzloop.studies.cases.touch_phases import grouped
+from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
@@ -236,10 +235,10 @@ def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -
         _print_best(study, results, request)
     if is_uncertain and has_metrics:
         out.print(quantiles_table(rows, [axis.key for axis in study.plan.design.axes]))
-    phased = PHASE in keys and request.design == "grid" and not is_uncertain
+    phased = TOUCH_PHASE_KEY in keys and request.design == "grid" and not is_uncertain
     over_phases = grouped(rows, keys, SHOWN) if phased else []
     if over_phases:
-        out.print(phases_table(over_phases, [key for key in keys if key != PHASE]))
+        out.print(phases_table(over_phases, [key for key in keys if key != TOUCH_PHASE_KEY]))
     rate = results.ran / results.wall_s if results.wall_s else 0.0
     out.say(
         f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
@@ -308,7 +307,7 @@ def _report_worst(
         f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {data['cases']} cases). "
         "No search proves that there are no worse latencies."
     )
-    phase = {PHASE: study.plan.setup.vary(keys).touch_phase}
+    phase = {TOUCH_PHASE_KEY: study.plan.setup.vary(keys).touch_phase}
     worst_latencies.write_file(
         study.worst_file,
         latencies_us,

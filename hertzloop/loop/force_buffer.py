@@ -10,13 +10,11 @@ from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.kernels import (
-    BROKEN_AT,
     FORCES_END,
     GRANT_COUNTS,
     GRANTED_END,
     OBSERVED,
     PROMISED,
-    SAMPLES_END,
     SAMPLES_FIRST,
     SEEN,
 )
@@ -116,13 +114,9 @@ class ForceBuffer:
         counts[FORCES_END] = end
         counts[SEEN] = header.samples_seen
         counts[GRANTED_END] = max(counts[GRANTED_END], end)
-        # A promise holds for samples after those seen. It is kept if no sample that was taken
-        # since then has broken it.
-        same_level = self.grant.level[0] == header.promise_level
-        all_seen = header.samples_seen == self._window.counts[SAMPLES_END]
-        if all_seen or (same_level and header.samples_seen >= counts[BROKEN_AT]):
-            counts[PROMISED] = int(header.promise_zero)
-            self.grant.level[0] = header.promise_level
+        loop_kernels.update_promise(
+            header.samples_seen, header.promise_zero, header.promise_level, self._window, self.grant
+        )
 
     def confirm(self, header: ForceBlock, forces: np.ndarray) -> None:
         """Compare a block from the bus with the forces from shared memory, bit by bit.

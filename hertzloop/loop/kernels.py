@@ -107,14 +107,30 @@ def hold_command(plant, plant_state, sensor, sensor_state, window, command, step
 
 
 @kernel(inline=True)
+def update_promise(samples, promises, level, window, grant):
+    """Begin, renew or end the promise of zero force, as an answer to `samples` samples says.
+
+    A promise concerns the samples after those answered, and some of them may have been taken. The
+    answer counts if none of them can have broken its promise: there is none, or all of them were
+    compared with the same level and stayed above it. `level` has no meaning without a promise.
+    """
+    counts = grant.counts
+    if samples == window.counts[SAMPLES_END] or (
+        samples >= counts[BROKEN_AT] and (not promises or level == grant.level[0])
+    ):
+        counts[PROMISED] = promises
+        if promises:
+            grant.level[0] = level
+
+
+@kernel(inline=True)
 def _accept_record(step, samples, force, level, forces, window, grant):
     """Add one record of an answer.
 
     `force` is NaN in a record without a force, `level` in one without a promise.
     """
     counts = grant.counts
-    taken = window.counts[SAMPLES_END]
-    if not counts[SEEN] <= samples <= taken:
+    if not counts[SEEN] <= samples <= window.counts[SAMPLES_END]:
         return WRONG_COUNT
     if not math.isnan(force):
         at = counts[FORCES_END]
@@ -132,14 +148,7 @@ def _accept_record(step, samples, force, level, forces, window, grant):
     counts[SEEN] = samples
     if level == math.inf:
         return NO_NUMBER
-    promises = not math.isnan(level)
-    # As in ForceBuffer: a promise speaks of samples after those seen.
-    if samples == taken or (
-        samples >= counts[BROKEN_AT] and (not promises or level == grant.level[0])
-    ):
-        counts[PROMISED] = promises
-        if promises:
-            grant.level[0] = level
+    update_promise(samples, not math.isnan(level), level, window, grant)
     return REACHED
 
 

@@ -48,6 +48,14 @@ class Transport(StrEnum):
     COMPILED = "compiled"
 
 
+def check_transport(option: str, transport: Transport) -> None:
+    """Raise OptionError if an option that needs the processes of a run is given without them."""
+    if transport is not Transport.ZENOH:
+        raise OptionError(
+            f"{option}: not available with transport = '{transport}'. Use transport zenoh."
+        )
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """How to run a scene. Except for `pace`, nothing here changes a sample.
@@ -91,11 +99,8 @@ class RunOptions:
             check_name(self.name)
         check_note(self.note)
         for option in ("pace", "repeat", "controller"):
-            if getattr(self, option) and self.transport is not Transport.ZENOH:
-                raise OptionError(
-                    f"{option} = {getattr(self, option)}: not available with transport = "
-                    f"'{self.transport}'. Use transport zenoh."
-                )
+            if getattr(self, option):
+                check_transport(f"{option} = {getattr(self, option)}", self.transport)
         for option in ("horizon", "verify", "repeat"):
             if getattr(self, option) and self.pace is not None:
                 raise OptionError(

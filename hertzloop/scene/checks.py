@@ -121,4 +121,11 @@ def _line_problems(
             f"controller.latency_us = {control.latency_us:g}: has no effect beside "
             "controller.latency_trace. Leave one of them out"
         )
+    has_clock = control.clock_ppm != 0.0 or control.clock_phase != 0.0
+    if has_clock and control.latency_trace is not None and control.latency_trace_from != "tick":
+        found.append(
+            "controller.latency_trace: the wait for controller.clock_ppm and clock_phase must not "
+            "count twice. If the trace begins at the sample, it contains the wait: leave out both "
+            "keys. If it begins at the clock's tick, set controller.latency_trace_from = 'tick'"
+        )
     return found

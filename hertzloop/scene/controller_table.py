@@ -41,6 +41,9 @@ class ControllerTable(SceneTable):
     list, or a table with median_us, sigma, autocorrelation; whole steps; commands keep order"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
+    latency_trace_from: Literal["sample", "tick"] | None = None
+    """start of the latencies of the trace: the sample (default), or the tick of the controller's
+    clock, for which a command waits before"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """largest random addition to the latency; commands keep their order, so that 20 us of jitter
     make the force 15.6 us older on average"""

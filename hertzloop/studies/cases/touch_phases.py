@@ -13,7 +13,7 @@ from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate, metric_of
 
-KEY = "run.touch_phase"
+TOUCH_PHASE_KEY = "run.touch_phase"
 _FEW = 5
 
 
@@ -43,7 +43,7 @@ def spread_of(values: Any) -> Spread:
 
 def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
     """Return a case at every phase."""
-    return [case | {KEY: phase} for phase in phases(count)]
+    return [case | {TOUCH_PHASE_KEY: phase} for phase in phases(count)]
 
 
 def spread_over(
@@ -62,7 +62,7 @@ def _spreads(rows: Rows, metrics: tuple[str, ...]) -> dict[str, Spread]:
 def grouped(rows: Rows, keys: list[str], metrics: tuple[str, ...]) -> list[dict[str, Any]]:
     """Return one dictionary for all rows that differ in their phase only: the other `keys`, and the
     spread of `metrics`, in the order of the rows."""
-    others = [key for key in keys if key != KEY]
+    others = [key for key in keys if key != TOUCH_PHASE_KEY]
     found: dict[str, Rows] = {}
     for row in rows:
         found.setdefault(repr([row[key] for key in others]), []).append(row)

@@ -10,7 +10,7 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.axis import DesignError, as_axis, axes_from
 from hertzloop.studies.cases.design import Design, design_of
 from hertzloop.studies.cases.identity import code_version, laws_of
-from hertzloop.studies.cases.touch_phases import KEY, phases
+from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases
 from hertzloop.studies.cases.uncertain import with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest
@@ -69,14 +69,16 @@ def _design(setup: Setup, request: SweepRequest) -> Design:
     if request.uncertain is not None and kind != "grid":
         raise DesignError(f"--uncertain needs --design grid, not {kind}. Leave it out")
     if touches is not None:
-        if any(axis.key == KEY for axis in over):
-            raise DesignError(f"--phases {touches} spreads {KEY}, so --over cannot give it too")
+        if any(axis.key == TOUCH_PHASE_KEY for axis in over):
+            raise DesignError(
+                f"--phases {touches} spreads {TOUCH_PHASE_KEY}, so --over cannot give it too"
+            )
         if kind != "grid":
             raise DesignError(
                 f"--phases {touches} needs --design grid; with '{kind}' spread them with the "
-                f"rest, --over {KEY}=0:1"
+                f"rest, --over {TOUCH_PHASE_KEY}=0:1"
             )
-        over.append(as_axis(KEY, phases(touches)))
+        over.append(as_axis(TOUCH_PHASE_KEY, phases(touches)))
     if not over and request.uncertain is not None:
         return Design(())
     return design_of(setup, over, kind, request.points, setup.seed)

@@ -203,6 +203,11 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
         call(scene)
 
 
+def test_an_impossible_option_has_its_own_error(scene):
+    with pytest.raises(hertzloop.OptionError, match="must be one line"):
+        hertzloop.run(scene, note="two\nlines")
+
+
 @pytest.mark.full
 def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path):
     script = tmp_path / "script.py"

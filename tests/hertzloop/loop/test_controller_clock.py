@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hertzloop.recordings.replay import as_rerun
 from hertzloop.results.cases import metrics_of_case
@@ -37,6 +38,14 @@ def test_a_drift_is_the_trace_of_its_latencies():
     assert set(found) == {0.0, 1.0, 2.0, 3.0, 4.0}
     trace = f"controller.latency_trace={found.tolist()}"
     assert digest(*DRIFT) == digest(trace) == digest(*DRIFT, "run.seed=2") != digest()
+
+
+@pytest.mark.parametrize("clock", [DRIFT, ["controller.clock_phase=0.5"]])
+def test_a_trace_from_the_tick_is_added_to_the_wait(clock):
+    trace = ["controller.latency_trace=[1, 0, 5]", "controller.latency_trace_from=tick"]
+    waits, both = (latencies_us(aluminium_3mm(*SHORT, *clock, *more)) for more in ([], trace))
+    assert waits.any()
+    assert np.array_equal(both, waits + np.resize([1.0, 0.0, 5.0], len(waits)))
 
 
 def test_the_margin_knows_a_phase_and_not_a_drift():

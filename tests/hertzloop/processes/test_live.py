@@ -104,4 +104,5 @@ def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path):
     live = ["run", "aluminium-3mm", *as_options(RUN), "--live", "--out", str(tmp_path / "a.mcap")]
     assert "no screen is available" in hertzloop(*live, env=NO_SCREEN).stderr
     assert read(tmp_path / "a.mcap").problems == []
-    refused("--live: not available with --transport", "run", "--live", "--transport", "compiled")
+    compiled = ["--live", "--transport", "compiled"]
+    refused("--live: not available with transport = 'compiled'", "run", *compiled)

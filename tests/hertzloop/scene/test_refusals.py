@@ -107,6 +107,9 @@ REFUSED = {
         "latency_trace.autocorrelation: is missing",
         "controller.latency_trace=[-1]": "latency_trace",
         "controller.latency_trace=[1] controller.latency_us=2": "has no effect beside",
+        "controller.latency_trace=[1] controller.clock_ppm=2": "must not count twice",
+        "controller.latency_trace=[1] controller.latency_trace_from=sample "
+        "controller.clock_phase=0.5": "must not count twice",
         "controller.latency_trace={median=3}": "median: unknown scene key. Did you mean median_us?",
         "controller.latency_trace={median_us=3,sigma=0.1,autocorrelation=0,samples=1.5}":
         "a whole number",

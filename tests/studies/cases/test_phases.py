@@ -10,7 +10,7 @@ from benchmarks.latency import Named, critical
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import Axis
-from hertzloop.studies.cases.touch_phases import KEY, phases, spread_of
+from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.score import with_spreads
@@ -24,7 +24,7 @@ EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
 def by_hand(**changes: object) -> list[float]:
     scene = load("aluminium-3mm", EARLY)
     values = {key.replace("__", "."): value for key, value in changes.items()}
-    cases = (scene.vary(values | {KEY: phase}) for phase in phases())
+    cases = (scene.vary(values | {TOUCH_PHASE_KEY: phase}) for phase in phases())
     return [metrics_of_case(case).plate_energy_db for case in cases]
 
 
