@@ -20,6 +20,9 @@ from hertzloop.loop.kernels import (
 )
 from hertzloop.scene.setup import Setup
 
+# Interpreted: once a message, compiling it for that would only lengthen the first run.
+_update_promise = getattr(loop_kernels.update_promise, "py_func", loop_kernels.update_promise)
+
 
 class ForceBuffer:
     """Commanded forces by step, filled from the bus or from shared memory (the lane).
@@ -114,7 +117,7 @@ class ForceBuffer:
         counts[FORCES_END] = end
         counts[SEEN] = header.samples_seen
         counts[GRANTED_END] = max(counts[GRANTED_END], end)
-        loop_kernels.update_promise(
+        _update_promise(
             header.samples_seen, header.promise_zero, header.promise_level, self._window, self.grant
         )
 
