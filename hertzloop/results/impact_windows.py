@@ -16,11 +16,13 @@ from hertzloop.plant.metrics.impact_kernels import END, OVER
 from hertzloop.plant.metrics.impacts import (
     Impact,
     ImpactPart,
+    noise_inputs,
     part_of,
     peak_force_n,
     peak_speed_m_s,
 )
 from hertzloop.plant.metrics.noise import ImpactNoise, impact_noise, turned
+from hertzloop.plant.metrics.truth_kernels import ImpactSteps
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import COLUMNS, F_A, F_C, F_C1, V_P, XI
@@ -106,16 +108,8 @@ class ConsistentWindow:
                 peak_force_n=peak_force_n(*self._peak.around),
                 plate_speed_max_m_s=peak_speed_m_s(self._fastest.around[0]),
             )
-        noise = impact_noise(
-            self.spec,
-            self.modes,
-            np.asarray(self._drive),
-            impact.plate_energy_j,
-            self._speed_max,
-            impact.duration_s,
-            impact.impact_speed_m_s,
-            impact.rebound_speed_m_s,
-        )
+        given = noise_inputs(impact, np.asarray(self._drive), self._speed_max)
+        noise = impact_noise(self.spec, self.modes, given)
         end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[END])
         return ImpactMetrics(self.start, end, over, contact_n, self._ended, impact, noise)
 
@@ -139,9 +133,8 @@ class ConsistentWindow:
         parts = [self._before, own, following[:, : count + BEHIND - own.shape[1]]]
         room = np.empty((COLUMNS, sum(part.shape[1] for part in parts)))
         truth = np.concatenate(parts, axis=1, out=room)
-        part = part_of(
-            spec, self.modes, truth, lead, count, continued, 0 if continued else self.start - lead
-        )
+        first_step = 0 if continued else self.start - lead
+        part = part_of(spec, self.modes, truth, ImpactSteps(lead, count, continued, first_step))
         if continued:
             self._continue(part, float(part.work_j[lead:].sum()))
         elif part.known:

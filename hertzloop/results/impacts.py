@@ -7,8 +7,9 @@ import numpy as np
 from hertzloop.loop.impact_end import impact_follower
 from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.impact_kernels import END
-from hertzloop.plant.metrics.impacts import contacts, part_of
+from hertzloop.plant.metrics.impacts import contacts, noise_inputs, part_of
 from hertzloop.plant.metrics.noise import impact_noise
+from hertzloop.plant.metrics.truth_kernels import ImpactSteps
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.modes import Oscillators
@@ -37,20 +38,11 @@ def first_impact(
     spec, lead = setup.plant, min(start, 1)
     modes = modes or modes_of(spec)
     truth = truth[:, start - lead : start + count + BEHIND]
-    part = part_of(spec, modes, truth, lead, count, first_step=start - lead)
+    part = part_of(spec, modes, truth, ImpactSteps(lead, count, first_step=start - lead))
     if not part.known:
         return None
     impact, end = part.impact(spec.step_s), lead + part.touching
-    noise = impact_noise(
-        spec,
-        modes,
-        part.drive,
-        impact.plate_energy_j,
-        part.speed_max_m_s,
-        impact.duration_s,
-        impact.impact_speed_m_s,
-        impact.rebound_speed_m_s,
-    )
+    noise = impact_noise(spec, modes, noise_inputs(impact, part.drive, part.speed_max_m_s))
     return ImpactMetrics(
         start,
         start + part.touching,

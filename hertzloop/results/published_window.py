@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hertzloop.plant.metrics.impacts import Impact
-from hertzloop.plant.metrics.noise import published_noise
+from hertzloop.plant.metrics.noise import PublishedContact, published_noise
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import F_A, F_C, XI
 from hertzloop.results.impact_windows import ImpactMetrics
@@ -52,11 +52,7 @@ class PublishedWindow:
             modes,
             spec.contact_point_m,
             green_v,
-            elastic,
-            f_a,
-            h,
-            impact_speed_m_s=v0,
-            relative_speed_m_s=relative_speed_m_s(xi, v0, h),
+            PublishedContact(elastic, f_a, h, v0, relative_speed_m_s(xi, v0, h)),
         )
         impact = Impact(
             start_s=self.start * h,

@@ -9,6 +9,7 @@ import numpy as np
 from hertzloop.plant.metrics.impacts import Impact, work_j
 from hertzloop.plant.metrics.noise import (
     RADIATED_UP_TO_HZ,
+    NoiseInputs,
     audible,
     audible_alone,
     impact_noise,
@@ -79,9 +80,7 @@ class WholeRunAccumulator(Accumulator):
             self._take(whole, whole.shape[1] - self._lead)
         if not impacts:
             return None
-        noise = impact_noise(
-            self._spec,
-            self._modes,
+        given = NoiseInputs(
             np.asarray(self._drive),
             self._work_j,
             self._speed_max,
@@ -89,6 +88,7 @@ class WholeRunAccumulator(Accumulator):
             impacts[0].impact_speed_m_s,
             impacts[-1].rebound_speed_m_s,
         )
+        noise = impact_noise(self._spec, self._modes, given)
         return span_metrics(len(impacts), max(i.peak_force_n for i in impacts), noise)
 
     def _joined(self) -> np.ndarray:

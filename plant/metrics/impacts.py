@@ -9,13 +9,13 @@ import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
 from hertzloop.plant.metrics import truth_kernels
-from hertzloop.plant.metrics.noise import spectra_of
-from hertzloop.plant.metrics.truth_kernels import METRICS
+from hertzloop.plant.metrics.noise import NoiseInputs, spectra_of
+from hertzloop.plant.metrics.truth_kernels import METRICS, ImpactSteps
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_residual, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P
+from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, XI, XI_P
 
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
 # Means F_0 and first moments F_1 of x^0 ... x^3 over the steps [-1, 0] and [0, 1], where over
@@ -120,36 +120,30 @@ class ImpactPart(NamedTuple):
         return impact_of(self.metrics, step_s, float(self.work_j[self.start : self.until].sum()))
 
 
+def noise_inputs(impact: Impact, drive: np.ndarray, plate_speed_max_m_s: float) -> NoiseInputs:
+    """What the noise metrics of one impact follow from; `drive` and `plate_speed_max_m_s` over all
+    steps of the impact."""
+    return NoiseInputs(
+        drive,
+        impact.plate_energy_j,
+        plate_speed_max_m_s,
+        impact.duration_s,
+        impact.impact_speed_m_s,
+        impact.rebound_speed_m_s,
+    )
+
+
 def part_of(
-    spec: PlantSpec,
-    modes: Oscillators,
-    truth: np.ndarray,
-    lead: int,
-    count: int,
-    continued: bool = False,
-    first_step: int = 0,
+    spec: PlantSpec, modes: Oscillators, truth: np.ndarray, steps: ImpactSteps
 ) -> ImpactPart:
-    """Read steps of an impact; see `read_impact`."""
-    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = truth
+    """Read steps of an impact from truth, shape (COLUMNS, steps); see `read_impact`."""
     metrics, drive = np.empty(METRICS), np.empty(len(modes.omega), complex)
-    work, speeds = np.empty((2, len(xi)))
-    dents = dents_m(spec.contact, deepest)
+    work, speeds = np.empty((2, truth.shape[1]))
     known, start, until, touching, speed_max = truth_kernels.read_impact(
-        xi,
-        xi_s,
-        v_p,
-        f_c,
-        f_a,
-        xi_a,
-        f_c1,
-        f_a1,
-        lead,
-        count,
-        continued,
-        modal_displacement(spec, truth),
-        work[:0] if dents is None else dents,
-        first_step,
-        _reading(spec, modes),
+        _columns(spec, truth),
+        steps,
+        _reading(spec),
+        spectra_of(modes, spec.step_s),
         metrics,
         work,
         speeds,
@@ -158,28 +152,34 @@ def part_of(
     return ImpactPart(known, start, until, touching, speed_max, metrics, work, drive)
 
 
-def _answers_at_once(spec: PlantSpec) -> tuple[float, float]:
-    """`mobility` and `impedance` of `Reading`."""
-    mode = damped_residual(spec)[0]
-    return (
-        mode.mobility_m_ns if mode else math.nan,
-        impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
-    )
-
-
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> truth_kernels.Reading:
-    """What the steps of a plant's impacts are read with."""
-    mobility, impedance = _answers_at_once(spec)
+def _reading(spec: PlantSpec) -> truth_kernels.Reading:
+    mode = damped_residual(spec)[0]
     return truth_kernels.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
         same_point=spec.same_point,
-        mobility=mobility,
-        impedance=impedance,
+        mobility=mode.mobility_m_ns if mode else math.nan,
+        impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
         to_cubic=TO_CUBIC,
-        spectra=spectra_of(modes, spec.step_s),
+    )
+
+
+def _columns(spec: PlantSpec, truth: np.ndarray) -> truth_kernels.TruthColumns:
+    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = truth
+    dents = dents_m(spec.contact, deepest)
+    return truth_kernels.TruthColumns(
+        xi,
+        xi_s,
+        v_p,
+        f_c,
+        f_a,
+        xi_a,
+        f_c1,
+        f_a1,
+        displaced=modal_displacement(spec, truth),
+        dents=np.empty(0) if dents is None else dents,
     )
 
 
@@ -202,30 +202,16 @@ def impacts_in(spec: PlantSpec, truth: np.ndarray) -> list[Impact]:
     A contact that the run's end cuts off counts with what there is of it, if there is any; one
     within one step with the whole step.
     """
-    xi, xi_s, _, v_p, f_c, _, _, f_c1, *_ = truth
-    starts, ends = contacts(f_c)
-    if len(xi) < 3 or not starts:
+    starts, ends = contacts(truth[F_C])
+    size = truth.shape[1]
+    if size < 3 or not starts:
         return []
-    work, dents = step_work_j(spec, truth), dents_m(spec.contact, truth[DEEPEST])
+    columns, by, work = _columns(spec, truth), _reading(spec), step_work_j(spec, truth)
     metrics, found = np.empty(METRICS), []
     for i, start in enumerate(starts):
-        if truth_kernels.contact_metrics(
-            xi,
-            xi_s,
-            f_c,
-            f_c1,
-            v_p,
-            work[:0] if dents is None else dents,
-            0,
-            start,
-            ends[i] if i < len(ends) else -1,
-            spec.sphere.mass_kg,
-            spec.sphere.gravity_m_s2,
-            spec.step_s,
-            TO_CUBIC,
-            metrics,
-        ):
-            until = starts[i + 1] if i + 1 < len(starts) else len(xi)
+        end = ends[i] if i < len(ends) else -1
+        if truth_kernels.contact_metrics(columns, 0, start, end, by, metrics):
+            until = starts[i + 1] if i + 1 < len(starts) else size
             found.append(impact_of(metrics, spec.step_s, float(work[start:until].sum())))
     return found
 
@@ -239,21 +225,7 @@ def step_work_j(spec: PlantSpec, truth: np.ndarray, first: int = 0) -> np.ndarra
     velocity is taken from its places.
     """
     work, speeds = np.empty((2, truth.shape[1]))
-    truth_kernels.plate_work(
-        modal_displacement(spec, truth),
-        truth[XI_A],
-        truth[V_P],
-        truth[F_C],
-        truth[F_A],
-        truth[F_C1],
-        truth[F_A1],
-        first,
-        spec.same_point,
-        *_answers_at_once(spec),
-        spec.step_s,
-        speeds,
-        work,
-    )
+    truth_kernels.plate_work(_columns(spec, truth), first, _reading(spec), speeds, work)
     return work
 
 

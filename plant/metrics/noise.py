@@ -7,6 +7,7 @@ the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -305,30 +306,40 @@ def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
     return np.asarray(bins[bins <= RADIATED_UP_TO_HZ])
 
 
-def impact_noise(
-    spec: PlantSpec,
-    modes: Oscillators,
-    drive: np.ndarray,
-    work_j: float,
-    plate_speed_max_m_s: float,
-    contact_time_s: float,
-    impact_speed_m_s: float,
-    rebound_speed_m_s: float,
-) -> ImpactNoise:
+class NoiseInputs(NamedTuple):
+    """What the noise metrics of an impact follow from, from its start until it is over.
+
+    Attributes:
+        drive: of every oscillator by the forces at contact and actuator (see `modal_drive`), N s.
+        work_j: work of both forces on the plate, J.
+        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
+        contact_time_s: contact time, s.
+        impact_speed_m_s: speed of the sphere before, positive downwards, m/s.
+        rebound_speed_m_s: speed of the sphere after, positive upwards, m/s.
+    """
+
+    drive: np.ndarray
+    work_j: float
+    plate_speed_max_m_s: float
+    contact_time_s: float
+    impact_speed_m_s: float
+    rebound_speed_m_s: float
+
+
+def impact_noise(spec: PlantSpec, modes: Oscillators, given: NoiseInputs) -> ImpactNoise:
     """Metrics of an impact of the consistent scheme.
 
-    `drive`: of every oscillator (see `modal_drive`) by the forces at contact and actuator from the
-    contact's start until the impact is over, `work_j` their work on the plate,
-    `plate_speed_max_m_s`: the largest at the contact point over the same steps. Radiated energies
-    are nan for any other structure than a simply supported plate, whose efficiencies are known.
-    Without modes (`plant.NO_MODES`) all sums over modes are nan.
+    Radiated energies are nan for any other structure than a simply supported plate, whose
+    efficiencies are known. Without modes (`plant.NO_MODES`) all sums over modes are nan.
     """
-    shares_j = shares_of_drive_j(modes, drive)
+    shares_j = shares_of_drive_j(modes, given.drive)
     return ImpactNoise(
-        **closed_forms(spec.sphere, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
-        transmitted_j=work_j,
+        **closed_forms(
+            spec.sphere, given.contact_time_s, given.impact_speed_m_s, given.rebound_speed_m_s
+        ),
+        transmitted_j=given.work_j,
         transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
-        plate_speed_max_m_s=plate_speed_max_m_s,
+        plate_speed_max_m_s=given.plate_speed_max_m_s,
         **_radiated_j(spec.plate.simply_supported, modes, shares_j, spec.radiating_faces or 1),
     )
 
@@ -372,36 +383,49 @@ def _audible(
     return mobility(modes, bins).real, efficiencies
 
 
+class PublishedContact(NamedTuple):
+    """The samples of a contact of the published scheme, from its start to the first one after it.
+
+    Attributes:
+        elastic_n: contact force without damping, N, shape (samples,).
+        f_a: actuator force, N, shape (samples,).
+        step_s: time between two samples, s.
+        impact_speed_m_s: speed of the sphere before, m/s.
+        relative_speed_m_s: speed of the sphere away from the plate at the last sample, m/s.
+    """
+
+    elastic_n: np.ndarray
+    f_a: np.ndarray
+    step_s: float
+    impact_speed_m_s: float
+    relative_speed_m_s: float
+
+
 def published_noise(
     sphere: Sphere,
     plate: Plate,
     modes: Oscillators,
     point_m: tuple[float, float],
     green_v: np.ndarray,
-    elastic_n: np.ndarray,
-    f_a: np.ndarray,
-    step_s: float,
-    impact_speed_m_s: float,
-    relative_speed_m_s: float,
+    contact: PublishedContact,
 ) -> ImpactNoise:
     """Metrics of an impact as the published study formed them.
 
-    `elastic_n` (contact force without damping) and `f_a` from the sample of the start to the
-    first one after the end, `relative_speed_m_s` there. F = -F_c + F_a without damping; v_p
-    the sampled convolution with `green_v` from t = 0 on; the contact time counts one step more
-    than there are samples, as published.
+    F = -F_c + F_a without damping; v_p the sampled convolution with `green_v` from t = 0 on; the
+    contact time counts one step more than there are samples, as published.
     """
-    force = f_a - elastic_n
+    step_s = contact.step_s
+    force = contact.f_a - contact.elastic_n
     speed = step_s * np.convolve(green_v[: len(force)], force)[: len(force)]
-    rebound = relative_speed_m_s + float(speed[-1])
+    rebound = contact.relative_speed_m_s + float(speed[-1])
     time_s = (len(force) + 1) * step_s
-    shares = modal_shares_j(modes, -elastic_n, f_a, step_s)
+    shares = modal_shares_j(modes, -contact.elastic_n, contact.f_a, step_s)
     length = fft_length(len(force))
     real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
     sounds = _radiated_j(plate, modes, shares, 1)
     radiated, maidanik = binned_energies_j(force, step_s, real, efficiencies)
     return ImpactNoise(
-        **closed_forms(sphere, time_s, impact_speed_m_s, rebound),
+        **closed_forms(sphere, time_s, contact.impact_speed_m_s, rebound),
         transmitted_j=float(np.sum(force * speed)) * step_s,
         transmitted_spectrum_j=float(np.sum(shares)),
         plate_speed_max_m_s=float(np.max(np.abs(speed))),

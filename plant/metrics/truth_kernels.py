@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant.metrics.spectrum_kernels import Spectra, drive, nonzero
+from hertzloop.plant.metrics.spectrum_kernels import drive, nonzero
 
 # Indices into the sums and counts of `exchanged`.
 INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N, m
@@ -75,20 +75,60 @@ def exchanged(first, pushed, moved, bound_j, sums, counts):
     counts[HELD] = 1
 
 
+class TruthColumns(NamedTuple):
+    """Steps of a run, one value each. Columns of the time series are called as in `time_series`.
+
+    `displaced`: see plant.metrics.impacts.modal_displacement, m. `dents`: depth of the dent, m;
+    empty where nothing yields.
+    """
+
+    xi: np.ndarray
+    xi_s: np.ndarray
+    v_p: np.ndarray
+    f_c: np.ndarray
+    f_a: np.ndarray
+    xi_a: np.ndarray
+    f_c1: np.ndarray
+    f_a1: np.ndarray
+    displaced: np.ndarray
+    dents: np.ndarray
+
+
+class Reading(NamedTuple):
+    """What the steps of a plant are read with. `mobility`: of what follows the forces at once,
+    m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
+
+    step_s: float
+    mass_kg: float
+    gravity_m_s2: float
+    same_point: bool
+    mobility: float
+    impedance: float
+    to_cubic: np.ndarray
+
+
 @kernel
-def starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, found):
-    """Velocity at the start of every step where what follows the forces at once has `mobility`
-    (m/(N s)): it jumps with them. In the first row that of the row."""
-    found[0] = v_p[0]
+def _starting_speeds(columns, by, speeds):
+    """Write the velocity of the plate at the start of every step.
+
+    Where something follows the forces at once, the velocity jumps with them. The first row keeps
+    its own.
+    """
+    v_p, f_c, f_c1, f_a, f_a1 = columns.v_p, columns.f_c, columns.f_c1, columns.f_a, columns.f_a1
+    if math.isnan(by.mobility):
+        for i in range(v_p.size):
+            speeds[i] = v_p[i]
+        return
+    speeds[0] = v_p[0]
     mean, slope = -f_c[0], -f_c1[0]
-    if same_point:
+    if by.same_point:
         mean, slope = mean + f_a[0], slope + f_a1[0]
     ended = mean + slope
     for i in range(1, v_p.size):
         mean, slope = -f_c[i], -f_c1[i]
-        if same_point:
+        if by.same_point:
             mean, slope = mean + f_a[i], slope + f_a1[i]
-        found[i] = v_p[i] + mobility * ((mean - slope) - ended)
+        speeds[i] = v_p[i] + by.mobility * ((mean - slope) - ended)
         ended = mean + slope
 
 
@@ -110,68 +150,35 @@ def _gradient(values, at, step_s):
 
 
 @kernel
-def step_work(xi_p, f_c, f_a, xi_a, f_c1, f_a1, v_p, v_start, step_s, impedance, same_point, work):
-    """See plant.metrics.impacts.step_work_j; `impedance` is nan where there is none."""
-    if work.size == 0:
-        return
-    work[work.size - 1] = 0.0
-    for i in range(work.size - 1):
-        work[i] = -f_c[i] * (xi_p[i + 1] - xi_p[i]) + f_a[i] * (xi_a[i + 1] - xi_a[i])
-    if not math.isnan(impedance):
-        for i in range(work.size - 1):
-            work[i] += f_c1[i] * f_c1[i] * step_s / (3.0 * impedance)
-    else:
-        _add_work_of_slopes(f_c1, v_p, v_start, -1.0, step_s, work)
-    if work.size == 1 or nonzero(f_a1)[1] == 0:
-        return
-    if same_point:
-        _add_work_of_slopes(f_a1, v_p, v_start, 1.0, step_s, work)
-        return
-    for i in range(work.size - 1):
-        change = _gradient(xi_a, i + 1, step_s) - _gradient(xi_a, i, step_s)
-        work[i] += f_a1[i] * change * step_s / 6.0
+def plate_work(columns, first, by, speeds, work):
+    """Write the work of every step from `first` on; see plant.metrics.impacts.step_work_j.
 
-
-@kernel
-def plate_work(
-    displaced,
-    xi_a,
-    v_p,
-    f_c,
-    f_a,
-    f_c1,
-    f_a1,
-    first,
-    same_point,
-    mobility,
-    impedance,
-    step_s,
-    speeds,
-    work,
-):
-    """The `work` of every row from `first` on, as `step_work` has it; `speeds` is room. `mobility`,
-    `impedance`: see `Reading`."""
-    if not math.isnan(mobility):
-        starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same_point, mobility, speeds)
+    `speeds` is room of the size of `work`.
+    """
+    _starting_speeds(columns, by, speeds)
+    last, part = work.size - 1, slice(first, work.size)
+    if first > last:
+        return
+    displaced, f_c, f_a = columns.displaced, columns.f_c, columns.f_a
+    place = displaced if by.same_point else columns.xi_a
+    work[last] = 0.0
+    for i in range(first, last):
+        work[i] = -f_c[i] * (displaced[i + 1] - displaced[i]) + f_a[i] * (place[i + 1] - place[i])
+    f_c1, f_a1, v_p = columns.f_c1[part], columns.f_a1[part], columns.v_p[part]
+    if not math.isnan(by.impedance):
+        for i in range(f_c1.size - 1):
+            work[first + i] += f_c1[i] * f_c1[i] * by.step_s / (3.0 * by.impedance)
     else:
-        for i in range(v_p.size):
-            speeds[i] = v_p[i]
-    part = slice(first, work.size)
-    place = displaced[part] if same_point else xi_a[part]
-    step_work(
-        displaced[part],
-        f_c[part],
-        f_a[part],
-        place,
-        f_c1[part],
-        f_a1[part],
-        v_p[part],
-        speeds[part],
-        step_s,
-        impedance,
-        same_point,
-        work[part],
-    )
+        _add_work_of_slopes(f_c1, v_p, speeds[part], -1.0, by.step_s, work[part])
+    if first == last or nonzero(f_a1)[1] == 0:
+        return
+    if by.same_point:
+        _add_work_of_slopes(f_a1, v_p, speeds[part], 1.0, by.step_s, work[part])
+        return
+    xi_a = columns.xi_a[part]
+    for i in range(f_a1.size - 1):
+        change = _gradient(xi_a, i + 1, by.step_s) - _gradient(xi_a, i, by.step_s)
+        work[first + i] += f_a1[i] * change * by.step_s / 6.0
 
 
 @kernel
@@ -321,32 +328,22 @@ def _crossing(xi, before, dent):
 
 
 @kernel(inline=True)
-def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
+def _sphere_speed(columns, at, by):
     """Speed at the start of a step, up positive (m/s), exact for a force F + F_1 (2 t/h - 1):
     v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2."""
-    held = (f_c[at] - f_c1[at] / 3.0) / mass - gravity
-    return (xi_s[at + 1] - xi_s[at]) / step_s - 0.5 * held * step_s
+    xi_s, f_c, f_c1 = columns.xi_s, columns.f_c, columns.f_c1
+    held = (f_c[at] - f_c1[at] / 3.0) / by.mass_kg - by.gravity_m_s2
+    return (xi_s[at + 1] - xi_s[at]) / by.step_s - 0.5 * held * by.step_s
 
 
 @kernel
-def contact_metrics(
-    xi,
-    xi_s,
-    f_c,
-    f_c1,
-    v_p,
-    dents,
-    first_step,
-    start,
-    end,
-    mass,
-    gravity,
-    step_s,
-    to_cubic,
-    metrics,
-):
-    """Metrics of the contact from row `start` to before `end`, which is -1 of one without an end;
-    returns whether it has any. `dents` may be empty. See plant.metrics.impacts.impacts_in."""
+def contact_metrics(columns, first_step, start, end, by, metrics):
+    """Write the metrics of the contact from row `start` to before `end`; return whether it has any.
+
+    `end` is -1 for a contact without an end. `first_step`: step of the run in row 0. See
+    plant.metrics.impacts.impacts_in.
+    """
+    xi, f_c, dents = columns.xi, columns.f_c, columns.dents
     last, ends = xi.size - 1, end >= 0
     if not ends:
         end = last
@@ -364,77 +361,41 @@ def contact_metrics(
     if ended <= began:
         return False  # began in the very last step of the run
     metrics[BEGAN], metrics[ENDED] = began, ended
-    metrics[SPEED_IN] = -_sphere_speed(xi_s, f_c, f_c1, min(start, last - 1), mass, gravity, step_s)
-    metrics[SPEED_OUT] = _sphere_speed(xi_s, f_c, f_c1, min(end, last - 1), mass, gravity, step_s)
+    metrics[SPEED_IN] = -_sphere_speed(columns, min(start, last - 1), by)
+    metrics[SPEED_OUT] = _sphere_speed(columns, min(end, last - 1), by)
     until = end + 1 if cut_off else end
-    metrics[PEAK] = peak_force(f_c[start:until], f_c1[start:until], to_cubic)
-    metrics[FASTEST] = peak_size(v_p[start : end + 1])
+    metrics[PEAK] = peak_force(f_c[start:until], columns.f_c1[start:until], by.to_cubic)
+    metrics[FASTEST] = peak_size(columns.v_p[start : end + 1])
     return True
 
 
-class Reading(NamedTuple):
-    """What the steps of an impact are read with. `mobility`: of what follows the forces at once,
-    m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
+class ImpactSteps(NamedTuple):
+    """The steps of an impact: `count` rows after the first `lead`; some more may follow.
 
-    step_s: float
-    mass_kg: float
-    gravity_m_s2: float
-    same_point: bool
-    mobility: float
-    impedance: float
-    to_cubic: np.ndarray
-    spectra: Spectra
+    `continued`: they continue an impact, so that rows before them do not count. `first_step`: step
+    of the run in row 0; without meaning in a continued impact.
+    """
+
+    lead: int
+    count: int
+    continued: bool = False
+    first_step: int = 0
 
 
 @kernel(allocates=True)
-def read_impact(
-    xi,
-    xi_s,
-    v_p,
-    f_c,
-    f_a,
-    xi_a,
-    f_c1,
-    f_a1,
-    lead,
-    count,
-    continued,
-    displaced,
-    dents,
-    first_step,
-    by,
-    metrics,
-    work,
-    speeds,
-    found,
-):
-    """Read `count` steps of an impact, those after the first `lead`; some more may follow.
+def read_impact(columns, steps, by, spectra, metrics, work, speeds, found):
+    """Read the steps of an impact.
 
-    Writes the `contact_metrics` of the first contact, or of its part where it is `continued`, the
-    `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Without
-    what was there before, a part begins at its own first row. Returns whether there is such a
-    contact, the steps of `work` that belong to it, how many steps begin in contact, and the largest
-    speed of the plate.
+    Writes the `contact_metrics` of the first contact, or of its part where it is continued, the
+    `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Returns
+    whether there is such a contact, the steps of `work` that belong to it, how many steps begin in
+    contact, and the largest speed of the plate.
     """
-    size, own = xi.size, slice(lead, lead + count)
-    part = slice(lead if continued else 0, size)
-    plate_work(
-        displaced,
-        xi_a,
-        v_p,
-        f_c,
-        f_a,
-        f_c1,
-        f_a1,
-        part.start,
-        by.same_point,
-        by.mobility,
-        by.impedance,
-        by.step_s,
-        speeds,
-        work,
-    )
-    start = part.start
+    f_c, lead, count = columns.f_c, steps.lead, steps.count
+    size, own = f_c.size, slice(lead, lead + count)
+    first = lead if steps.continued else 0
+    plate_work(columns, first, by, speeds, work)
+    start = first
     while start < size and f_c[start] == 0.0:
         start += 1
     end = start
@@ -445,26 +406,13 @@ def read_impact(
         until += 1
     known = (
         start < size
-        and size - part.start > 2
+        and size - first > 2
         and contact_metrics(
-            xi[part],
-            xi_s[part],
-            f_c[part],
-            f_c1[part],
-            v_p[part],
-            dents[part],
-            first_step,
-            start - part.start,
-            end - part.start if end < size else -1,
-            by.mass_kg,
-            by.gravity_m_s2,
-            by.step_s,
-            by.to_cubic,
-            metrics,
+            columns, steps.first_step - first, start, end if end < size else -1, by, metrics
         )
     )
     touching = 0
     while touching < count and f_c[lead + touching] != 0.0:
         touching += 1
-    drive(f_c[own], f_c1[own], -1.0, f_a[own], f_a1[own], by.spectra, found)
-    return known, start, until, touching, largest(v_p[own])
+    drive(f_c[own], columns.f_c1[own], -1.0, columns.f_a[own], columns.f_a1[own], spectra, found)
+    return known, start, until, touching, largest(columns.v_p[own])

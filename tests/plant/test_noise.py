@@ -115,7 +115,11 @@ def test_the_published_spectrum_takes_contact_and_actuator_force_in_their_direct
     force = np.hanning(60)
     green = green_functions(what.plate, modes, 1e-6, 80)[1]
     given_ = (what.sphere, what.plate, modes, what.contact_point_m, green)
-    both = noise.published_noise(*given_, 10.0 * force, 4.0 * force, 1e-6, 1.0, 0.5)
-    one = noise.published_noise(*given_, 6.0 * force, 0.0 * force, 1e-6, 1.0, 0.5)
+    both, one = (
+        noise.published_noise(
+            *given_, noise.PublishedContact(elastic * force, actuator * force, 1e-6, 1.0, 0.5)
+        )
+        for elastic, actuator in ((10.0, 4.0), (6.0, 0.0))
+    )
     assert both.transmitted_spectrum_j == pytest.approx(one.transmitted_spectrum_j, rel=1e-9)
     assert both.transmitted_j == pytest.approx(one.transmitted_j, rel=1e-9)
