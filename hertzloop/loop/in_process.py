@@ -17,7 +17,7 @@ from hertzloop.loop.closed_loop import ClosedLoop
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.kernels import SAMPLES_FIRST
-from hertzloop.loop.plant_node import LoopStats, PlantNode
+from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.watchdog import watching
@@ -133,7 +133,8 @@ def record_in_process(
                         node.fail(str(error))
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
-                plant = PlantNode(setup, plant_port, options.horizon, on_progress=on_progress)
+                exchange = ExchangeOptions(options.horizon)
+                plant = PlantNode(setup, plant_port, exchange, on_progress)
                 stats = plant.run()
         recorder.reconcile()
         if faults:

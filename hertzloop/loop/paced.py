@@ -18,7 +18,7 @@ from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.kernels import REACHED, SAMPLES_END, SILENT
 from hertzloop.loop.plant_lane import fault_in_lane
-from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.plant_node import USUAL_EXCHANGE, ExchangeOptions, PlantNode
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
@@ -64,20 +64,17 @@ class PacedPlantNode(PlantNode):
         setup: Setup,
         port: Port,
         pace: float,
-        timeout_s: float = 10.0,
+        exchange: ExchangeOptions = USUAL_EXCHANGE,
         on_progress: Callable[[int], None] = lambda step: None,
-        fast_lane: bool = False,
     ) -> None:
         """As `PlantNode`, with `pace`: simulated over wall time.
 
         Raises:
             SceneError: The processes would time out at this pace.
         """
-        check_pace(setup, pace, timeout_s)
+        check_pace(setup, pace, exchange.timeout_s)
         self._pace = _pace(setup, pace)
-        super().__init__(
-            setup, port, None, timeout_s, on_progress, fast_lane, held_steps=self._pace.held
-        )
+        super().__init__(setup, port, exchange, on_progress, held_steps=self._pace.held)
         self.streams.hello.pace = pace
         super()._advance(0)
         pace_kernels.note_answers(self._pace, 0, 0, 0)

@@ -44,6 +44,26 @@ class LoopStats:
     waited_s: float = 0.0
 
 
+@dataclass(frozen=True)
+class ExchangeOptions:
+    """How a plant exchanges samples and forces with a controller. Nothing here changes a sample.
+
+    Attributes:
+        horizon: Most steps between two exchanges. None: as many as the controller grants.
+        timeout_s: Longest silence of the controller, s.
+        fast_lane: Whether shared memory is offered to a controller on this host.
+        every_s: Least wall time between two blocks of a stream, s.
+    """
+
+    horizon: int | None = None
+    timeout_s: float = 10.0
+    fast_lane: bool = False
+    every_s: float = 0.0
+
+
+USUAL_EXCHANGE = ExchangeOptions()
+
+
 class PlantNode:
     """Runs a scene through a port, in lock-step with the controller at its other end."""
 
@@ -51,43 +71,35 @@ class PlantNode:
         self,
         setup: Setup,
         port: Port,
-        horizon: int | None = None,
-        timeout_s: float = 10.0,
+        exchange: ExchangeOptions = USUAL_EXCHANGE,
         on_progress: Callable[[int], None] = lambda step: None,
-        fast_lane: bool = False,
         repeat: RepeatedRun | None = None,
         held_steps: np.ndarray | None = None,
-        every_s: float = 0.0,
     ) -> None:
         """
-        Neither `horizon` nor `fast_lane` nor `every_s` changes a sample.
-
         Args:
             setup: Setup of the run.
             port: Port to controller and recorder.
-            horizon: Most steps between two exchanges. None: as many as the controller grants.
-            timeout_s: Longest silence of the controller.
+            exchange: How samples and forces are exchanged.
             on_progress: Called with the number of finished steps.
-            fast_lane: Offer shared memory to a controller on this host.
             repeat: A recorded run whose commands act. The controller must send the same forces.
             held_steps: As in `ForceBuffer`. A repeated run is in lock-step, and publishes those of
                 the recorded run.
-            every_s: As in `PlantStreams`.
         """
-        self.setup, self.port, self.timeout_s = setup, port, timeout_s
-        self.horizon = horizon or math.inf
+        self.setup, self.port, self.timeout_s = setup, port, exchange.timeout_s
+        self.horizon = exchange.horizon or math.inf
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
         acted = repeat.held_steps if repeat else held_steps
-        self.streams = PlantStreams(setup, publisher, acted, every_s)
+        self.streams = PlantStreams(setup, publisher, acted, exchange.every_s)
         self.buffer = ForceBuffer(setup, self.streams.window, held_steps)
         self._repeat, self._commands = repeat, self.buffer.forces
         if repeat:
             self._commands, self.streams.hello.repeats = repeat.commands, repeat.run_id
         self._lane: PlantLane | None = None
-        if fast_lane:
+        if exchange.fast_lane:
             self._lane = PlantLane(
-                self.streams.hello, publisher.run_id, setup.every_steps, self.buffer, timeout_s
+                self.streams.hello, publisher.run_id, setup.every_steps, self.buffer, self.timeout_s
             )
         self.checker = SequenceChecker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
         self.controller_ended = False

@@ -171,16 +171,17 @@ def run_plant(
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a `repeat`
     of another run, or at a pace; says how fast that went."""
     from hertzloop.loop.paced import PacedPlantNode
-    from hertzloop.loop.plant_node import PlantNode
+    from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
     profile = RealtimeProfile(Wanted(options.realtime), PLANT)
     with _joined(address, PLANT, options) as port:
-        common = (options.timeout_s, on_progress, options.fast_lane)
+        every_s = 0.0 if options.pace else EVERY_S
+        exchange = ExchangeOptions(options.horizon, options.timeout_s, options.fast_lane, every_s)
         node = (
-            PacedPlantNode(setup, port, options.pace, *common)
+            PacedPlantNode(setup, port, options.pace, exchange, on_progress)
             if options.pace
-            else PlantNode(setup, port, options.horizon, *common, repeat, every_s=EVERY_S)
+            else PlantNode(setup, port, exchange, on_progress, repeat)
         )
         port.liveliness.announce()
         port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)

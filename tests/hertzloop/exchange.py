@@ -25,7 +25,7 @@ from hertzloop.bus.streams import (
     StreamFault,
 )
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
 from hertzloop.scene.setup import Setup
 
 Alter = Callable[[Envelope], Iterable[Envelope]]
@@ -188,7 +188,7 @@ def exchange(
     """A whole run over links of a seed. Raises what the plant raises; everything arrives first."""
     links = Links(seed, alter, forge)
     links.controller = controller(links.ports[CONTROLLER])
-    plant = PlantNode(scene, links.ports[PLANT], horizon, every_s=every_s)
+    plant = PlantNode(scene, links.ports[PLANT], ExchangeOptions(horizon, every_s=every_s))
     try:
         plant.run()
     finally:

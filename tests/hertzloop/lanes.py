@@ -10,7 +10,7 @@ from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, SUBSCRIPTIONS, Envelope, StreamFault
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_node import LoopStats, PlantNode
+from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
@@ -67,7 +67,9 @@ class Pair:
         for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
             self.ports[role].other = self.ports[other]
         self.plant = PlantNode(
-            self.scene, self.ports[PLANT], timeout_s=self.timeout_s, fast_lane=self.fast_lane
+            self.scene,
+            self.ports[PLANT],
+            ExchangeOptions(timeout_s=self.timeout_s, fast_lane=self.fast_lane),
         )
         self.controller = ControllerNode(self.ports[CONTROLLER], fast_lane=self.takes_lane)
 

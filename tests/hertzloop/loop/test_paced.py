@@ -19,7 +19,7 @@ from hertzloop.loop import pace_kernels
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode
-from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -54,14 +54,18 @@ def feedback(*settings: str) -> Setup:
 
 def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
     pair = Pair(scene, timeout_s, fast_lane=lane)
-    pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, timeout_s, fast_lane=lane)
+    exchange = ExchangeOptions(timeout_s=timeout_s, fast_lane=lane)
+    pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, exchange)
     return pair
 
 
 def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
     pair = Pair(scene, fast_lane=lane)
     pair.plant = PlantNode(
-        scene, pair.ports[PLANT], timeout_s=EVENTUALLY_S, fast_lane=lane, repeat=repeat
+        scene,
+        pair.ports[PLANT],
+        ExchangeOptions(timeout_s=EVENTUALLY_S, fast_lane=lane),
+        repeat=repeat,
     )
     return pair.run()
 

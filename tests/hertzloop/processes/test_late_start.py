@@ -8,7 +8,7 @@ import pytest
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
 from hertzloop.recordings.reader import read
 from tests.hertzloop.commands import Bus, ended
 from tests.hertzloop.scenes import aluminium_3mm
@@ -37,7 +37,8 @@ def test_a_run_that_begins_after_the_timeout(tmp_path):
     time.sleep(3 * TIMEOUT_S)  # the recorder sees both, the plant could still miss one
     thread = threading.Thread(target=_serve, args=(controller,))
     thread.start()
-    PlantNode(aluminium_3mm("run.duration_s=0.002"), ports[PLANT], timeout_s=60.0).run()
+    scene = aluminium_3mm("run.duration_s=0.002")
+    PlantNode(scene, ports[PLANT], ExchangeOptions(timeout_s=60.0)).run()
     thread.join(60)
     ended(recorder)
     for port in ports.values():
