@@ -30,7 +30,9 @@ from hertzloop.scene.toml import to_toml
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _CONNECTS_S = 30.0  # for a program of the user's to connect
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
-_PATIENCE_S = 5.0  # for a process to react to a signal, or to exit once it has done its part
+# For a process to react to a signal (roles.py has the shorter wait after which a role exits by
+# itself), or to exit once it has done its part.
+_PATIENCE_S = 5.0
 _REPORT_S = 1.0  # for reports of others to arrive, once a program has ended
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
 # A process shows a few times a second that it runs. One that did not for this long when another

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
 _COMPLETION_S = 60.0  # for the recorder to close its file, at least
-_PATIENCE_S = 4.0  # for an interrupted role to end in order; for the controller to leave
+# For an interrupted role to end in order, before the launcher kills it, and for the controller to
+# leave.
+_PATIENCE_S = 4.0
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
