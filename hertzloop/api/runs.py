@@ -223,8 +223,8 @@ def run(
 
     Raises:
         SceneError: the scene cannot be run, or not at this `pace`.
-        OptionError: `note` is too long, or not one line of visible characters; or two arguments
-            exclude each other.
+        OptionError: `transport` is unknown; `horizon` is less than 1; `note` is too long, or not
+            one line of visible characters; or two arguments exclude each other.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.
         StreamFault: a message was lost, repeated or malformed.

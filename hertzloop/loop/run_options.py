@@ -47,6 +47,10 @@ class Transport(StrEnum):
     INPROCESS = "inprocess"
     COMPILED = "compiled"
 
+    @classmethod
+    def _missing_(cls, value: object) -> "Transport":
+        raise OptionError(f"transport = {value!r}: is unknown. Use one of {', '.join(cls)}.")
+
 
 def check_transport(option: str, transport: Transport) -> None:
     """Raise OptionError if an option that needs the processes of a run is given without them."""
@@ -76,8 +80,8 @@ class RunOptions:
         note: Text of the user for the recording, one line of at most LONGEST_NOTE characters.
 
     Raises:
-        OptionError: The name cannot be part of a key on the bus, the note cannot be recorded, or
-            two options exclude each other.
+        OptionError: The name cannot be part of a key on the bus, the note cannot be recorded, the
+            horizon is less than a step, or two options exclude each other.
     """
 
     transport: Transport = Transport.ZENOH
@@ -98,6 +102,8 @@ class RunOptions:
         if self.name is not None:
             check_name(self.name)
         check_note(self.note)
+        if self.horizon is not None and self.horizon < 1:
+            raise OptionError(f"horizon = {self.horizon}: must be a step or more. Use at least 1.")
         for option in ("pace", "repeat", "controller"):
             if getattr(self, option):
                 check_transport(f"{option} = {getattr(self, option)}", self.transport)

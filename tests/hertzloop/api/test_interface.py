@@ -203,9 +203,18 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
         call(scene)
 
 
-def test_an_impossible_option_has_its_own_error(scene):
-    with pytest.raises(hertzloop.OptionError, match="must be one line"):
-        hertzloop.run(scene, note="two\nlines")
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"note": "two\nlines"}, "must be one line"),
+        ({"transport": "bus"}, "transport = 'bus': is unknown. Use one of zenoh, inprocess"),
+        ({"horizon": 0}, "horizon = 0: must be a step or more"),
+        ({"horizon": -3, "transport": "inprocess"}, "horizon = -3: must be a step or more"),
+    ],
+)
+def test_an_impossible_option_has_its_own_error(scene, options, sentence):
+    with pytest.raises(hertzloop.OptionError, match=sentence):
+        hertzloop.run(scene, **options)
 
 
 @pytest.mark.full
