@@ -18,6 +18,11 @@ REFUSED = {
     "aluminium-20mm": {
         "sphere.radius_m=-1": "sphere.radius_m = -1: must be at least 1e-05",
         "sphere.radius_m=3mm": "sphere.radius_m = '3mm': must be",
+        "sphere.radius_m=true": "sphere.radius_m = True: must be a number",
+        "sphere.radius_m='0.003'": "sphere.radius_m = '0.003': must be a number",
+        "plate.size_m=[true,0.5]": "plate.size_m = [True, 0.5]: must be a number",
+        "sensors.bits=true": "sensors.bits = True: must be a whole number",
+        "controller.kappa=true": "controller.kappa = True: must be a number",
         "sphere.radius_m.x=3": "sphere.radius_m.x",
         "plate.size_m=0.5": "plate.size_m = 0.5",
         "plate.contact_point_m=[0.5,0.25]": "plate.contact_point_m = [0.5, 0.25] lies outside",
