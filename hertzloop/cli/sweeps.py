@@ -148,7 +148,7 @@ def sweep(
     without_metrics = _count_without_metrics(results) == study.total
     if without_metrics:
         out.print(f"No case of {study.total} has metrics.")
-    end_if_failed([row["status"] for row in results.not_run], study.total)
+    end_if_failed([row["status"] for row in results.without_result], study.total)
     if without_metrics:
         raise typer.Exit(1)
 
@@ -218,7 +218,7 @@ def _run(study: _Study) -> SweepResult:
 
 def _count_without_metrics(results: SweepResult) -> int:
     """Return how many cases failed, or are unstable and have no metrics."""
-    return len(results.not_run) + results.unstable
+    return len(results.without_result) + results.unstable
 
 
 def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -> dict[str, Any]:
@@ -251,7 +251,7 @@ def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -
         "ran": results.ran,
         "wall_s": results.wall_s,
         "cases_per_s": rate,
-        "failed": len(results.not_run),
+        "failed": len(results.without_result),
         "unstable": results.unstable,
         "unstable_loops": len(results.growing),
         "damaged_lines": results.damaged,

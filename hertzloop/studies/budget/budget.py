@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hertzloop.results.cases import OTHER, CaseState, Span
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
@@ -23,7 +22,9 @@ from hertzloop.studies.cases.evaluate import (
     Pool,
     Rows,
     RunCases,
+    check_all_ran,
     evaluate,
+    failed,
     metric_of,
 )
 from hertzloop.studies.cases.journal import JournalEntries
@@ -44,7 +45,9 @@ def budget(
         on_progress: Called with the finished share of the limits.
 
     Raises:
-        SceneError: the nominal case, or a case with drawn values, cannot be run.
+        CaseFailed: the nominal case, one with drawn values or one with a sequence of latencies
+            failed in its run.
+        SceneError: the nominal case, or a case with drawn values, was refused.
         WorkersLost: a worker process was lost.
     """
     with local_pool(plan.request.workers) as workers:
@@ -85,12 +88,13 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
     worst = _worst_of(plan, ideal, scene.run(counted)) if request.worst else None
     cases = tally.cases
+    in_map = CaseTally()
     limit_map = likely = None
     if request.with_map:
         problem = LimitProblem(
             setup, ideal.margin, goals, effort_of(setup, request.quick, scene.span)
         )
-        limit_map = map_of(problem, ideal, scene.run(pool))
+        limit_map = map_of(problem, ideal, scene.run(in_map.of(pool)))
     indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
@@ -114,6 +118,9 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         sensitivities=tuple(indices),
         cases=cases,
         all_cases=tally.cases,
+        failed=tuple(
+            str(row["status"]) for row in failed([*tally.without_result, *in_map.without_result])
+        ),
     )
 
 
@@ -160,14 +167,13 @@ def nominal_of(
             `hertzloop run` does.
 
     Raises:
-        SceneError: a case cannot be run.
+        CaseFailed: a case failed in its run.
+        SceneError: a case was refused.
     """
     lasts = lasting(effort.long_s)
     at = [lasts | {"run.touch_phase": phase} for phase in effort.phases]
     own, *rows = run([{} if whole else lasts, *at])
-    for row in (own, *rows):
-        if row["state"] == CaseState.NOT_RUN:
-            raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
+    check_all_ran([own, *rows], f"{setup.name}: the law cannot be run in this scene")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Baseline(
         metrics={name: metric_of(own, name) for name in METRICS},

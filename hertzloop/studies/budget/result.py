@@ -90,6 +90,7 @@ class BudgetResult:
         sensitivities: Sobol indices of the uncertain keys.
         cases: Number of cases that the limits took.
         all_cases: Number of all cases, those of the map apart.
+        failed: The reason of each case that failed in its run, those of the map included.
     """
 
     scene: str
@@ -106,6 +107,7 @@ class BudgetResult:
     sensitivities: tuple[Sensitivity, ...]
     cases: int
     all_cases: int
+    failed: tuple[str, ...] = ()
 
     def as_data(self) -> dict[str, Any]:
         """Return the result as the data of `--json`; `probability` lacks the command that repeats

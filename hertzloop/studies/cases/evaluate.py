@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from hertzloop.loop.simulate import LawStopped
 from hertzloop.results.cases import (
     CASE_METRICS,
+    CaseFailed,
     CaseState,
     Span,
     UnstableLoop,
@@ -49,7 +51,8 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
 
     A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
     `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
-    sentence, and the others go on.
+    sentence, and the others go on. A case is "not run" if the scene or the law refuses its values,
+    and "failed" if the law raises an exception in the run, or the program does.
     """
     return (run_case(setup, span, *case) for case in numbered)
 
@@ -62,8 +65,15 @@ def run_case(setup: Setup, span: Span, number: int, values: Case) -> Row:
         return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
-        state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
-        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
+        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": _state(error).value}
+
+
+def _state(error: Exception) -> CaseState:
+    """What became of a case that raised an error."""
+    if isinstance(error, UnstableLoop):
+        return CaseState.UNSTABLE
+    refused = isinstance(error, SceneError) and not isinstance(error, LawStopped | CaseFailed)
+    return CaseState.NOT_RUN if refused else CaseState.FAILED
 
 
 def metric_of(row: Row, metric: str) -> float:
@@ -77,17 +87,44 @@ def with_metric(rows: Rows, metric: str) -> Rows:
     return [row for row in rows if not math.isnan(metric_of(row, metric))]
 
 
-def not_run(rows: Rows) -> Rows:
-    """Return the rows of cases that could not be run. An unstable case was run."""
-    return [row for row in rows if row["state"] == CaseState.NOT_RUN]
+def without_result(rows: Rows) -> Rows:
+    """Return the rows of cases that were refused or failed. An unstable case has a result."""
+    return [row for row in rows if row["state"] in (CaseState.NOT_RUN, CaseState.FAILED)]
+
+
+def failed(rows: Rows) -> Rows:
+    """Return the rows of cases that failed in their run."""
+    return [row for row in rows if row["state"] == CaseState.FAILED]
+
+
+def check_none_failed(rows: Rows) -> None:
+    """Raise CaseFailed if a case failed in its run."""
+    for row in failed(rows):
+        raise CaseFailed(str(row["status"]))
+
+
+def check_all_ran(rows: Rows, lead: str) -> None:
+    """Refuse cases without a result.
+
+    Args:
+        rows: The rows of the cases.
+        lead: What an error begins with, before the reason of the case.
+
+    Raises:
+        CaseFailed: a case failed in its run.
+        SceneError: a case was refused.
+    """
+    for row in without_result(rows):
+        kind = CaseFailed if failed([row]) else SceneError
+        raise kind(f"{lead}: {row['status']}")
 
 
 @dataclass
 class CaseTally:
-    """Number of the cases that were run, and the rows of those that could not be run."""
+    """Number of the cases that were run, and the rows of those without a result."""
 
     cases: int = 0
-    not_run: Rows = field(default_factory=list)
+    without_result: Rows = field(default_factory=list)
 
     def of(self, pool: Pool) -> Pool:
         """Return a pool that counts its cases."""
@@ -95,7 +132,7 @@ class CaseTally:
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
             for rows in pool(toml, span, chunks):
                 self.cases += len(rows)
-                self.not_run += not_run(rows)
+                self.without_result += without_result(rows)
                 yield rows
 
         return results

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
-from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, not_run, run_cases
+from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, run_cases, without_result
 from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.cases.pool import local_cores, local_pool
 from hertzloop.studies.sweep.growth import with_growth
@@ -77,7 +77,7 @@ def _run(
                         journal.add(row)
                 on_progress(len(done))
     wall_s = time.perf_counter() - started
-    ran = len(missing) - len(not_run([done[number] for number, _ in missing]))
+    ran = len(missing) - len(without_result([done[number] for number, _ in missing]))
     rows: Rows = [done[number] for number, _ in cases]
     damaged = [] if journal is None else journal.damaged
     return SweepResult(with_growth(plan.setup, plan.design.keys, rows), ran, wall_s, damaged)

@@ -54,7 +54,7 @@ def tune(
             for candidate, growth in zip(best, growths, strict=True)
         ],
         published=published,
-        failed=[row["status"] for row in tally.not_run],
+        failed=[row["status"] for row in tally.without_result],
         cases=tally.cases,
         ran=tally.cases if finished is None else finished.ran,
         versions=code_version(),
