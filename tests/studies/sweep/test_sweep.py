@@ -17,6 +17,7 @@ from hertzloop.studies.cases import evaluate
 from hertzloop.studies.cases.axis import Axis, axes_from
 from hertzloop.studies.cases.design import Design, design_of
 from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.repeat_cases import repeat_cases
@@ -293,3 +294,19 @@ def test_results_without_a_case_cannot_be_checked(tmp_path):
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
     assert "no case has metrics to verify" in " ".join(found.stderr.split())
+
+
+def test_a_worker_that_is_lost_over_the_other_span_does_not_end_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def lost(count):
+        raise WorkersLost("a worker process died")
+
+    monkeypatch.setattr("hertzloop.cli.sweeps.local_pool", lost)
+    over = ["--over", "run.touch_phase=0.25,0.75", "--set", COARSE[0], "--json", "told.json"]
+    done = invoke(["sweep", "aluminium-3mm", *over, "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert "has no value over the other span: a worker process died" in " ".join(
+        done.output.split()
+    )
+    assert json.loads(Path("told.json").read_text())["failed"] == 0
