@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hertzloop.cli import options, outputs, prepare, worst_latencies
-from hertzloop.cli.many_cases import cases_are_kept, end_if_failed
+from hertzloop.cli.many_cases import cases_are_kept, end_if_failed, how_to_continue
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, out, progress
@@ -90,8 +90,6 @@ VerifyOption = Annotated[
     ),
 ]
 TransportOption = Annotated[Transport, typer.Option(help="Use this transport for --verify.")]
-
-_CAN_CONTINUE = "finished cases are kept. Run the same command again to continue"
 
 
 @dataclass(frozen=True)
@@ -206,8 +204,10 @@ def _checked(arguments: SweepArguments) -> _Study:
 def _run(study: _Study) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
+    journal = sweep_study.journal_of(target)
+    clause = how_to_continue("finished cases are kept", journal, study.plan.header)
     with (
-        cases_are_kept(lambda: _CAN_CONTINUE, str(target)),
+        cases_are_kept(lambda: clause, str(target)),
         progress(f"{total} cases", total) as advance,
     ):
         return sweep_study.sweep(
