@@ -179,7 +179,7 @@ def budget(
     prepare.compile_first(setup, works=CASES)
     began_s = time.perf_counter()
     with (
-        resumable(folder or Path(), "budget", plan.header) as finished,
+        resumable(folder or Path(), "budget", plan.identity) as finished,
         progress("budget", 1000) as advance,
     ):
         result = search_budget(plan, finished, lambda share: advance(round(1000 * share)))

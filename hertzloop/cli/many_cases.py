@@ -8,7 +8,7 @@ from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
 from hertzloop.studies.cases.identity import unidentified_laws
-from hertzloop.studies.cases.journal import JournalEntries, kept
+from hertzloop.studies.cases.journal import FinishedCases, kept
 from hertzloop.studies.cases.workers import WorkersLost
 
 
@@ -51,7 +51,7 @@ def how_to_continue(kept_cases: str, journal: Path, header: dict[str, Any]) -> s
 
 
 @contextmanager
-def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[FinishedCases]:
     """Keep finished cases in a journal, so that the same command continues after an interruption.
 
     Args:

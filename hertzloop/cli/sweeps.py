@@ -205,7 +205,7 @@ def _run(study: _Study) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
     journal = sweep_study.journal_of(target)
-    clause = how_to_continue("finished cases are kept", journal, study.plan.header)
+    clause = how_to_continue("finished cases are kept", journal, study.plan.identity)
     with (
         cases_are_kept(lambda: clause, str(target)),
         progress(f"{total} cases", total) as advance,

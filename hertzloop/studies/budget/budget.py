@@ -7,7 +7,7 @@ from hertzloop.results.cases import OTHER, CaseState, Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.budget.limit_map import map_of
+from hertzloop.studies.budget.pair_map import simulate_pair_map
 from hertzloop.studies.budget.plan import BudgetPlan
 from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, probability
@@ -27,14 +27,14 @@ from hertzloop.studies.cases.evaluate import (
     failed,
     metric_of,
 )
-from hertzloop.studies.cases.journal import JournalEntries
+from hertzloop.studies.cases.journal import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.touch_phases import spread_of
 
 
 def budget(
     plan: BudgetPlan,
-    finished: JournalEntries | None = None,
+    finished: FinishedCases | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> BudgetResult:
     """Measure the budget of the law of a scene.
@@ -51,7 +51,9 @@ def budget(
         WorkersLost: a worker process was lost.
     """
     with local_pool(plan.request.workers) as workers:
-        return _budget(plan, workers if finished is None else finished.of(workers), on_progress)
+        return _budget(
+            plan, workers if finished is None else finished.skipping_finished(workers), on_progress
+        )
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class _Plant:
 
 def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) -> BudgetResult:
     setup, request, goals, tally = plan.setup, plan.request, plan.goals, CaseTally()
-    counted = tally.of(pool)
+    counted = tally.counting(pool)
     scene = _Plant(setup, request.first_span, whole=True)
     plants = [scene]
     if request.span == "both":
@@ -89,12 +91,12 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     worst = _worst_of(plan, ideal, scene.run(counted)) if request.worst else None
     cases = tally.cases
     in_map = CaseTally()
-    limit_map = likely = None
+    pair_map = likely = None
     if request.with_map:
         problem = LimitProblem(
             setup, ideal.margin, goals, effort_of(setup, request.quick, scene.span)
         )
-        limit_map = map_of(problem, ideal, scene.run(in_map.of(pool)))
+        pair_map = simulate_pair_map(problem, ideal, scene.run(in_map.counting(pool)))
     indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
@@ -113,7 +115,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         other=others[0] if others else None,
         other_db=other_row["plate_energy_db"],
         worst=worst,
-        limit_map=limit_map,
+        pair_map=pair_map,
         probability=likely,
         sensitivities=tuple(indices),
         cases=cases,

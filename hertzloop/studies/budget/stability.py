@@ -32,7 +32,7 @@ def linear_margin(setup: Setup) -> Margin | None:
     return found if found.applicable else None
 
 
-def tolerated(
+def lower_to_stable(
     setup: Setup, margin: Margin | None, quantity: BudgetQuantity, limit: BudgetLimit, points: int
 ) -> BudgetLimit:
     """Return what a law tolerates of a quantity: the limit of the search, or less where the linear

@@ -126,7 +126,7 @@ class CaseTally:
     cases: int = 0
     without_result: Rows = field(default_factory=list)
 
-    def of(self, pool: Pool) -> Pool:
+    def counting(self, pool: Pool) -> Pool:
         """Return a pool that counts its cases."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:

@@ -1,7 +1,7 @@
 """Finished cases on disk, one line each, so that a killed study goes on where it was.
 
 A line is a JSON object whose last member is a checksum of the text before it. A sweep keeps a row
-for each number of a case. A search keeps its cases by their values (`JournalEntries`): it asks for
+for each number of a case. A search keeps its cases by their values (`FinishedCases`): it asks for
 the same cases in the same order when it is started again, since its seed is given.
 """
 
@@ -19,7 +19,7 @@ from hertzloop.results.cases import Span
 from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, chunked
 
 
-class JournalEntries:
+class FinishedCases:
     """Finished cases of a search in an open journal.
 
     Attributes:
@@ -32,7 +32,7 @@ class JournalEntries:
         self.journal = journal
         self.found, self.ran = len(journal.done), 0
 
-    def of(self, pool: Pool) -> Pool:
+    def skipping_finished(self, pool: Pool) -> Pool:
         """Return a pool that runs only the cases that the journal lacks, each of them once."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
@@ -58,7 +58,7 @@ class JournalEntries:
 
 
 @contextmanager
-def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEntries]:
+def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[FinishedCases]:
     """Open the journal of a search, FOLDER/NAME-DIGEST.partial; remove it when the work is done.
 
     Args:
@@ -72,7 +72,7 @@ def kept(folder: Path, name: str, header: dict[str, Any]) -> Iterator[JournalEnt
     """
     path = folder / f"{name}-{_digest(header)[:8]}.partial"
     with Journal(path, header) as journal:
-        yield JournalEntries(journal)
+        yield FinishedCases(journal)
     path.unlink()
 
 

@@ -122,7 +122,7 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport):
     assert unstable[0]["status"].startswith("the closed loop is unstable")
     rows = [row for row in rows if not row["status"]]
     assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
-    header = SweepPlan(scene, design, ONE_WORKER).header
+    header = SweepPlan(scene, design, ONE_WORKER).identity
     count = 12 if transport == "inprocess" else 3
     found = list(repeat_cases(rows, header, count, transport, 1))
     assert [checked.same for checked in found] == [True] * count
@@ -156,7 +156,7 @@ def test_results_from_before_a_metric_was_added_stay_readable(tmp_path, suffix):
     design = design_of(setup, axes_from(["controller.latency_us=0,3"]), "grid", 2, 1)
     done = study.sweep(SweepPlan(setup, design, ONE_WORKER), out)
     older = [{k: v for k, v in row.items() if k != lacking} for row in done.rows]
-    write_results(out, older, SweepPlan(setup, design, ONE_WORKER).header)
+    write_results(out, older, SweepPlan(setup, design, ONE_WORKER).identity)
     rows, _ = read_results(out)
     assert [row.pop(lacking) for row in rows] == [None, None]
     assert [row["plate_energy_db"] for row in rows] == [row["plate_energy_db"] for row in done.rows]
