@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
+from hertzloop.studies.cases.finished_cases import FinishedCases, kept
 from hertzloop.studies.cases.identity import unidentified_laws
-from hertzloop.studies.cases.journal import FinishedCases, kept
 from hertzloop.studies.cases.workers import WorkersLost
 
 

@@ -8,8 +8,8 @@ from hertzloop.cli import outputs, prepare
 from hertzloop.cli.many_cases import end_if_failed
 from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.loop.run_options import Transport
-from hertzloop.studies.cases.evaluate import without_result
 from hertzloop.studies.cases.identity import check_laws, code_version
+from hertzloop.studies.cases.rows import without_result
 from hertzloop.studies.sweep.result import counted
 from hertzloop.studies.sweep.results_file import read_results
 

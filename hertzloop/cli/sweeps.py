@@ -18,8 +18,9 @@ from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.evaluate import Rows, evaluate, with_metric
+from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows, with_metric
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages.words import short

@@ -15,7 +15,7 @@ from hertzloop.cli.tune_results import TuneArguments, as_data, print_result, wri
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.journal import FinishedCases
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.tune.plan import TunePlan, plan_tune
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import TuneResult

@@ -15,7 +15,8 @@ from hertzloop.processes.record import record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.bench.result import BenchResult, LoopCost, SweepCost
-from hertzloop.studies.cases.evaluate import run_cases, without_result
+from hertzloop.studies.cases.evaluate import run_cases
+from hertzloop.studies.cases.rows import without_result
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2
 _CASES, _QUICK_CASES = 100, 30  # of the sweep, a round

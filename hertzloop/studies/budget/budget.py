@@ -16,19 +16,10 @@ from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nea
 from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
-from hertzloop.studies.cases.evaluate import (
-    Case,
-    CaseTally,
-    Pool,
-    Rows,
-    RunCases,
-    check_all_ran,
-    evaluate,
-    failed,
-    metric_of,
-)
-from hertzloop.studies.cases.journal import FinishedCases
+from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Case, Rows, RunCases, check_all_ran, failed, metric_of
 from hertzloop.studies.cases.touch_phases import spread_of
 
 

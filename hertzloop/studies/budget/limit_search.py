@@ -32,7 +32,7 @@ from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.tried_values import TriedValues
-from hertzloop.studies.cases.evaluate import Case, Rows
+from hertzloop.studies.cases.rows import Case, Rows
 
 Asks: TypeAlias = "Generator[list[Case], Rows, BudgetLimit]"  # yields cases, is sent their rows
 _FURTHER = 1.1  # from one value of the scan to the next beyond the usual range

@@ -8,7 +8,7 @@ from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.plant_limits import LimitProblem
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.result import InPlant, PairMap, nearest
-from hertzloop.studies.cases.evaluate import RunCases
+from hertzloop.studies.cases.rows import RunCases
 
 _PLACES = 11  # values of a quantity in a map
 _BEYOND = 1.6  # times the distance to the limit, in places, that a map shows

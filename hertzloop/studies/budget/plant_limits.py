@@ -12,7 +12,7 @@ from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.budget.stability import lower_to_stable
-from hertzloop.studies.cases.evaluate import RunCases
+from hertzloop.studies.cases.rows import RunCases
 from hertzloop.studies.margin.flight import Margin
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import (
+from hertzloop.studies.cases.rows import (
     Case,
     Rows,
     RunCases,

@@ -5,7 +5,7 @@ from collections.abc import Generator, Iterable, Sequence
 from hertzloop.studies.budget.effort import SearchEffort, lasting, variants
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import BudgetQuantity
-from hertzloop.studies.cases.evaluate import Case, Rows, failed, without_result
+from hertzloop.studies.cases.rows import Case, Rows, failed, without_result
 
 _BELOW_JUMP = 8  # places below a jump, tried for a quantity that works by chance
 

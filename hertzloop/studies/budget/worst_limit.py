@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Row, RunCases, without_result
+from hertzloop.studies.cases.rows import Row, RunCases, without_result
 from hertzloop.studies.cases.touch_phases import Spread, spread_of
 from hertzloop.studies.worst.search import Objective, WorstSearch, WorstSequence
 

@@ -1,10 +1,8 @@
 """Simulate cases of a scene: one case, a chunk that a worker takes, or all cases in a pool."""
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 from hertzloop.loop.simulate import LawStopped
 from hertzloop.results.cases import (
@@ -18,14 +16,11 @@ from hertzloop.results.cases import (
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
+from hertzloop.studies.cases.rows import Case, Row, Rows, without_result
 
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
 
-Case = dict[str, Any]  # values by scene key
 Numbered = list[tuple[int, Case]]
-Row = dict[str, Any]  # of a case: see `run_cases`
-Rows = list[Row]
-RunCases = Callable[[list[Case]], Rows]  # rows of cases, in their order
 RunNumbered = Callable[[Setup, Span, Numbered], Iterator[Row]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 
@@ -74,49 +69,6 @@ def _state(error: Exception) -> CaseState:
         return CaseState.UNSTABLE
     refused = isinstance(error, SceneError) and not isinstance(error, LawStopped | CaseFailed)
     return CaseState.NOT_RUN if refused else CaseState.FAILED
-
-
-def metric_of(row: Row, metric: str) -> float:
-    """Return a metric of a case; nan without one."""
-    value: float | None = row[metric]
-    return math.nan if value is None else value
-
-
-def with_metric(rows: Rows, metric: str) -> Rows:
-    """Return the rows that have a metric."""
-    return [row for row in rows if not math.isnan(metric_of(row, metric))]
-
-
-def without_result(rows: Rows) -> Rows:
-    """Return the rows of cases that were refused or failed. An unstable case has a result."""
-    return [row for row in rows if row["state"] in (CaseState.NOT_RUN, CaseState.FAILED)]
-
-
-def failed(rows: Rows) -> Rows:
-    """Return the rows of cases that failed in their run."""
-    return [row for row in rows if row["state"] == CaseState.FAILED]
-
-
-def check_none_failed(rows: Rows) -> None:
-    """Raise CaseFailed if a case failed in its run."""
-    for row in failed(rows):
-        raise CaseFailed(str(row["status"]))
-
-
-def check_all_ran(rows: Rows, lead: str) -> None:
-    """Refuse cases without a result.
-
-    Args:
-        rows: The rows of the cases.
-        lead: What an error begins with, before the reason of the case.
-
-    Raises:
-        CaseFailed: a case failed in its run.
-        SceneError: a case was refused.
-    """
-    for row in without_result(rows):
-        kind = CaseFailed if failed([row]) else SceneError
-        raise kind(f"{lead}: {row['status']}")
 
 
 @dataclass

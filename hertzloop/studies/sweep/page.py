@@ -11,7 +11,7 @@ from hertzloop.results.cases import CASE_METRICS, SHOWN, CaseState
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import toml_text
 from hertzloop.studies.cases.design import keys_of
-from hertzloop.studies.cases.evaluate import Rows, with_metric, without_result
+from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
 from hertzloop.studies.sweep.result import counted, extremes

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hertzloop.results.cases import SHOWN, CaseState
-from hertzloop.studies.cases.evaluate import Rows, with_metric, without_result
+from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.worst.of_case import worst_columns
 

@@ -8,9 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
-from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, run_cases, without_result
+from hertzloop.studies.cases.evaluate import RunNumbered, chunked, run_cases
 from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.cases.pool import local_cores, local_pool
+from hertzloop.studies.cases.rows import Rows, without_result
 from hertzloop.studies.sweep.growth import with_growth
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.result import SweepResult

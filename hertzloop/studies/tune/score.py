@@ -10,7 +10,8 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Pool, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.rows import metric_of
 from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_over
 from hertzloop.studies.margin.growth import Growth, growth_of
 from hertzloop.studies.tune.plan import TunePlan

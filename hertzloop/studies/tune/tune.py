@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import CaseTally
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.identity import code_version
-from hertzloop.studies.cases.journal import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate, TuneResult

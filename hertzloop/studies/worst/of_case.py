@@ -9,15 +9,8 @@ import numpy as np
 from hertzloop.results.cases import CaseFailed, CaseState, Span
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import (
-    Case,
-    Numbered,
-    Row,
-    Rows,
-    run_case,
-    run_cases,
-    without_result,
-)
+from hertzloop.studies.cases.evaluate import Numbered, run_case, run_cases
+from hertzloop.studies.cases.rows import Case, Row, Rows, without_result
 from hertzloop.studies.worst.search import WorstSearch, largest
 
 WORST_CASES, LATENCIES = "worst_cases", "worst_latencies_us"

@@ -17,7 +17,7 @@ import numpy as np
 
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Case, Row, Rows, RunCases, check_none_failed
+from hertzloop.studies.cases.rows import Case, Row, Rows, RunCases, check_none_failed
 from hertzloop.studies.worst.window import LatencyWindow, window_of
 
 MOST_CASES = 2000  # of the search within one range

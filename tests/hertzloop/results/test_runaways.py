@@ -12,7 +12,8 @@ from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.scene.errors import SceneError
-from hertzloop.studies.cases.evaluate import run_case, without_result
+from hertzloop.studies.cases.evaluate import run_case
+from hertzloop.studies.cases.rows import without_result
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]

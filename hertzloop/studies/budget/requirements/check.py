@@ -18,14 +18,8 @@ from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.requirements.requirement import SceneRequirement, beside
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
-from hertzloop.studies.cases.evaluate import (
-    Pool,
-    Rows,
-    RunCases,
-    check_all_ran,
-    evaluate,
-    metric_of,
-)
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.rows import Rows, RunCases, check_all_ran, metric_of
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
