@@ -20,8 +20,9 @@ from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.side_by_side import side_by_side
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows
 
 _ALL = 1_000_000
 # As long as a sphere needs to leave; the search then simulates the same runs as brute force.

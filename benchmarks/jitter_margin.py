@@ -16,8 +16,8 @@ from benchmarks.program import OutDirOption, QuickOption, SeedOption, median, st
 from benchmarks.results import results_in
 from hertzloop.cli.terminal import out
 from hertzloop.studies.margin.gain import gain_margin
-from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.jitter import ErrorResponse
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.loop import PolyphaseLoop, loop_of
 

@@ -26,8 +26,9 @@ from hertzloop.results.cases import Span, metrics_of_case
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.studies.pages import words
 from hertzloop.studies.tune.plan import LAWS

@@ -34,7 +34,8 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
-from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.identify import NotLinearError, law_filter
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.loop import Loop, loop_of, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles

@@ -12,8 +12,9 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.worst.search import WorstSearch, largest
 
 _CHUNK = 2000  # draws that are held at once

@@ -17,7 +17,7 @@ from hertzloop.cli.budget_text import (
     trace_line,
     worst_line,
 )
-from hertzloop.cli.many_cases import resumable
+from hertzloop.cli.many_cases import end_if_failed, resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.common.atomic_files import atomic_write
@@ -179,7 +179,7 @@ def budget(
     prepare.compile_first(setup, works=CASES)
     began_s = time.perf_counter()
     with (
-        resumable(folder or Path(), "budget", plan.header) as finished,
+        resumable(folder or Path(), "budget", plan.identity) as finished,
         progress("budget", 1000) as advance,
     ):
         result = search_budget(plan, finished, lambda share: advance(round(1000 * share)))
@@ -188,6 +188,7 @@ def budget(
     if folder is not None:
         _write_page(folder, arguments, plan, result)
     outputs.write_json(json_file, data)
+    end_if_failed(result.failed, result.all_cases)
 
 
 def _changes(settings: list[str], law: str | None, trace: Path | None) -> list[str]:

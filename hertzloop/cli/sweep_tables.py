@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.cases import SHOWN
-from hertzloop.studies.cases.evaluate import with_metric
+from hertzloop.studies.cases.rows import with_metric
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep.result import extremes
 from hertzloop.views.format import Table

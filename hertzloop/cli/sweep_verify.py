@@ -8,8 +8,8 @@ from hertzloop.cli import outputs, prepare
 from hertzloop.cli.many_cases import end_if_failed
 from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.loop.run_options import Transport
-from hertzloop.studies.cases.evaluate import not_run
 from hertzloop.studies.cases.identity import check_laws, code_version
+from hertzloop.studies.cases.rows import without_result
 from hertzloop.studies.sweep.result import counted
 from hertzloop.studies.sweep.results_file import read_results
 
@@ -54,7 +54,7 @@ def verify(
         out.print(f"{len(rows) - with_metrics} of {len(rows)} cases have no metrics to verify")
     if differing:
         out.say(f"different: case {', '.join(map(str, differing))}")
-    not_simulated = [row["status"] for row in not_run(rows)]  # in the results already
+    not_simulated = [row["status"] for row in without_result(rows)]  # in the results already
     reasons = [f"case {checked.case}: {checked.not_run}" for checked in repeated if checked.not_run]
     outputs.write_json(
         json_file,

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hertzloop.cli import options, outputs, prepare, worst_latencies
-from hertzloop.cli.many_cases import cases_are_kept, end_if_failed
+from hertzloop.cli.many_cases import cases_are_kept, end_if_failed, how_to_continue
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, out, progress
@@ -18,8 +18,11 @@ from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.evaluate import Rows, run_case, with_metric
+from hertzloop.studies.cases.evaluate import evaluate
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows, with_metric
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
+from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
@@ -89,8 +92,6 @@ VerifyOption = Annotated[
 ]
 TransportOption = Annotated[Transport, typer.Option(help="Use this transport for --verify.")]
 
-_CAN_CONTINUE = "finished cases are kept. Run the same command again to continue"
-
 
 @dataclass(frozen=True)
 class SweepArguments:
@@ -148,7 +149,7 @@ def sweep(
     without_metrics = _count_without_metrics(results) == study.total
     if without_metrics:
         out.print(f"No case of {study.total} has metrics.")
-    end_if_failed([row["status"] for row in results.not_run], study.total)
+    end_if_failed([row["status"] for row in results.without_result], study.total)
     if without_metrics:
         raise typer.Exit(1)
 
@@ -204,8 +205,10 @@ def _checked(arguments: SweepArguments) -> _Study:
 def _run(study: _Study) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
+    journal = sweep_study.journal_of(target)
+    clause = how_to_continue("finished cases are kept", journal, study.plan.identity)
     with (
-        cases_are_kept(lambda: _CAN_CONTINUE, str(target)),
+        cases_are_kept(lambda: clause, str(target)),
         progress(f"{total} cases", total) as advance,
     ):
         return sweep_study.sweep(
@@ -218,7 +221,7 @@ def _run(study: _Study) -> SweepResult:
 
 def _count_without_metrics(results: SweepResult) -> int:
     """Return how many cases failed, or are unstable and have no metrics."""
-    return len(results.not_run) + results.unstable
+    return len(results.without_result) + results.unstable
 
 
 def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -> dict[str, Any]:
@@ -251,7 +254,7 @@ def _print_results(study: _Study, results: SweepResult, request: SweepRequest) -
         "ran": results.ran,
         "wall_s": results.wall_s,
         "cases_per_s": rate,
-        "failed": len(results.not_run),
+        "failed": len(results.without_result),
         "unstable": results.unstable,
         "unstable_loops": len(results.growing),
         "damaged_lines": results.damaged,
@@ -272,7 +275,13 @@ def _print_best(study: _Study, results: SweepResult, request: SweepRequest) -> N
         return
     best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]
     values = {key: best[key] for key in study.plan.design.keys}
-    other = run_case(study.plan.setup, other_span, 0, values)
+    try:
+        # Two processes at most: a law that is not shipped may crash the one that runs it.
+        with local_pool(min(request.workers or 2, 2)) as pool:
+            (other,) = evaluate(pool, study.plan.setup, other_span, [values])
+    except WorkersLost as error:
+        err.say(f"The case with the least plate energy has no value over the other span: {error}.")
+        return
     for sentence in spans_differ(
         best["plate_energy_db"],
         other["plate_energy_db"],

@@ -15,7 +15,7 @@ from hertzloop.cli.tune_results import TuneArguments, as_data, print_result, wri
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.studies.cases.journal import JournalEntries
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.tune.plan import TunePlan, plan_tune
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import TuneResult
@@ -117,7 +117,7 @@ def tune(
     plan = plan_tune(bases, request, prepare.check_law)
     outputs.make_folder(folder or Path())  # for what is unfinished, too
     prepare.compile_first(*bases, works=CASES)
-    with resumable(folder or Path(), arguments.file_name(plan), plan.header) as finished:
+    with resumable(folder or Path(), arguments.file_name(plan), plan.identity) as finished:
         result = _search(plan, finished)
         if result.front:
             print_result(arguments, plan, result)
@@ -149,7 +149,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
     return limits
 
 
-def _search(plan: TunePlan, finished: JournalEntries) -> TuneResult:
+def _search(plan: TunePlan, finished: FinishedCases) -> TuneResult:
     """Search, with a progress bar; end the command with exit code 1 if a scene fails."""
     from hertzloop.studies.tune.tune import tune as search_settings  # of an extra
 

@@ -46,11 +46,18 @@ class CaseState(StrEnum):
 
     METRICS = "metrics"
     UNSTABLE = "unstable"  # it was run, but its metrics would say nothing
-    NOT_RUN = "not run"
+    NOT_RUN = "not run"  # the scene or the law refuses the values
+    FAILED = "failed"  # the law, or the program, failed in the run
 
 
 class UnstableLoop(SceneError):
     """The loop is unstable: the actuator adds energy without bound, so there are no metrics."""
+
+
+class CaseFailed(SceneError):
+    """A case failed in its run. That says nothing about the values that were tried."""
+
+    exit_status = 1
 
 
 @dataclass(frozen=True)
@@ -219,8 +226,9 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """Simulate a scene and compare it with the same without control.
 
     `span`: "impact" for the first impact (see `plant.metrics.impact_kernels`), "run" for all.
-    Raises SceneError for the published scheme, for a run without contact, and for a law that
-    fails; UnstableLoop, also where the law fails since the loop has run away.
+    Raises SceneError for the published scheme and for a run without contact; LawStopped for a law
+    that fails; CaseFailed for numbers that are not finite; UnstableLoop, also where the law fails
+    since the loop has run away.
     """
     check_conserves(setup.scheme)
     try:
@@ -231,7 +239,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
         raise
     found = _bounded(setup, run.truth)
     if not (all_finite(run.truth) and math.isfinite(run.balance.energy_residual)):
-        raise SceneError("the run has numbers that are not finite; its metrics would say nothing")
+        raise CaseFailed("the run has numbers that are not finite; its metrics would say nothing")
     metrics, impacts, end = _metrics(setup, span, run.truth)
     left_out = _left_out(setup, run.truth[:, :end], [one.impact for one in impacts])
     free = uncontrolled(setup, span)

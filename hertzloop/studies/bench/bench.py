@@ -15,7 +15,8 @@ from hertzloop.processes.record import record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.bench.result import BenchResult, LoopCost, SweepCost
-from hertzloop.studies.cases.evaluate import not_run, run_cases
+from hertzloop.studies.cases.evaluate import run_cases
+from hertzloop.studies.cases.rows import without_result
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2
 _CASES, _QUICK_CASES = 100, 30  # of the sweep, a round
@@ -80,6 +81,6 @@ def _cases_per_s(setup: Setup, cases: list[dict[str, float]]) -> float:
     began = time.thread_time()
     rows = list(run_cases(setup, "impact", list(enumerate(cases))))
     spent_s = time.thread_time() - began
-    if failed := not_run(rows):
+    if failed := without_result(rows):
         raise SceneError(f"{len(failed)} of {len(rows)} cases cannot be run: {failed[0]['status']}")
     return len(rows) / spent_s

@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hertzloop.results.cases import OTHER, CaseState, Span
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.budget.limit_map import map_of
+from hertzloop.studies.budget.pair_map import simulate_pair_map
 from hertzloop.studies.budget.plan import BudgetPlan
 from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, probability
@@ -17,23 +16,16 @@ from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nea
 from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
-from hertzloop.studies.cases.evaluate import (
-    Case,
-    CaseTally,
-    Pool,
-    Rows,
-    RunCases,
-    evaluate,
-    metric_of,
-)
-from hertzloop.studies.cases.journal import JournalEntries
+from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Case, Rows, RunCases, check_all_ran, failed, metric_of
 from hertzloop.studies.cases.touch_phases import spread_of
 
 
 def budget(
     plan: BudgetPlan,
-    finished: JournalEntries | None = None,
+    finished: FinishedCases | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> BudgetResult:
     """Measure the budget of the law of a scene.
@@ -44,11 +36,15 @@ def budget(
         on_progress: Called with the finished share of the limits.
 
     Raises:
-        SceneError: the nominal case, or a case with drawn values, cannot be run.
+        CaseFailed: the nominal case, one with drawn values or one with a sequence of latencies
+            failed in its run.
+        SceneError: the nominal case, or a case with drawn values, was refused.
         WorkersLost: a worker process was lost.
     """
     with local_pool(plan.request.workers) as workers:
-        return _budget(plan, workers if finished is None else finished.of(workers), on_progress)
+        return _budget(
+            plan, workers if finished is None else finished.skipping_finished(workers), on_progress
+        )
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ class _Plant:
 
 def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) -> BudgetResult:
     setup, request, goals, tally = plan.setup, plan.request, plan.goals, CaseTally()
-    counted = tally.of(pool)
+    counted = tally.counting(pool)
     scene = _Plant(setup, request.first_span, whole=True)
     plants = [scene]
     if request.span == "both":
@@ -85,12 +81,13 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
     worst = _worst_of(plan, ideal, scene.run(counted)) if request.worst else None
     cases = tally.cases
-    limit_map = likely = None
+    in_map = CaseTally()
+    pair_map = likely = None
     if request.with_map:
         problem = LimitProblem(
             setup, ideal.margin, goals, effort_of(setup, request.quick, scene.span)
         )
-        limit_map = map_of(problem, ideal, scene.run(pool))
+        pair_map = simulate_pair_map(problem, ideal, scene.run(in_map.counting(pool)))
     indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
@@ -109,11 +106,14 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         other=others[0] if others else None,
         other_db=other_row["plate_energy_db"],
         worst=worst,
-        limit_map=limit_map,
+        pair_map=pair_map,
         probability=likely,
         sensitivities=tuple(indices),
         cases=cases,
         all_cases=tally.cases,
+        failed=tuple(
+            str(row["status"]) for row in failed([*tally.without_result, *in_map.without_result])
+        ),
     )
 
 
@@ -160,14 +160,13 @@ def nominal_of(
             `hertzloop run` does.
 
     Raises:
-        SceneError: a case cannot be run.
+        CaseFailed: a case failed in its run.
+        SceneError: a case was refused.
     """
     lasts = lasting(effort.long_s)
     at = [lasts | {"run.touch_phase": phase} for phase in effort.phases]
     own, *rows = run([{} if whole else lasts, *at])
-    for row in (own, *rows):
-        if row["state"] == CaseState.NOT_RUN:
-            raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
+    check_all_ran([own, *rows], f"{setup.name}: the law cannot be run in this scene")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Baseline(
         metrics={name: metric_of(own, name) for name in METRICS},

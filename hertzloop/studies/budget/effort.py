@@ -6,7 +6,7 @@ from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import BudgetQuantity
 from hertzloop.studies.budget.quantities import contact_us
-from hertzloop.studies.cases.evaluate import Case
+from hertzloop.studies.cases.rows import Case
 from hertzloop.studies.cases.touch_phases import phases
 
 _PHASES, _QUICK_PHASES = 5, 3

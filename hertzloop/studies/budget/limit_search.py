@@ -32,7 +32,7 @@ from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.tried_values import TriedValues
-from hertzloop.studies.cases.evaluate import Case, Rows
+from hertzloop.studies.cases.rows import Case, Rows
 
 Asks: TypeAlias = "Generator[list[Case], Rows, BudgetLimit]"  # yields cases, is sent their rows
 _FURTHER = 1.1  # from one value of the scan to the next beyond the usual range
@@ -75,7 +75,9 @@ def limit_of(quantity: BudgetQuantity, goals: Sequence[Goal], effort: SearchEffo
         return _result(quantity, known, top, scan, Boundary.NO_LIMIT, top)
     yield from known.ask([place for place in scan if place > good])
     boundary = Boundary.FOUND
-    if good + 1 in known.refused:
+    if good + 1 in known.broken:
+        boundary = Boundary.FAILED
+    elif good + 1 in known.refused:
         boundary = Boundary.REFUSED
     elif quantity.reported(good) is None:
         boundary = Boundary.IDEAL_ONLY
@@ -121,8 +123,9 @@ def _result(
     again = [place for place in scan if place > beyond and place not in known.failed]
     ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
     finite = [value for value in ends if value is not None]
-    found = boundary in (Boundary.FOUND, Boundary.REFUSED)
-    reason = known.reason if boundary in (Boundary.REFUSED, Boundary.IMPOSSIBLE) else ""
+    found = boundary in (Boundary.FOUND, Boundary.REFUSED, Boundary.FAILED)
+    told = boundary in (Boundary.REFUSED, Boundary.FAILED, Boundary.IMPOSSIBLE)
+    reason = known.reason if told else ""
     if boundary is Boundary.NO_LIMIT:
         reason = f"at {quantity.reported(last):.4g} {quantity.unit} {quantity.end}."
     share = None
@@ -136,7 +139,7 @@ def _result(
         boundary=boundary,
         value=quantity.reported(good) if found and good is not None else None,
         first_failure=quantity.reported(good + 1)
-        if good is not None and boundary in (Boundary.FOUND, Boundary.IDEAL_ONLY)
+        if good is not None and boundary in (Boundary.FOUND, Boundary.FAILED, Boundary.IDEAL_ONLY)
         else None,
         searched=(min(finite), max(finite)) if finite else (0.0, 0.0),
         interval=not again,

@@ -1,8 +1,8 @@
 """A limit: up to which value of a quantity a law meets its goals, and what decides that.
 
-Three things decide: runs that miss a goal and values that the scene refuses (`limit_search.py`),
-and a linear loop in flight that is unstable (`stability.py`). `plant_limits.py` asks them in this
-order, and `Boundary` tells which one it was.
+Four things decide: runs that miss a goal, values that the scene refuses, runs that fail
+(`limit_search.py`), and a linear loop in flight that is unstable (`stability.py`).
+`plant_limits.py` asks them in this order, and `Boundary` tells which one it was.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -18,6 +18,7 @@ class Boundary(StrEnum):
     FOUND = "found"
     NO_LIMIT = "no limit"  # the goals are met up to the physical end of the quantity
     REFUSED = "refused"  # the goals are met up to the first value that the scene refuses
+    FAILED = "failed"  # the goals are met up to the first value at which a case fails in its run
     NEVER = "never met"  # the most harmless value misses a goal
     IDEAL_ONLY = "ideal only"  # no finite value meets the goals
     IMPOSSIBLE = "not possible"  # the scene refuses the quantity
@@ -30,13 +31,13 @@ class BudgetLimit:
     """Up to where a law meets its goals.
 
     `value`: the last value that does, None where no limit was found; `first_failure`: the next
-    value of the list, which misses a goal; `searched`: least and largest value that the search
-    reached; `interval`: whether every scanned value beyond the limit misses a goal;
+    value of the list, which misses a goal or fails; `searched`: least and largest value that the
+    search reached; `interval`: whether every scanned value beyond the limit misses a goal;
     `holds_again`: those that do; `share`: the part of the searched list between the scene's own
     value and the boundary, negative where the scene is beyond it; `reason`: why there is no limit,
-    or why the scene refuses values; `remark`: what a table says behind the value; `impact_alone`:
-    what the search found, where the stability of the linear loop allows less, else None. Values
-    are in `unit`.
+    why the scene refuses values, or why a case failed; `remark`: what a table says behind the
+    value; `impact_alone`: what the search found, where the stability of the linear loop allows
+    less, else None. Values are in `unit`.
     """
 
     quantity: str

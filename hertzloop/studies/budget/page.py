@@ -9,7 +9,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit
-from hertzloop.studies.budget.result import BudgetResult, InPlant, LimitMap
+from hertzloop.studies.budget.result import BudgetResult, InPlant, PairMap
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.pages import pictures
 from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
@@ -17,7 +17,7 @@ from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, s
 _HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
 
 
-def draw_map(found: LimitMap) -> Figure:
+def draw_pair_map(found: PairMap) -> Figure:
     """Draw a map; both axes have a place for each value."""
     sheet, axes = pictures.sheet(1, 1, width=6.5, height=4.6)
     ax = axes[0, 0]
@@ -73,13 +73,13 @@ def budget_page(
         command: The command that makes the page again.
     """
     charts = [ResultChart("How far each limit is", svg(_share_bars(found)))]
-    if found.limit_map is not None:
-        mapped = found.limit_map
+    if found.pair_map is not None:
+        mapped = found.pair_map
         title = f"{mapped.across.name} and {mapped.down.name} together"
         words = "Blue: the goal is met at every touch phase. Red: at none."
         if any(limit.impact_alone for limit in found.ideal.limits):
             words += " The map does not show where the linear loop is unstable."
-        charts.append(ResultChart(title, svg(draw_map(mapped)), words))
+        charts.append(ResultChart(title, svg(draw_pair_map(mapped)), words))
     plants = [("In the scene", found.ideal)]
     if found.real:
         plants.append(("In the real plant", found.real))

@@ -33,7 +33,7 @@ class BudgetPlan:
     request: BudgetRequest
 
     @property
-    def header(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
         """Everything that decides the cases."""
         request = self.request
         searched = [request.span, request.quick, request.with_real, request.worst, *request.only]

@@ -11,8 +11,8 @@ from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.side_by_side import side_by_side
-from hertzloop.studies.budget.stability import tolerated
-from hertzloop.studies.cases.evaluate import RunCases
+from hertzloop.studies.budget.stability import lower_to_stable
+from hertzloop.studies.cases.rows import RunCases
 from hertzloop.studies.margin.flight import Margin
 
 
@@ -55,7 +55,9 @@ def limits_of(
         lambda done: on_progress(done / len(wanted)),
     )
     return tuple(
-        _with_mean_latency(setup, tolerated(setup, problem.margin, quantity, limit, effort.points))
+        _with_mean_latency(
+            setup, lower_to_stable(setup, problem.margin, quantity, limit, effort.points)
+        )
         for quantity, limit in zip(wanted, by_runs, strict=True)
     )
 

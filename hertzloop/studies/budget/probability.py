@@ -12,10 +12,17 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.cases import CaseState
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import Case, Rows, RunCases, metric_of, with_metric
+from hertzloop.studies.cases.rows import (
+    Case,
+    Rows,
+    RunCases,
+    check_all_ran,
+    metric_of,
+    with_metric,
+    without_result,
+)
 from hertzloop.studies.cases.uncertain import UncertainInputs
 
 FIRST, CONFIDENCE, QUANTILES = 128, 0.95, (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -102,7 +109,8 @@ def probability(
         stable: Whether the linear loop is stable in a case; a case that is not misses the goals.
 
     Raises:
-        SceneError: a case cannot be run.
+        CaseFailed: a case failed in its run.
+        SceneError: a case was refused.
     """
     rows: Rows = []
     drawn: list[Case] = []
@@ -113,10 +121,9 @@ def probability(
         drawn += new
         new_rows = run(new)
         rows += new_rows
-        for row in new_rows:
-            if row["state"] == CaseState.NOT_RUN:
-                values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
-                raise SceneError(f"the case with {values} cannot be run: {row['status']}")
+        for row in without_result(new_rows):
+            values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
+            check_all_ran([row], f"the case with {values} cannot be run")
         holds += [
             not all_met(goals, row) or stable(case) for row, case in zip(new_rows, new, strict=True)
         ]

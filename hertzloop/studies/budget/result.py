@@ -53,7 +53,7 @@ class InPlant:
 
 
 @dataclass(frozen=True)
-class LimitMap:
+class PairMap:
     """Where two quantities together meet the goals.
 
     Attributes:
@@ -85,11 +85,12 @@ class BudgetResult:
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
         other_db: Change of the plate energy over the other span, dB; None without one.
         worst: Limit of jitter against the worst sequence of latencies, if asked for.
-        limit_map: Map of the two tightest quantities, if asked for and if two have a limit.
+        pair_map: Map of the two tightest quantities, if asked for and if two have a limit.
         probability: How likely the goals are met with uncertain keys, if asked for.
         sensitivities: Sobol indices of the uncertain keys.
         cases: Number of cases that the limits took.
         all_cases: Number of all cases, those of the map apart.
+        failed: The reason of each case that failed in its run, those of the map included.
     """
 
     scene: str
@@ -101,11 +102,12 @@ class BudgetResult:
     other: InPlant | None
     other_db: float | None
     worst: WorstLimit | None
-    limit_map: LimitMap | None
+    pair_map: PairMap | None
     probability: Probability | None
     sensitivities: tuple[Sensitivity, ...]
     cases: int
     all_cases: int
+    failed: tuple[str, ...] = ()
 
     def as_data(self) -> dict[str, Any]:
         """Return the result as the data of `--json`; `probability` lacks the command that repeats

@@ -12,7 +12,7 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal
-from hertzloop.studies.cases.evaluate import Rows, RunCases, metric_of
+from hertzloop.studies.cases.rows import Rows, RunCases, metric_of
 from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
 
 

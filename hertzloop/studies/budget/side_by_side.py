@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from hertzloop.studies.budget.limit_search import Asks
 from hertzloop.studies.budget.limits import BudgetLimit
-from hertzloop.studies.cases.evaluate import Case, Rows, RunCases
+from hertzloop.studies.cases.rows import Case, Rows, RunCases
 
 
 def side_by_side(

@@ -13,7 +13,7 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
-from hertzloop.studies.cases.evaluate import Case
+from hertzloop.studies.cases.rows import Case
 from hertzloop.studies.margin.flight import Margin, margin_of
 from hertzloop.studies.margin.growth import stable_in_flight
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
@@ -32,7 +32,7 @@ def linear_margin(setup: Setup) -> Margin | None:
     return found if found.applicable else None
 
 
-def tolerated(
+def lower_to_stable(
     setup: Setup, margin: Margin | None, quantity: BudgetQuantity, limit: BudgetLimit, points: int
 ) -> BudgetLimit:
     """Return what a law tolerates of a quantity: the limit of the search, or less where the linear

@@ -5,7 +5,7 @@ from collections.abc import Generator, Iterable, Sequence
 from hertzloop.studies.budget.effort import SearchEffort, lasting, variants
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import BudgetQuantity
-from hertzloop.studies.cases.evaluate import Case, Rows, not_run
+from hertzloop.studies.cases.rows import Case, Rows, failed, without_result
 
 _BELOW_JUMP = 8  # places below a jump, tried for a quantity that works by chance
 
@@ -25,7 +25,8 @@ class TriedValues:
         self.excess: dict[int, float] = {}  # by place, the largest of the variants tried
         self.cases = 0
         self.reason = ""
-        self.refused: set[int] = set()  # places of which a case could not be run
+        self.refused: set[int] = set()  # places of which the scene or the law refused a case
+        self.broken: set[int] = set()  # places of which a case failed in its run
 
     def ask(self, places: Iterable[int]) -> Generator[list[Case], Rows, None]:
         """Try places in all variants: in one first, and in the others where that passes."""
@@ -58,7 +59,7 @@ class TriedValues:
         key, values = self.quantity.key, self.quantity.values
         rows = yield [{key: values[place]} | lasts | one for place, one in pairs]
         self.cases += len(rows)
-        lacking = not_run(rows)
+        lacking = without_result(rows)
         if lacking and not self.reason:
             status = lacking[0]["status"]
             self.reason = (
@@ -68,8 +69,8 @@ class TriedValues:
             self.tried.setdefault(place, []).append(one)
             excess = worst_excess(self.goals, row)
             self.excess[place] = max(excess, self.excess.get(place, excess))
-            if not_run([row]):
-                self.refused.add(place)
+            if without_result([row]):
+                (self.broken if failed([row]) else self.refused).add(place)
             if place not in self.failed and not all_met(self.goals, row):
                 self.failed.add(place)
                 self.order = [one, *(other for other in self.order if other != one)]

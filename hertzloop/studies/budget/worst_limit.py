@@ -1,12 +1,12 @@
 """The limit of jitter against the worst sequence of latencies that a search finds."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
-from hertzloop.studies.cases.evaluate import RunCases
+from hertzloop.studies.cases.rows import Row, RunCases, without_result
 from hertzloop.studies.cases.touch_phases import Spread, spread_of
 from hertzloop.studies.worst.search import Objective, WorstSearch, WorstSequence
 
@@ -36,10 +36,17 @@ class WorstLimit:
 def objective_of(goals: Sequence[Goal]) -> Objective:
     """Return the objective under which a sequence is the worse the more it misses the goals.
 
-    The excess is relative to the limits of the goals, and negative if all goals are met.
+    The excess is relative to the limits of the goals, and negative if all goals are met. Of a
+    sequence that the scene refuses nothing is known.
     """
-    metrics = tuple(goal.metric for goal in goals)
-    return Objective(metrics, partial(worst_excess, goals), lambda row: not all_met(goals, row))
+
+    def excess(row: Row) -> float:
+        return -math.inf if without_result([row]) else worst_excess(goals, row)
+
+    def missed(row: Row) -> bool:
+        return not without_result([row]) and not all_met(goals, row)
+
+    return Objective(tuple(goal.metric for goal in goals), excess, missed)
 
 
 def worst_limit(
@@ -55,6 +62,9 @@ def worst_limit(
         most_steps: Largest range that is searched, steps.
         phases: Touch phases at which simple sequences are tried.
         run: Returns the rows of cases, in their order.
+
+    Raises:
+        CaseFailed: a case failed in its run.
     """
     step_us = setup.step_ns / 1000.0
     search = WorstSearch(setup, objective_of(goals), phases, run)

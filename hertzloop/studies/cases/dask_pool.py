@@ -7,8 +7,9 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from hertzloop.results.cases import Span
-from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, RunNumbered, run_chunk
+from hertzloop.studies.cases.evaluate import Numbered, Pool, RunNumbered, run_chunk
 from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import WorkersLost
 
 if TYPE_CHECKING:

@@ -1,13 +1,13 @@
 """Simulate cases of a scene: one case, a chunk that a worker takes, or all cases in a pool."""
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
+from hertzloop.loop.simulate import LawStopped
 from hertzloop.results.cases import (
     CASE_METRICS,
+    CaseFailed,
     CaseState,
     Span,
     UnstableLoop,
@@ -16,14 +16,11 @@ from hertzloop.results.cases import (
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml
+from hertzloop.studies.cases.rows import Case, Row, Rows, without_result
 
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
 
-Case = dict[str, Any]  # values by scene key
 Numbered = list[tuple[int, Case]]
-Row = dict[str, Any]  # of a case: see `run_cases`
-Rows = list[Row]
-RunCases = Callable[[list[Case]], Rows]  # rows of cases, in their order
 RunNumbered = Callable[[Setup, Span, Numbered], Iterator[Row]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 
@@ -49,7 +46,8 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
 
     A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
     `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
-    sentence, and the others go on.
+    sentence, and the others go on. A case is "not run" if the scene or the law refuses its values,
+    and "failed" if the law raises an exception in the run, or the program does.
     """
     return (run_case(setup, span, *case) for case in numbered)
 
@@ -62,40 +60,31 @@ def run_case(setup: Setup, span: Span, number: int, values: Case) -> Row:
         return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
-        state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
-        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": state.value}
+        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": _state(error).value}
 
 
-def metric_of(row: Row, metric: str) -> float:
-    """Return a metric of a case; nan without one."""
-    value: float | None = row[metric]
-    return math.nan if value is None else value
-
-
-def with_metric(rows: Rows, metric: str) -> Rows:
-    """Return the rows that have a metric."""
-    return [row for row in rows if not math.isnan(metric_of(row, metric))]
-
-
-def not_run(rows: Rows) -> Rows:
-    """Return the rows of cases that could not be run. An unstable case was run."""
-    return [row for row in rows if row["state"] == CaseState.NOT_RUN]
+def _state(error: Exception) -> CaseState:
+    """What became of a case that raised an error."""
+    if isinstance(error, UnstableLoop):
+        return CaseState.UNSTABLE
+    refused = isinstance(error, SceneError) and not isinstance(error, LawStopped | CaseFailed)
+    return CaseState.NOT_RUN if refused else CaseState.FAILED
 
 
 @dataclass
 class CaseTally:
-    """Number of the cases that were run, and the rows of those that could not be run."""
+    """Number of the cases that were run, and the rows of those without a result."""
 
     cases: int = 0
-    not_run: Rows = field(default_factory=list)
+    without_result: Rows = field(default_factory=list)
 
-    def of(self, pool: Pool) -> Pool:
+    def counting(self, pool: Pool) -> Pool:
         """Return a pool that counts its cases."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
             for rows in pool(toml, span, chunks):
                 self.cases += len(rows)
-                self.not_run += not_run(rows)
+                self.without_result += without_result(rows)
                 yield rows
 
         return results

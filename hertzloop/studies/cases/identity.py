@@ -69,9 +69,18 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
     """
     return {
         "scenes": [to_toml(setup.scene) for setup in scenes],
-        "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
+        "laws": {
+            reference: about
+            for law in laws
+            for reference, about in laws_of(scenes[0].vary({"controller.law": law}), design).items()
+        },
         "versions": code_version(),
     }
+
+
+def unidentified_laws(header: dict[str, Any]) -> list[str]:
+    """Return the laws of a header that no later start can recognise, so that it begins anew."""
+    return [law for law in header["laws"] if find(resolve(law)).identity_note()]
 
 
 def check_laws(header: dict[str, Any]) -> None:

@@ -28,12 +28,12 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import (
     Numbered,
     Pool,
-    Rows,
     RunNumbered,
     run_cases,
     run_chunk,
     scene_of,
 )
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import Workers, WorkersLost
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated

@@ -11,7 +11,8 @@ import numpy as np
 
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Pool, Rows, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.rows import Rows, metric_of
 
 TOUCH_PHASE_KEY = "run.touch_phase"
 _FEW = 5

@@ -23,7 +23,8 @@ from typing import Any
 from hertzloop.processes.signals import deferred
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Numbered, Rows, RunNumbered, run_chunk
+from hertzloop.studies.cases.evaluate import Numbered, RunNumbered, run_chunk
+from hertzloop.studies.cases.rows import Rows
 
 _RARELY = 100_000, 50, 50  # Python's own thresholds take 8 % of the time of cases
 _ASK_S = 0.1  # between two looks for an interrupt, and for a worker that has ended

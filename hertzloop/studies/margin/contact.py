@@ -20,7 +20,8 @@ from hertzloop.scene.build import build_sensor, free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.growth import fastest_hz, growth_per_s, outside_poles
-from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.identify import NotLinearError, law_filter
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import (
     PoleForm,
     by_command,

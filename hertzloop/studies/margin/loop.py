@@ -9,7 +9,8 @@ import numpy as np
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, resolve
-from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.identify import NotLinearError, law_filter
+from hertzloop.studies.margin.law_filters import INSIDE, LawFilter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.table import NyquistTable, make_table
 

@@ -8,7 +8,7 @@ are set aside at the start.
 import numpy as np
 
 from hertzloop.studies.margin import sums_kernels
-from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 
 _ROUNDS, _PATIENCE = 80, 25

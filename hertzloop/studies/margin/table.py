@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.studies.margin import sums_kernels
-from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 
 _POINTS = 14  # on the tangent around a pole

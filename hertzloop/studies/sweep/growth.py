@@ -8,7 +8,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Rows
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.margin.growth import growth_of
 
 _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same

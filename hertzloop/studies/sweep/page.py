@@ -11,7 +11,7 @@ from hertzloop.results.cases import CASE_METRICS, SHOWN, CaseState
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import toml_text
 from hertzloop.studies.cases.design import keys_of
-from hertzloop.studies.cases.evaluate import Rows, not_run, with_metric
+from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.pages.html import ResultChart, ResultPage, ResultTable, svg
 from hertzloop.studies.sweep.result import counted, extremes
@@ -150,7 +150,7 @@ def sweep_page(path: Path) -> ResultPage:
     design = header["design"]
     keys = keys_of(design)
     metrics, constant = telling_metrics(rows)
-    lacking = not_run(rows)
+    lacking = without_result(rows)
     unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
     warnings = [f"{len(lacking)} cases could not be run: {lacking[0]['status']}"] if lacking else []
     if unstable:

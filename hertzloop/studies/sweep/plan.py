@@ -31,7 +31,7 @@ class SweepPlan:
         return self.design.cases()
 
     @cached_property
-    def header(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
         """What names this sweep, and goes with its results."""
         return {
             "scene_toml": to_toml(self.setup.scene),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hertzloop.results.cases import SHOWN, CaseState
-from hertzloop.studies.cases.evaluate import Rows, not_run, with_metric
+from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.worst.of_case import worst_columns
 
@@ -28,9 +28,9 @@ class SweepResult:
     damaged: list[int]
 
     @property
-    def not_run(self) -> list[dict[str, Any]]:
-        """Rows of cases that could not be run; `status` says why."""
-        return not_run(self.rows)
+    def without_result(self) -> list[dict[str, Any]]:
+        """Rows of cases that were refused or failed; `status` says why."""
+        return without_result(self.rows)
 
     @property
     def growing(self) -> list[float]:

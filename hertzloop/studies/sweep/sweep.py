@@ -8,9 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
-from hertzloop.studies.cases.evaluate import Rows, RunNumbered, chunked, not_run, run_cases
+from hertzloop.studies.cases.evaluate import RunNumbered, chunked, run_cases
 from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.cases.pool import local_cores, local_pool
+from hertzloop.studies.cases.rows import Rows, without_result
 from hertzloop.studies.sweep.growth import with_growth
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.result import SweepResult
@@ -41,9 +42,9 @@ def sweep(
     """
     if out is None:
         return _run(plan, None, on_progress, on_wait)
-    with Journal(journal_of(out), plan.header) as journal:
+    with Journal(journal_of(out), plan.identity) as journal:
         result = _run(plan, journal, on_progress, on_wait)
-    write_results(out, result.rows, plan.header)
+    write_results(out, result.rows, plan.identity)
     journal_of(out).unlink()
     return result
 
@@ -70,14 +71,14 @@ def _run(
         count = min(request.workers or local_cores(), max(2, len(chunks)))
         address = request.dask
         with dask_pool(address, on_wait, run) if address else local_pool(count, run) as pool:
-            for some in pool(plan.header["scene_toml"], request.span, chunks):
+            for some in pool(plan.identity["scene_toml"], request.span, chunks):
                 for row in some:
                     done[row["case"]] = row
                     if journal is not None:
                         journal.add(row)
                 on_progress(len(done))
     wall_s = time.perf_counter() - started
-    ran = len(missing) - len(not_run([done[number] for number, _ in missing]))
+    ran = len(missing) - len(without_result([done[number] for number, _ in missing]))
     rows: Rows = [done[number] for number, _ in cases]
     damaged = [] if journal is None else journal.damaged
     return SweepResult(with_growth(plan.setup, plan.design.keys, rows), ran, wall_s, damaged)
@@ -89,10 +90,10 @@ def finished(plan: SweepPlan, out: Path) -> SweepResult | None:
         rows, header = read_results(out)
     except ValueError:
         return None
-    if header != json.loads(json.dumps(plan.header)):
+    if header != json.loads(json.dumps(plan.identity)):
         return None
     if journal_of(out).exists():  # of this sweep, which was killed at its end, or of another one
-        with suppress(JournalError), Journal(journal_of(out), plan.header):
+        with suppress(JournalError), Journal(journal_of(out), plan.identity):
             journal_of(out).unlink()
     return SweepResult([{"growth_per_s": None} | row for row in rows], 0, 0.0, [])
 

@@ -48,7 +48,7 @@ class TunePlan:
     request: TuneRequest
 
     @property
-    def header(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
         """Everything that decides the cases."""
         request = {k: v for k, v in asdict(self.request).items() if k not in _NOT_OF_CASES}
         axes = {law: [asdict(axis) for axis in axes] for law, axes in self.axes.items()}

@@ -73,7 +73,8 @@ class TuneResult:
     @property
     def winner(self) -> Candidate | None:
         """The setting with the least first metric that does not raise the second one above that of
-        the published setting; None if none improves on the published setting."""
+        the published setting; None if none improves on the published setting, or if that has no
+        metrics."""
         gain, keep = self.minimise[0], self.minimise[min(1, len(self.minimise) - 1)]
         return better_than(self.published, self.front, gain, keep)
 
@@ -92,6 +93,8 @@ class TuneResult:
             self.published,
         )
         keep = rest[0] if rest else first
+        if any(math.isnan(published.metrics[name]) for name in (first, keep)):
+            return "the published setting has no metrics in these scenes, so none is compared to it"
         if winner is None:
             return f"none beats the published setting in {first} without raising {keep}"
         gained = published.metrics[first] - winner.metrics[first]
@@ -118,8 +121,8 @@ def write_tuned(path: Path, result: TuneResult) -> None:
     """Write the result as a JSON file. Raises NotWritten."""
     data = asdict(result)
     for found in (*data["front"], data["published"]):
-        for spread in found["spreads"].values():  # JSON knows no nan
-            spread.update({k: None if math.isnan(v) else v for k, v in spread.items()})
+        for numbers in (found["metrics"], *found["spreads"].values()):  # JSON knows no nan
+            numbers.update({k: None if math.isnan(v) else v for k, v in numbers.items()})
     text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
     atomic_write(path, text + "\n")
 
@@ -143,6 +146,7 @@ def _candidate(data: dict[str, Any]) -> Candidate:
         name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
         for name, spread in data["spreads"].items()
     }
+    metrics = {k: math.nan if v is None else v for k, v in data["metrics"].items()}
     growth = data["unstable_loop"]
     unstable = None if growth is None else Growth(**growth)
-    return Candidate(data["values"], data["metrics"], spreads, unstable)
+    return Candidate(data["values"], metrics, spreads, unstable)

@@ -10,7 +10,8 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Pool, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.rows import metric_of
 from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_over
 from hertzloop.studies.margin.growth import Growth, growth_of
 from hertzloop.studies.tune.plan import TunePlan
@@ -79,7 +80,9 @@ def with_spreads(pool: Pool, plan: TunePlan, found: list[Candidate]) -> list[Can
 
 
 def published_setting(pool: Pool, plan: TunePlan) -> Candidate:
-    """Return the published setting of the slope-threshold law in the same scenes."""
+    """Return the published setting of the slope-threshold law in the same scenes; its metrics are
+    nan where a scene refuses it, or its loop is unstable."""
     names = plan.request.minimise
     worst = worst_of(pool, plan, [PUBLISHED], names)[0]
-    return Candidate(PUBLISHED, dict(zip(names, (float(v) for v in worst), strict=True)))
+    metrics = (math.nan if value >= NO_METRIC else float(value) for value in worst)
+    return Candidate(PUBLISHED, dict(zip(names, metrics, strict=True)))

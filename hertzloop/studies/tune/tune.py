@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import CaseTally
+from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.identity import code_version
-from hertzloop.studies.cases.journal import JournalEntries
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate, TuneResult
@@ -19,7 +19,7 @@ from hertzloop.studies.tune.search import front, search_law
 
 def tune(
     plan: TunePlan,
-    finished: JournalEntries | None = None,
+    finished: FinishedCases | None = None,
     on_progress: Callable[[int], None] = lambda generations: None,
 ) -> TuneResult:
     """Search the settings of the laws of a plan that no other setting beats.
@@ -36,7 +36,7 @@ def tune(
     request, tally = plan.request, CaseTally()
     found: list[Candidate] = []
     with local_pool(request.workers) as workers:
-        pool = tally.of(workers if finished is None else finished.of(workers))
+        pool = tally.counting(workers if finished is None else finished.skipping_finished(workers))
         published = published_setting(pool, plan)
         for before, law in enumerate(plan.axes):
             done = before * request.generations
@@ -54,7 +54,7 @@ def tune(
             for candidate, growth in zip(best, growths, strict=True)
         ],
         published=published,
-        failed=[row["status"] for row in tally.not_run],
+        failed=[row["status"] for row in tally.without_result],
         cases=tally.cases,
         ran=tally.cases if finished is None else finished.ran,
         versions=code_version(),

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import CaseState, Span
+from hertzloop.results.cases import CaseFailed, CaseState, Span
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Case, Numbered, Row, Rows, run_case, run_cases
+from hertzloop.studies.cases.evaluate import Numbered, run_case, run_cases
+from hertzloop.studies.cases.rows import Case, Row, Rows, without_result
 from hertzloop.studies.worst.search import WorstSearch, largest
 
 WORST_CASES, LATENCIES = "worst_cases", "worst_latencies_us"
@@ -30,11 +31,13 @@ def run_cases_with_worst(
     """
     for number, values in numbered:
         row = run_case(setup, span, number, values) | dict.fromkeys(worst_columns(metric))
-        if row["state"] != CaseState.NOT_RUN:
+        if not without_result([row]):
             try:
                 row |= _worst_of_case(setup.vary(values), metric, span)
+            except CaseFailed as error:
+                row |= {"status": str(error), "state": CaseState.FAILED.value}
             except Exception as error:  # one case must not end the others
-                row |= {"status": f"failed: {error!r}", "state": CaseState.NOT_RUN.value}
+                row |= {"status": f"failed: {error!r}", "state": CaseState.FAILED.value}
         yield row
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from hertzloop.results.cases import CaseState
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Case, Row, RunCases
+from hertzloop.studies.cases.rows import Case, Row, Rows, RunCases, check_none_failed
 from hertzloop.studies.worst.window import LatencyWindow, window_of
 
 MOST_CASES = 2000  # of the search within one range
@@ -99,6 +99,9 @@ class WorstSearch:
         phases: Touch phases at which simple sequences are tried.
         run: Returns the rows of cases, in their order.
 
+    Raises:
+        CaseFailed: a case failed in its run, here or in `within`.
+
     Attributes:
         nominal: Row of the case without additional latency, at the first phase.
         cases: Number of simulated cases.
@@ -108,7 +111,7 @@ class WorstSearch:
         self, setup: Setup, objective: Objective, phases: Sequence[float], run: RunCases
     ) -> None:
         self.setup, self.objective, self.phases, self.run = setup, objective, phases, run
-        (self.nominal,) = run([case_of([setup.scene.controller.latency_us], phases[0])])
+        (self.nominal,) = self._run([case_of([setup.scene.controller.latency_us], phases[0])])
         self.cases = 1
         without = np.zeros(window_of(setup, 0, self.nominal).end, np.int32)
         self._nominal = self._rated(self.nominal), phases[0], without
@@ -158,7 +161,7 @@ class WorstSearch:
         names = [_name(phase, delays) for delays in tried]
         new = {n: one for n, one in zip(names, tried, strict=True) if n not in self._known}
         new = dict(list(new.items())[: self._last - self.cases])
-        rows = self.run([case_of(self._latencies_us(delays), phase) for delays in new.values()])
+        rows = self._run([case_of(self._latencies_us(delays), phase) for delays in new.values()])
         self._known |= {n: self._rated(row) for n, row in zip(new, rows, strict=True)}
         self.cases += len(new)
         found = [self._known.get(name) for name in names]
@@ -166,6 +169,11 @@ class WorstSearch:
             if rated and rated > self._worst[0]:
                 self._worst = rated, phase, delays
         return [rated.excess if rated else -math.inf for rated in found]
+
+    def _run(self, cases: list[Case]) -> Rows:
+        rows = self.run(cases)
+        check_none_failed(rows)  # a failure is no bad value: the worst sequence is unknown
+        return rows
 
     def _rated(self, row: Row) -> _Rated:
         metrics = {name: row[name] for name in self.objective.metrics}

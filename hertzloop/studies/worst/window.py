@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Row
+from hertzloop.studies.cases.rows import Row
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """Goals, and the limits that a search finds."""
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +20,7 @@ from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.tune.plan import LAWS
+from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
@@ -122,6 +125,58 @@ def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
     (limit,) = side_by_side([limit_of(LATENCY, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
     assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.REFUSED, 62, None)
     assert (limit.share, limit.reason) == (None, "a.b: no")
+
+
+def test_a_case_that_fails_is_no_refusal():
+
+    def run(cases):
+        return [
+            row(-1.0, CaseState.METRICS if case["a.b"] <= 62 else CaseState.FAILED)
+            for case in cases
+        ]
+
+    (limit,) = side_by_side([limit_of(LATENCY, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
+    assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.FAILED, 62, 63)
+    assert (limit.share, limit.reason) == (None, "a.b: no")
+
+
+LATE_LAW = """
+from typing import NamedTuple
+
+SENSES = "velocity"
+
+
+class Constants(NamedTuple):
+    late: float
+
+
+def prepare(keys, about):
+    late = float(about.horizon_steps > 4)
+    {refusal}
+    return Constants(late)
+
+
+def command(p, s, samples, i):
+    return 1.0 / (1.0 - p.late) - 1.0 - 20.0 * samples[i]
+"""
+
+
+@pytest.mark.parametrize(
+    ("refusal", "boundary", "exit_code"),
+    [("", "failed", 1), ("if late: raise ValueError('too late')", "refused", 0)],
+)
+def test_a_bug_of_the_law_and_its_refusal_are_told_apart(
+    tmp_path, monkeypatch, refusal, boundary, exit_code
+):
+    monkeypatch.chdir(tmp_path)
+    Path("late.py").write_text(LATE_LAW.replace("{refusal}", refusal))
+    options = ["--quick", "--no-real-plant", "--only", "latency_us", "--workers", "1"]
+    options += ["--set", SHORT[0], "--law", "late.py", "--goal", "plate_energy_db <= 99"]
+    done = invoke(["budget", "aluminium-3mm", *options, "--json", "found.json"])
+    assert done.exit_code == exit_code, done.output
+    limit = json.loads(Path("found.json").read_text())["limits"]["latency_us"]
+    assert (limit["boundary"], limit["value"]) == (boundary, 3.0)
+    assert ("ZeroDivisionError" in done.output) == (boundary == "failed")
 
 
 _SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm", "oak-20mm")

@@ -180,7 +180,7 @@ def test_the_page_shows_limits_and_a_map():
     only = ("latency_us", "jitter_us")
     asked = BudgetRequest(quick=True, with_real=False, with_map=True, only=only)
     found = budget(plan_budget(setup, asked))
-    mapped = found.limit_map
+    mapped = found.pair_map
     assert mapped.across.name == found.ideal.binds_first == "latency_us"
     limit = next(x.value for x in found.ideal.limits if x.quantity == "latency_us")
     alone = dict(zip(mapped.across_places, mapped.met[0], strict=True))

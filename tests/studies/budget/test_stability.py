@@ -18,7 +18,7 @@ from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.requirement import read_requirements
-from hertzloop.studies.budget.stability import instability, linear_margin, tolerated
+from hertzloop.studies.budget.stability import instability, linear_margin, lower_to_stable
 from hertzloop.studies.margin.growth import growth_of, stable_in_flight
 from hertzloop.studies.margin.loop import loops_of
 from tests.commands import invoke
@@ -102,7 +102,7 @@ def searched(setup: Setup, name: str, value: float | None) -> tuple[BudgetQuanti
 
 def tolerated_of(setup: Setup, name: str, value: float | None) -> tuple[BudgetLimit, BudgetLimit]:
     quantity, limit = searched(setup, name, value)
-    return tolerated(setup, linear_margin(setup), quantity, limit, 10), limit
+    return lower_to_stable(setup, linear_margin(setup), quantity, limit, 10), limit
 
 
 @pytest.mark.parametrize("kind", UNSTABLE)
@@ -124,7 +124,7 @@ def test_what_cannot_be_varied_or_has_no_loop_stays():
     setup = load("aluminium-3mm", [SHORT, "controller.law=velocity_feedback"])
     quantity, limit = searched(setup, "mass_kg", 1.0)
     refused = replace(limit, boundary=Boundary.IMPOSSIBLE, value=None)
-    assert tolerated(setup, linear_margin(setup), quantity, refused, 10) is refused
+    assert lower_to_stable(setup, linear_margin(setup), quantity, refused, 10) is refused
     for settings in (
         ["controller.law=force_feedback"],
         ["controller.law=slope_threshold"],
@@ -231,7 +231,7 @@ def test_the_page_shows_the_impact_alone(folder):
     only = ("latency_us", "bits")
     asked = BudgetRequest(quick=True, with_real=False, with_map=True, only=only)
     found = budget(BudgetPlan(setup, (GOAL,), None, asked))
-    assert found.limit_map is None
+    assert found.pair_map is None
     text = page.budget_page(setup, found, [], "hertzloop budget").html()
     assert "impact alone" in text
     assert text.count("none (unstable loop)") == 2

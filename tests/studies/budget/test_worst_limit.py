@@ -7,7 +7,7 @@ import pytest
 
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import parse_goal
-from hertzloop.studies.budget.worst_limit import worst_limit
+from hertzloop.studies.budget.worst_limit import objective_of, worst_limit
 from tests.commands import invoke
 from tests.studies.worst.made_up import SCENE, made_up, simulated
 
@@ -33,6 +33,16 @@ def test_a_strict_goal_that_is_just_reached_is_missed():
     for goal, tolerated_us in (("plate_energy_db <= 2", 4.0), ("plate_energy_db < 2", 3.0)):
         found = worst_limit(setup, [parse_goal(goal)], 8, [0.0], made_up(weights))
         assert found.tolerated_us == tolerated_us
+
+
+def test_a_sequence_that_the_scene_refuses_is_not_the_worst():
+    objective = objective_of([GOAL])
+    refused = {"plate_energy_db": None, "status": "no", "state": "not run"}
+    assert objective.excess(refused) == -np.inf
+    assert not objective.missed(refused)
+    unstable = refused | {"state": "unstable"}
+    assert objective.excess(unstable) == np.inf
+    assert objective.missed(unstable)
 
 
 def test_the_command_writes_a_trace_that_run_replays(tmp_path, monkeypatch):

@@ -13,9 +13,11 @@ import pytest
 
 from hertzloop.results.cases import Span
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.evaluate import Numbered, Pool, Rows, evaluate
-from hertzloop.studies.cases.journal import Journal, kept
+from hertzloop.studies.cases.evaluate import Numbered, Pool, evaluate
+from hertzloop.studies.cases.finished_cases import kept
+from hertzloop.studies.cases.journal import Journal
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows
 from tests.commands import invoke
 from tests.studies.sweeping import COARSE, command, wait_until
 
@@ -123,13 +125,35 @@ def _counted(pool: Pool, ran: list[str]) -> Pool:
     return results
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["sweep", *SHORT, "--over", "controller.latency_us=0,1"],
+     ["budget", *SHORT, "--quick", "--no-real-plant", "--only", "latency_us"]],
+)  # fmt: skip
+def test_a_law_that_cannot_be_recognised_is_not_said_to_continue(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    law = "import os\n\ndef command(p, s, samples, i):\n    return 0.0 * os.cpu_count()\n"
+    Path("mine.py").write_text(law)
+
+    def interrupted(self: Journal, row: dict[str, Any]) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Journal, "add", interrupted)
+    result = invoke([*words, "--set", "controller.law=mine.py", "--workers", "1"])
+    assert result.exit_code == 130
+    said = " ".join(result.stderr.split())
+    assert "cannot be continued, since it is unknown whether" in said
+    assert "mine.py is still the same law" in said
+    assert "to continue" not in said
+
+
 def test_a_case_asked_for_twice_is_run_once(tmp_path):
     scene, ran = load("aluminium-3mm", COARSE), list[str]()
     cases = [{"controller.latency_us": latency} for latency in (1, 2, 1)]
     with local_pool(1) as pool:
         plain = evaluate(pool, scene, "impact", cases)
         with kept(tmp_path, "a", {}) as finished:
-            some = finished.of(_counted(pool, ran))
+            some = finished.skipping_finished(_counted(pool, ran))
             found = [evaluate(some, scene, "impact", cases) for _ in range(2)]
     assert found == [plain, plain]
     assert len(ran) == finished.ran == 2

@@ -16,8 +16,9 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases import pool as crew
-from hertzloop.studies.cases.evaluate import Numbered, Row, chunked, run_cases, scene_of
+from hertzloop.studies.cases.evaluate import Numbered, chunked, run_cases, scene_of
 from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Row
 from hertzloop.studies.cases.workers import WorkersLost
 
 ROOT = Path(__file__).resolve().parents[3]

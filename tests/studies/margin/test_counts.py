@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.margin import dense, laws, own_laws, synthetic
-from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.loop import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles

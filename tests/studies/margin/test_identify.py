@@ -10,7 +10,8 @@ from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.scene.controller import law_context
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
-from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
+from hertzloop.studies.margin.identify import NotLinearError, law_filter, probe
+from hertzloop.studies.margin.law_filters import LawFilter
 from tests.commands import invoke
 
 LAW = '''"""A filter of two poles."""

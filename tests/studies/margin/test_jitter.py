@@ -17,13 +17,13 @@ from benchmarks.jitter_margin import (
 from benchmarks.margin import simulated_growth_per_s
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
-from hertzloop.studies.margin.identify import LawFilter
 from hertzloop.studies.margin.jitter import (
     ErrorResponse,
     JitterMargin,
     at_shortest_latency,
     jitter_margin_of,
 )
+from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from tests.commands import invoke
 from tests.tiers import default

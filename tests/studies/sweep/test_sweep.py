@@ -17,6 +17,7 @@ from hertzloop.studies.cases import evaluate
 from hertzloop.studies.cases.axis import Axis, axes_from
 from hertzloop.studies.cases.design import Design, design_of
 from hertzloop.studies.cases.identity import code_version
+from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.repeat_cases import repeat_cases
@@ -121,7 +122,7 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport):
     assert unstable[0]["status"].startswith("the closed loop is unstable")
     rows = [row for row in rows if not row["status"]]
     assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
-    header = SweepPlan(scene, design, ONE_WORKER).header
+    header = SweepPlan(scene, design, ONE_WORKER).identity
     count = 12 if transport == "inprocess" else 3
     found = list(repeat_cases(rows, header, count, transport, 1))
     assert [checked.same for checked in found] == [True] * count
@@ -155,7 +156,7 @@ def test_results_from_before_a_metric_was_added_stay_readable(tmp_path, suffix):
     design = design_of(setup, axes_from(["controller.latency_us=0,3"]), "grid", 2, 1)
     done = study.sweep(SweepPlan(setup, design, ONE_WORKER), out)
     older = [{k: v for k, v in row.items() if k != lacking} for row in done.rows]
-    write_results(out, older, SweepPlan(setup, design, ONE_WORKER).header)
+    write_results(out, older, SweepPlan(setup, design, ONE_WORKER).identity)
     rows, _ = read_results(out)
     assert [row.pop(lacking) for row in rows] == [None, None]
     assert [row["plate_energy_db"] for row in rows] == [row["plate_energy_db"] for row in done.rows]
@@ -293,3 +294,19 @@ def test_results_without_a_case_cannot_be_checked(tmp_path):
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
     assert "no case has metrics to verify" in " ".join(found.stderr.split())
+
+
+def test_a_worker_that_is_lost_over_the_other_span_does_not_end_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def lost(count):
+        raise WorkersLost("a worker process died")
+
+    monkeypatch.setattr("hertzloop.cli.sweeps.local_pool", lost)
+    over = ["--over", "run.touch_phase=0.25,0.75", "--set", COARSE[0], "--json", "told.json"]
+    done = invoke(["sweep", "aluminium-3mm", *over, "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert "has no value over the other span: a worker process died" in " ".join(
+        done.output.split()
+    )
+    assert json.loads(Path("told.json").read_text())["failed"] == 0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.studies.tune.result import read_tuned
 from tests.commands import invoke
 
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
@@ -96,6 +97,21 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(law, key, tmp_path
     best = told["front"][0]["values"]
     assert best[f"controller.{key}"] == round(best[f"controller.{key}"])
     assert isinstance(best.get("controller.often", 1), int)
+
+
+def test_nothing_is_said_to_beat_a_published_setting_that_a_scene_refuses(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # The published law needs the penetration, which only a sensor at the contact has.
+    senses = ["--set", "controller.law=acceleration_feedback", "--out-dir", "found"]
+    senses += ["--set", "sensors.point_m=[0.3,0.25]"]
+    found = invoke(["tune", "aluminium-3mm", *senses, *QUICK, "--json", "r.json"])
+    assert found.exit_code == 1  # the published setting counts as a failed case
+    told = json.loads(Path("r.json").read_text())
+    assert set(told["published"]["metrics"].values()) == {None}
+    assert told["verdict"][0].startswith("the published setting has no metrics")
+    tuned = read_tuned(Path("found/tune-aluminium-3mm.json"))
+    assert tuned.winner is None
+    assert tuned.best is tuned.front[0]
 
 
 def test_all_laws_can_be_tuned(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hertzloop.results.cases import CaseFailed
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.worst.search import MOST_CASES, WorstSearch, case_of, largest
 from hertzloop.studies.worst.window import LatencyWindow, window_of
@@ -62,6 +63,21 @@ def test_sequences_of_the_caller_are_tried_first():
 )
 def test_the_largest_value_is_the_worst(state, value, excess):
     assert ENERGY.excess({"plate_energy_db": value, "state": state}) == excess
+
+
+def test_a_case_that_fails_ends_the_search():
+    setup = load("aluminium-3mm", SCENE)
+    run = made_up(np.random.default_rng(3).standard_normal(30))
+
+    def fails_late(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        late = [max(case["controller.latency_trace"]) > 2.0 for case in cases]
+        bad = {"plate_energy_db": None, "status": "division by zero", "state": "failed"}
+        return [row | bad if late[i] else row for i, row in enumerate(run(cases))]
+
+    search = WorstSearch(setup, ENERGY, [0.0], fails_late)
+    assert search.within(2).excess > 0.0
+    with pytest.raises(CaseFailed, match="division by zero"):
+        search.within(4)
 
 
 @pytest.mark.parametrize("count", [1, 7, 40])

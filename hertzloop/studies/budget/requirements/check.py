@@ -18,7 +18,8 @@ from hertzloop.studies.budget.probability import Draws, Probability, probability
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.requirements.requirement import SceneRequirement, beside
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
-from hertzloop.studies.cases.evaluate import Pool, Rows, RunCases, evaluate, metric_of
+from hertzloop.studies.cases.evaluate import Pool, evaluate
+from hertzloop.studies.cases.rows import Rows, RunCases, check_all_ran, metric_of
 from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
@@ -79,6 +80,7 @@ def check(pool: Pool, row: SceneRequirement) -> CheckedRequirement:
         row: The requirement in one scene.
 
     Raises:
+        CaseFailed: a case failed in its run.
         SceneError: the row cannot be run.
     """
     began_s = time.perf_counter()
@@ -115,9 +117,7 @@ def _check_runs(found: CheckedRequirement, setup: Setup, run: RunCases) -> None:
     as_it_is: list[dict[str, Any]] = [{}] if one.expect else []
     cases = [*as_it_is, *phases]
     rows = run(cases)
-    for each in rows:
-        if each["state"] == CaseState.NOT_RUN:
-            raise SceneError(f"{found.row.name}: {each['status']}")
+    check_all_ran(rows, found.row.name)
     for each, case in zip(rows, cases, strict=True):
         if each["state"] == CaseState.UNSTABLE and not found.unstable:
             found.unstable = True
@@ -204,7 +204,8 @@ def _limit_sentence(found: BudgetLimit, wanted: float, margin: Margin | None, sp
     """What is tolerated and required; the instability where it sets the limit."""
     if found.impact_alone is None:
         got = found.boundary.value if found.value is None else f"{found.value:.6g}"
-        return f"{found.quantity}: tolerated {got} {found.unit}, required {wanted:.6g}"
+        why = f"; {found.reason}" if found.boundary is Boundary.FAILED else ""
+        return f"{found.quantity}: tolerated {got} {found.unit}, required {wanted:.6g}{why}"
     if found.boundary is Boundary.UNSTABLE:
         why = instability(margin) or "the linear loop is unstable there"
     else:

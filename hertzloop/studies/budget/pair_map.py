@@ -7,14 +7,14 @@ from hertzloop.studies.budget.goal import all_met
 from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.plant_limits import LimitProblem
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.result import InPlant, LimitMap, nearest
-from hertzloop.studies.cases.evaluate import RunCases
+from hertzloop.studies.budget.result import InPlant, PairMap, nearest
+from hertzloop.studies.cases.rows import RunCases
 
 _PLACES = 11  # values of a quantity in a map
 _BEYOND = 1.6  # times the distance to the limit, in places, that a map shows
 
 
-def map_of(problem: LimitProblem, plant: InPlant, run: RunCases) -> LimitMap | None:
+def simulate_pair_map(problem: LimitProblem, plant: InPlant, run: RunCases) -> PairMap | None:
     """Simulate a map of the two tightest quantities of a plant.
 
     Args:
@@ -41,7 +41,7 @@ def map_of(problem: LimitProblem, plant: InPlant, run: RunCases) -> LimitMap | N
     ]
     met = np.array([all_met(problem.goals, row) for row in run(cases)], dtype=float)
     shape = (len(places[1]), len(places[0]), len(effort.phases))
-    return LimitMap(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
+    return PairMap(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
 
 
 def _places(quantity: BudgetQuantity, limit: BudgetLimit) -> tuple[int, ...]:
