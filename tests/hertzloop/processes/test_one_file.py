@@ -5,7 +5,7 @@ import pytest
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import RecordingWriter
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.hertzloop.commands import LONG, finish, grown_to, hertzloop, start, wait_for
 from tests.hertzloop.scenes import aluminium_3mm
 
@@ -29,6 +29,19 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path):
         first.send_signal(2)
         finish(first)
     assert read(out).metadata["steps"] == "15000000"
+
+
+def test_a_file_is_locked_until_its_writer_is_done(tmp_path):
+    out = tmp_path / "one.mcap"
+    first = RecordingWriter(out)
+    first.scene("# a", {})
+    with pytest.raises(RecordingError, match="another run is writing"):
+        RecordingWriter(out, overwrite=True)
+    first.finish({})
+    second = RecordingWriter(out, overwrite=True)
+    second.scene("# b", {})
+    second.finish({})
+    assert read(out).scene_toml == "# b"
 
 
 def test_a_run_that_never_began_leaves_the_file_as_it_was(tmp_path):
