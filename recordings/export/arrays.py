@@ -3,7 +3,6 @@
 import json
 import zipfile
 from collections.abc import Iterator
-from importlib.util import find_spec
 from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.recordings.export.samples import STREAMS, Label, Samples
-from hertzloop.recordings.writer import RecordingError
 
 _TIME: Label = ("ns", "simulated time")
 
@@ -64,8 +62,6 @@ def _write_array(
 
 def write_hdf5(samples: Samples, path: Path) -> None:
     """A group a stream; every dataset has the attributes `units` and `long_name`."""
-    if find_spec("h5py") is None:
-        raise RecordingError("HDF5 needs h5py, which is not installed: pip install 'hertzloop[h5]'")
     import h5py  # of an extra
 
     with _SteadyFile(path) as steady:

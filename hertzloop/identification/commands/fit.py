@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import options, prepare
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.text_files import text_of
+from hertzloop.identification.commands.fit_files import FitFiles
 from hertzloop.identification.fit.check import check as check_records
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.expected_record import expected_record
@@ -19,9 +18,7 @@ from hertzloop.identification.fit.keys.free_key_option import parse_free_key
 from hertzloop.identification.fit.keys.free_keys import FreeKey
 from hertzloop.identification.fit.keys.key_scope import is_control_key
 from hertzloop.identification.fit.reports.file_description import describe_file
-from hertzloop.identification.fit.reports.fit_json import as_json
 from hertzloop.identification.fit.reports.fit_text import parameter_table, sentences
-from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
 from hertzloop.identification.records.reading import holds_records, read_records
@@ -115,17 +112,16 @@ def fit(
             out.say("\n".join(describe_file(file)))
         return
     setup = prepare.scene_from(scene, settings, None)
+    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
     held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
-    target = out_file or Path(f"{setup.name}-fitted.toml")
-    read = [*files, *held]
-    if not check:
-        own = out_file is None and _written_by_fit(target)
-        scene_file = [Path(scene)] if scene.endswith(".toml") else []
-        outputs.check_output(target, overwrite or own, read=[*read, *scene_file])
-    for path, option in ((report_file, "--report"), (replay_file, "--replay")):
-        if path is not None:
-            outputs.check_output(path, overwrite, option, read=read)
-    outputs.check_json(json_file, target, report_file, replay_file)
+    written = FitFiles(
+        None if check else out_file or Path(f"{setup.name}-fitted.toml"),
+        report_file,
+        replay_file,
+        json_file,
+    )
+    scene_file = [Path(scene)] if scene.endswith(".toml") else []
+    written.check([*files, *held], scene_file, overwrite, named=out_file is not None)
     keys = [parse_free_key(setup, text) for text in free or []]
     if not keys:
         raise FitError("--free: no key is free. Name at least one, --free KEY.")
@@ -141,31 +137,15 @@ def fit(
     if check:
         result = check_records(setup, measured, keys)
     else:
-        numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
         held_out: list[Record | int] | None = [*compared, *numbers] if hold_out else None
         result = _fit_with_progress(setup, measured, keys, held_out, exact)
     out.print(parameter_table(result))
     for sentence in sentences(result):
         out.say(sentence)
-    data = as_json(result)
-    if result.setup is not None and result.identifiable:
-        atomic_write(target, fitted_scene(result, target.stem))
-        data["scene"] = str(target)
-        out.say(f"written: {target}")
-    if report_file is not None:
-        from hertzloop.identification.fit.reports.fit_page import page  # of an extra
-
-        named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
-        flags = {"--check": check, "--exact": exact, "--report": True}
-        words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
-        atomic_write(report_file, page(result, shlex.join(map(str, words))))
-        out.say(f"written: {report_file}")
-    if replay_file is not None:
-        from hertzloop.identification.fit.reports.fit_replay import write_replay  # of an extra
-
-        write_replay(result, replay_file)
-        out.say(f"written: {replay_file}")
-    outputs.write_json(json_file, data)
+    named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
+    flags = {"--check": check, "--exact": exact, "--report": True}
+    words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
+    written.write(result, shlex.join(map(str, words)))
     if not result.identifiable:
         raise typer.Exit(2)
     if result.model is ModelVerdict.DOES_NOT_FIT:
@@ -219,11 +199,3 @@ def _option_words(named: Mapping[str, list[str] | None], flags: Mapping[str, boo
     """Return the words of options with values and of those without."""
     words = [word for name, values in named.items() for one in values or [] for word in (name, one)]
     return words + [name for name, on in flags.items() if on]
-
-
-def _written_by_fit(path: Path) -> bool:
-    """Whether a file is a fitted scene, which may be replaced without asking."""
-    try:
-        return "\n[fit]\n" in text_of(path.read_bytes())
-    except (OSError, ValueError):
-        return False
