@@ -8,7 +8,8 @@ from typing import Any
 from hertzloop.cli import worst_latencies
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.terminal import err, out
-from hertzloop.results.cases import OTHER, SHOWN
+from hertzloop.results.cases import SHOWN
+from hertzloop.results.spans import OTHER
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows, with_metric
