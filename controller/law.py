@@ -10,9 +10,10 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from hertzloop.common.jit import kernel as compiled_function
+from hertzloop.common.number_fields import refuse_no_numbers
 
 IDLE, WATCHING, ACTING, SPENT = range(4)  # `s.mode` of a law; `bus/events.py` names them
 NO_PROMISE = math.inf  # a quiet level that no sample stays above
@@ -49,6 +50,7 @@ class Keys(BaseModel):
     """Base class of the scene keys of a law: one pydantic field per key, finite numbers only."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    _numbers = field_validator("*", mode="wrap")(refuse_no_numbers)
 
 
 def _nothing() -> np.ndarray:

@@ -27,6 +27,12 @@ _TAKEN = ("modal_j", "modal_dissipated_j", "air_dissipated_j", "truncated_dissip
 _INVALID = -1.0  # reward of an action that is no number, as if the plate had taken all energy
 
 
+def _positive(name: str, value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{name} = {value}: must be a positive number.")
+    return value
+
+
 class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """First impacts of a scene, `num_envs` at a time; its law is not asked.
 
@@ -37,7 +43,8 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     plate has taken. An impact that is over begins anew in the next call, whose action is ignored;
     seeds are drawn, so that noise and a random `run.touch_phase` differ. An action of nan ends its
     own impact with a reward of -1; `info["invalid_action"]` tells which. `scene` may be a name or
-    a TOML file. Raises SceneError, NoCompiler and CompileFault.
+    a TOML file. Raises SceneError, NoCompiler and CompileFault, and ValueError for a `num_envs`,
+    `limit_n` or `scale` that is not positive.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -60,8 +67,12 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         depth = rigid_penetration_m(
             about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s, about.exponent
         )
-        self.num_envs, self.scale = num_envs, scale or depth
-        self.limit_n = limit_n or min(about.limit_n, about.rigid_peak_n)
+        if num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs}: must be at least 1.")
+        self.num_envs = num_envs
+        self.scale = _positive("scale", depth if scale is None else scale)
+        smaller = min(about.limit_n, about.rigid_peak_n)
+        self.limit_n = _positive("limit_n", smaller if limit_n is None else limit_n)
         self.single_observation_space = gym.spaces.Box(-math.inf, math.inf, (2,), np.float64)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float64)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

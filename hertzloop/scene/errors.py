@@ -55,6 +55,7 @@ def _refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: 
     return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
 
 
+_PAIR = "a list of two numbers, such as [0.1, 0.2]"
 _WANTED = {
     "int": "a whole number",
     "float": "a number",
@@ -65,6 +66,8 @@ _WANTED = {
     "model": "a table",
     "dict": "a table",
     "tuple": "a list in brackets, such as [0.1, 0.2]",
+    "missing": _PAIR,
+    "too_long": _PAIR,
     "greater_than_equal": "at least {ge:g}",
     "less_than_equal": "at most {le:g}",
     "greater_than": "more than {gt:g}",
@@ -77,7 +80,7 @@ def _wanted(problem: Any) -> str:
     """What pydantic asks for, in words that follow "must be"."""
     kind = problem["type"]
     words = _WANTED.get(kind) or _WANTED.get(kind.partition("_")[0])
-    if words is None or "pattern" in kind or "too" in kind:
+    if words is None or "pattern" in kind or "too_short" in kind:
         message: str = problem["msg"]
         return message.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
     return words.format(**problem.get("ctx", {}))
@@ -90,11 +93,11 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
     path = tuple(str(p) for p in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return unknown_key((*within, *path), list(table_at(path[:-1], model).model_fields))
-    if problem["type"] == "missing":
+    keys = _field_path(path, model)
+    if problem["type"] == "missing" and keys == path:
         return f"{'.'.join((*within, *path))}: is missing from the scene. Add it."
     if problem["type"] == "value_error":
         return shortened(str(problem["ctx"]["error"]), LONGEST)
-    keys = _field_path(path, model)
     same = [p for p in error.errors() if tuple(map(str, p["loc"]))[: len(keys)] == keys]
     field = table_at(keys[:-1], model).model_fields[keys[-1]]
     return _refused((*within, *keys), problem["input"], same, field)

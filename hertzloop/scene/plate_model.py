@@ -178,7 +178,7 @@ def _check_step(mechanics: Mechanics, step_ns: int) -> None:
     if lasts_s < step_ns * 1e-9:
         raise SceneError(
             f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
-            f"most {1e9 * lasts_s / _STEPS_OF_CONTACT:.1g}."
+            f"most {max(int(1e9 * lasts_s / _STEPS_OF_CONTACT), 1)}."
         )
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
 
+from hertzloop.common.number_fields import refuse_no_numbers
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import STRUCTURES, THEORIES
 from hertzloop.scene.errors import shown
@@ -24,6 +25,7 @@ class SceneTable(BaseModel):
         allow_inf_nan=False,
     )
     __slots__ = ("_hash",)  # a copy has none yet
+    _numbers = field_validator("*", mode="wrap")(refuse_no_numbers)
 
     def replaced(self, **values: Any) -> Self:
         """Return a copy with other values, which are not checked."""

@@ -194,6 +194,8 @@ def error_words(expected: float | None, asked: float) -> str:
     """Return the expected error of a run, with the digits that show a missed request."""
     if expected is None or math.isinf(expected):
         return "unknown"
+    if expected >= 1.0:  # an estimate of a small error; of a large one it gives no size
+        return "above 1"
     words = (f"{expected:.{digits}g}" for digits in range(1, 17))
     if not missed(expected, asked):
         return next(words)

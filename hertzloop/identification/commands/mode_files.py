@@ -73,6 +73,8 @@ def write_plate_modes(output: ModesOutput, grid: bool) -> None:
         "of equal frequency merged, modes without participation dropped), and a residual "
         f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}"
     )
+    if resolved.scene.actuator.mass_kg or resolved.scene.sensors.mass_kg:
+        out.say("The mass of actuator and sensor is not part of them. A scene adds it to a file.")
     outputs.write_json(
         output.json_file,
         {

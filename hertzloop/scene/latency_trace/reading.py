@@ -30,7 +30,9 @@ def read_latencies(about: TraceFile) -> Latencies:
                 f"a command is {-min(values):.6g} us earlier than its sample, as their clocks "
                 "differ. Align them with latency_trace = { file = ..., offset_us = ... }"
             )
-    except (ValueError, OSError, RuntimeError) as error:
+    except OSError as error:
+        raise ValueError(f"{where}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, RuntimeError) as error:
         raise ValueError(f"{where}: {shortened(str(error))}") from error
     if not 1 <= len(values) <= MOST_LATENCIES:
         raise ValueError(f"{where}: has {len(values)} latencies. Give 1 to {MOST_LATENCIES}")

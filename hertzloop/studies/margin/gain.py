@@ -6,6 +6,7 @@ import numpy as np
 
 from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles
+from hertzloop.studies.margin.table import NO_GAIN
 
 _NO_GAIN = 1e-4  # a gain margin below it depends on the damping that `damped` adds
 
@@ -36,7 +37,7 @@ def gain_margin(loop: Loop, delay: int) -> float | None:
     if loop.table.outside:
         return None
     size = phase_crossings(loop, delay)[1]
-    if not len(size) or not size.max() > 0.0:
+    if not len(size) or not size.max() > 2.0 * NO_GAIN:
         return None
     found = 1.0 / float(size.max())
     # A mode without damping tolerates no gain of the wrong sign; `damped` gave it a little.

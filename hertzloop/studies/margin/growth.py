@@ -23,6 +23,7 @@ from hertzloop.studies.margin.loop import (
 from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles
 
 _NEWTON = 60
+_REAL = 1e-12  # rad: the angle of a real pole is this small by rounding
 _ON_CIRCLE = 1e-13  # distance from the unit circle that is rounding
 
 
@@ -128,7 +129,8 @@ def growth_per_s(poles: np.ndarray, sample_s: float) -> float:
 def fastest_hz(poles: np.ndarray, sample_s: float) -> float:
     """Return the frequency of the pole that is farthest outside the unit circle, Hz."""
     fastest = poles[int(np.argmax(np.abs(poles)))]
-    return abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
+    angle = abs(float(np.angle(fastest)))
+    return 0.0 if angle < _REAL else angle / (2.0 * math.pi * sample_s)
 
 
 def unstable_poles(loop: Loop, delay: int) -> np.ndarray:

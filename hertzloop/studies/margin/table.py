@@ -20,6 +20,7 @@ _NEAR, _ELSEWHERE = 0.05, 0.5  # largest error of an interpolated log L
 _MOST_TURN = 1.2  # rad between two points
 _HIDDEN_ROUNDS = 6
 _HALVINGS = 60
+NO_GAIN = 1e-300  # stands for a loop gain of zero, of which there is no logarithm
 _IN_BOX, _FAR, _NODES = 12, 3.0, 20  # poles in a box, half widths to far ones, nodes of a series
 
 
@@ -140,7 +141,7 @@ class FrequencyResponse:
             raise FloatingPointError("the loop gain is not finite on the unit circle")
         real = (theta == 0.0) | (theta == math.pi)
         gain = np.where(real, gain.real, gain)
-        gain = np.where(gain == 0.0, 1e-300, gain)
+        gain = np.where(gain == 0.0, NO_GAIN, gain)
         with np.errstate(all="ignore"):
             change = 1j * z * (c_1 / c + p_1 / p)
         return np.log(gain.astype(complex)), np.where(np.isfinite(change), change, 0.0)

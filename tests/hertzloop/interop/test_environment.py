@@ -135,3 +135,9 @@ def test_seeds_are_heeded_and_a_closed_one_is_refused():
     for act in (impacts.reset, lambda: impacts.step(np.zeros((2, 1)))):
         with pytest.raises(gymnasium.error.ClosedEnvironmentError):
             act()
+
+
+@pytest.mark.parametrize("wrong", [{"limit_n": 0.0}, {"scale": np.nan}, {"num_envs": 0}])
+def test_numbers_that_are_not_positive_are_refused(wrong):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} = .*must be"):
+        Impacts("aluminium-3mm", **wrong)

@@ -127,7 +127,7 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path):
     assert data["binding_mode"]["indices"] == [[7, 1], [5, 5], [1, 7]]
     assert (tmp_path / "out" / "margin.png").read_bytes()[:4] == b"\x89PNG"
     plant = np.load(tmp_path / "out" / "plant.npz")
-    assert len(plant["poles"]) == data["modes"]
+    assert len(plant["poles"]) == data["modes"] + 1  # that of the truncated modes
 
 
 def test_the_command_without_a_margin_gives_the_reason(tmp_path):

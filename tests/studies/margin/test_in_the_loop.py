@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.plant.plant import modes_of
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.pool import local_pool
@@ -54,6 +55,13 @@ def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(tmp_path, law
         if growth is None
         else {"unstable_poles": 0, "per_s": 0.0, "frequency_hz": None, "e_folds": 0.0}
     )
+
+
+def test_a_law_without_a_gain_has_no_limit_of_it():
+    setup = load("aluminium-3mm", [*VELOCITY, "controller.kappa=0"])
+    found = margin_of(setup)
+    assert (found.stable, found.gain_margin, found.latency_limit_us) == (True, None, None)
+    assert found.modes == len(modes_of(setup.with_plate_model("modal").plant).omega)
 
 
 UNDAMPED = [*VELOCITY, "controller.kappa=0.05", "plate.loss_factor=0"]
