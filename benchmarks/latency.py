@@ -1,4 +1,4 @@
-"""How much latency, how few bits, how slow a sampler and how much chance a law survives.
+"""How much latency, how few bits and how slow a sampler a law survives.
 
 "Survives": takes energy off the plate, against the same impact without control. Critical values
 are read off by scanning and bisection, to one step of latency.
@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.latency_pictures import CHANGES, draw_chance, draw_maps
+from benchmarks.latency_pictures import CHANGES, draw_maps
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, Results, results_in
 from hertzloop.cli.options import JsonOption, SetOption
@@ -37,15 +37,6 @@ from hertzloop.studies.tune.plan import LAWS
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5
 KAPPA = "controller.kappa"
-_CHANCE_COLUMNS = (
-    "controller.law",
-    "run.seed",
-    "controller.jitter_us",
-    "controller.drop_out_probability",
-    "plate_energy_db",
-    "rebound_percent",
-)
-_SEEDS = tuple(range(1, 21))
 Energies = Callable[[list[dict[str, Any]]], list[float]]  # of cases, dB; inf: unstable
 
 
@@ -285,25 +276,6 @@ def maps(pool: Pool, named: Named, count: int) -> dict[str, Rows]:
     return found
 
 
-def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
-    """Plate energy over jitter and drop-outs, for many seeds and some laws."""
-    scene = named.scene()
-    most = max(1, round(rigid_time_us(scene)))
-    cases: list[dict[str, Any]] = []
-    for law in laws:
-        for seed in _SEEDS:
-            both = law_values(law, named.settings) | {"run.seed": seed}
-            cases += [
-                both | {"controller.jitter_us": round(share * most)}
-                for share in np.linspace(0.0, 0.6, 13)
-            ]
-            cases += [
-                both | {"controller.drop_out_probability": float(round(p, 3))}
-                for p in np.linspace(0.0, 0.9, 13)
-            ]
-    return evaluate(pool, scene, named.span, cases)
-
-
 @dataclass(frozen=True)
 class Study:
     """What is measured: scenes, further laws, and whether coarsely."""
@@ -333,12 +305,6 @@ def run(results: Results, study: Study, pool: Pool) -> list[Critical]:
             results.write_rows(name, list(some[0]), (row.values() for row in some))
         path = results.path(f"latency-{named.stem}.png")
         draw_maps(path, named.name, rows, CHANGES)
-    early = study.scenes[min(1, len(study.scenes) - 1)]
-    laws = ("slope_threshold", "predicted", "force_feedback")
-    by_chance = chance(pool, early, laws)
-    columns = [[row.get(key, 0) for key in _CHANCE_COLUMNS] for row in by_chance]
-    results.write_rows("latency-chance", _CHANCE_COLUMNS, columns)
-    draw_chance(results.path("latency-chance.png"), early.name, by_chance, laws)
     found = list(study.critical(pool))
     results.write("latency-critical", found)
     return found

@@ -1,4 +1,4 @@
-"""Pictures of the latency study: maps of metrics, and bands over seeds."""
+"""Pictures of the latency study: maps of metrics."""
 
 from pathlib import Path
 from typing import Any
@@ -87,26 +87,3 @@ def _draw_map(ax: Any, latencies: list[Any], values: list[Any], z: Any, reach: f
     if np.nanmin(z) < -_FLAT * reach and np.nanmax(z) > _FLAT * reach:
         ax.contour(latencies, values, z, [0.0], colors="black", linestyles="--")
     return shown
-
-
-def draw_chance(path: Path, title: str, rows: list[dict[str, Any]], laws: tuple[str, ...]) -> None:
-    """Median and 5 to 95 % of the seeds over jitter and over the share of lost commands."""
-    sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
-    for ax, key in (
-        (axes[0, 0], "controller.jitter_us"),
-        (axes[0, 1], "controller.drop_out_probability"),
-    ):
-        for i, law in enumerate(laws):
-            mine = [row for row in rows if key in row and row["controller.law"] == law]
-            places = sorted({row[key] for row in mine})
-            spread = [[row["plate_energy_db"] for row in mine if row[key] == x] for x in places]
-            low, middle, high = np.percentile(np.array(spread), [5, 50, 95], axis=1)
-            look = pictures.look(i)
-            ax.plot(places, middle, label=words.law(law), **look)
-            ax.fill_between(places, low, high, color=look["color"], alpha=0.2)
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(xlabel=words.AXES[key], ylabel=words.against_none("plate_energy_db"))
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    sheet.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    sheet.suptitle(f"{title}: median, and 5 to 95 % of 20 seeds")
-    pictures.save(sheet, path)

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import latency as study
-from benchmarks.latency_pictures import draw_chance, draw_maps
+from benchmarks.latency_pictures import draw_maps
 from benchmarks.program import app_of
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.pool import local_pool
@@ -73,18 +73,10 @@ def test_the_best_law_and_what_it_buys():
     assert list(study.best_laws(found)) == [("s", "predicted", 50.0, 38.0)]
 
 
-def test_bands_over_seeds_have_a_picture(pool, tmp_path):
-    rows = study.chance(pool, named("controller.v_thr_m_s=-0.6"), ("slope_threshold",))
-    assert len({row["run.seed"] for row in rows}) == 20
-    draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
-    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.full
 def test_a_scene_and_gains_of_the_user(tmp_path, monkeypatch):
     """Of that scene alone, at 80 columns without a cell that is cut."""
     monkeypatch.setattr(study, "LAWS", ("slope_threshold", "acceleration_feedback"))
-    monkeypatch.setattr(study, "_SEEDS", (1, 2))
     monkeypatch.setattr(study, "local_pool", lambda: local_pool(1))
     settings = [
         "run.accuracy=0.1",

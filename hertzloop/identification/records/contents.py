@@ -17,7 +17,7 @@ class Series(NamedTuple):
         name: of the column or channel.
         unit: stated in the name or beside it; "" if none is.
         values: as in the file, integers too, (samples,); they mean (values - zero)/levels.
-        number: among the columns or channels of the file, from 1 on.
+        number: among the columns, arrays or channels of the file, from 1 on; unused ones count.
         group: of the file, to which the series belongs; "" without groups.
         time_s: times of its own, s, (samples,); None if other series hold them.
         is_time: whether it holds the times of others.
@@ -50,6 +50,7 @@ class FileContents:
         facts: keys of every `[record]` table that its format states.
         multiplier: factor of its values that the file states, as text.
         interrupted: whether empty lines stand between its rows.
+        counted: number of its arrays or channels up to here, unused ones too.
         name: of the file, for messages.
     """
 
@@ -62,6 +63,7 @@ class FileContents:
     facts: dict[str, Any] = field(default_factory=dict)
     multiplier: str = ""
     interrupted: bool = False
+    counted: int = 0
     name: str = ""
 
     def describe(self, *series: Series) -> str:

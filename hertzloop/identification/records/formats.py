@@ -27,14 +27,12 @@ class Format(NamedTuple):
     Attributes:
         name: in the table of formats of docs/how-to/fit.md.
         endings: of its files.
-        extra: that reads it; "" if none is needed.
         read: its reader.
         beginning: what its files begin with, where other formats have the same endings.
     """
 
     name: str
     endings: tuple[str, ...]
-    extra: str
     read: Callable[[Path], FileContents]
     beginning: re.Pattern[str] | None = None
 
@@ -42,20 +40,20 @@ class Format(NamedTuple):
 # `format_of` takes the first row that fits a file, so a special text format stands above "text
 # table", which fits every text.
 FORMATS = (
-    Format("sigrok CSV", (".csv", ".txt"), "", read_sigrok, SIGROK_BEGINNING),
-    Format("text table", (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "", read_text_table),
-    Format("Parquet", (".parquet",), "", read_parquet),
-    Format("NumPy", (".npz",), "", read_npz),
-    Format("NumPy array", (".npy",), "", read_npy),
-    Format("MATLAB", (".mat",), "", read_mat),
-    Format("WAV", (".wav",), "", read_wav),
-    Format("recording of hertzloop", (".mcap",), "", read_recording),
-    Format("HDF5", (".h5", ".hdf5"), "h5", read_hdf5),
-    Format("TDMS", (".tdms",), "records", read_tdms),
-    Format("UFF 58", (".uff", ".unv"), "records", read_uff),
-    Format("LabVIEW LVM", (".lvm",), "", read_lvm),
-    Format("MDF", (".mf4", ".mdf"), "mdf", read_mdf),
-    Format("oscilloscope", (".wfm", ".bin", ".isf", ".trc"), "scopes", read_oscilloscope),
+    Format("sigrok CSV", (".csv", ".txt"), read_sigrok, SIGROK_BEGINNING),
+    Format("text table", (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), read_text_table),
+    Format("Parquet", (".parquet",), read_parquet),
+    Format("NumPy", (".npz",), read_npz),
+    Format("NumPy array", (".npy",), read_npy),
+    Format("MATLAB", (".mat",), read_mat),
+    Format("WAV", (".wav",), read_wav),
+    Format("recording of hertzloop", (".mcap",), read_recording),
+    Format("HDF5", (".h5", ".hdf5"), read_hdf5),
+    Format("TDMS", (".tdms",), read_tdms),
+    Format("UFF 58", (".uff", ".unv"), read_uff),
+    Format("LabVIEW LVM", (".lvm",), read_lvm),
+    Format("MDF", (".mf4", ".mdf"), read_mdf),
+    Format("oscilloscope", (".wfm", ".bin", ".isf", ".trc"), read_oscilloscope),
 )
 ENDINGS = frozenset(ending for one in FORMATS for ending in one.endings)
 _LONGEST_BEGINNING = 4096  # bytes

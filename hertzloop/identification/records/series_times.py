@@ -54,6 +54,8 @@ def _time_columns(series: Series, contents: FileContents, measurement: Measureme
     """Return the columns that may hold the times of a series."""
     if measurement.time_column is not None:
         found = [s for s in contents.series if is_series(s, measurement.time_column)]
+        if len(found) > 1:
+            found = [s for s in found if s.group == series.group] or found
         if len(found) != 1:
             raise RecordError(
                 f"record.time_column = {measurement.time_column!r}: means {len(found)} columns of "

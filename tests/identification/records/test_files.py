@@ -224,3 +224,89 @@ def test_a_chosen_column_keeps_what_its_table_says(tmp_path, given):
     )
     np.testing.assert_allclose(read_record(path, given).value, 2.0 * FORCE)
     assert read_record(path, {"quantity": "acceleration"}).quantity == "acceleration"
+
+
+def _tdms(path, columns):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([
+            nptdms.ChannelObject("g", name, values, properties={"wf_increment": 5e-7})
+            for name, values in columns.items()
+        ])  # fmt: skip
+
+
+def _parquet(path, columns):
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table(columns), path)
+
+
+def _hdf5(path, columns):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+
+
+def _uff(path, columns):
+    pyuff = pytest.importorskip("pyuff")
+    plain = {"type": 58, "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3,
+             "ordinate_spec_data_type": 9, "orddenom_spec_data_type": 0,
+             "ordinate_axis_units_lab": "N", "abscissa_spec_data_type": 17, "x": TIME}  # fmt: skip
+    pyuff.UFF(str(path)).write_sets([
+        plain | ({"func_type": 4, "data": FORCE + 1j} if name == "note" else
+                 {"func_type": 1, "data": values}) | {"id1": name}
+        for name, values in columns.items()
+    ], "overwrite")  # fmt: skip
+
+
+def _mdf(path, columns):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF() as file:
+        file.append([
+            asammdf.Signal(np.array(values, "S4" if name == "note" else "f8"), TIME, name=name,
+                           encoding="utf-8")
+            for name, values in columns.items()
+        ])  # fmt: skip
+        file.save(path)
+
+
+def _text(path, columns):
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]))
+
+
+def _lvm(path, columns):
+    segment = "Channels\t3\n***End_of_Header***\n" + "\n".join(
+        "\t".join(map(str, row)) for row in [[*columns], *zip(*columns.values(), strict=True)]
+    )
+    head = "LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n\n"
+    path.write_text(f"{head}{segment}\n\n{segment}")
+
+
+def _npz(path, columns):
+    np.savez(path, **columns)
+
+
+def _mat(path, columns):
+    import scipy.io
+
+    scipy.io.savemat(path, columns)
+
+
+@pytest.mark.parametrize(("ending", "write", "channel"), [
+    ("csv", _text, 2), ("lvm", _lvm, 2), ("npz", _npz, 2), ("mat", _mat, 2),
+    ("parquet", _parquet, 2), ("h5", _hdf5, 2),
+    ("tdms", _tdms, 4), ("uff", _uff, 4), ("mf4", _mdf, 4),
+])  # fmt: skip
+def test_every_format_counts_columns_of_times_and_unused_ones(tmp_path, ending, write, channel):
+    path = tmp_path / f"r.{ending}"
+    notes = ["ab", "cd"] * 15
+    write(path, {"note": notes, "time_s": TIME, "u": -FORCE, "v": FORCE})
+    told = {"quantity": "contact_force", "unit": "N"} | ({"group": 2} if ending == "lvm" else {})
+    for given in ({"column": 4}, {"channel": channel}):
+        one = read_record(path, told | given)
+        np.testing.assert_allclose(one.value, FORCE, rtol=1e-6)
+    assert "4 'v'" in one.source
+    with pytest.raises(RecordError, match=r"record\.column = 5: not a column"):
+        read_record(path, {**told, "column": 5})

@@ -1,6 +1,7 @@
 """Records in text tables: layouts of instruments and programs, units, choices, refusals."""
 
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.formats import FORMATS
 from hertzloop.identification.records.reading import read_record, read_records
 from hertzloop.identification.records.units import name_and_unit, unit_of
+from hertzloop.recordings.recording_file import UnreadableRecording
 from tests.commands import invoke
 from tests.identification.records.text_tables import draw, judged
 
@@ -276,12 +278,22 @@ def test_check_of_a_record_alone_shows_what_was_read(tmp_path):
     assert len(describe_file(path)) == 7
 
 
-def test_the_documentation_lists_every_format():
+def test_the_documentation_lists_every_format(tmp_path, monkeypatch):
     page = (Path(__file__).resolve().parents[3] / "docs" / "how-to" / "fit.md").read_text(
         encoding="utf-8"
     )
     rows = re.findall(r"^\| ([\w .]+) \| ((?:`\.\w+`(?:, )?)+) \| (.*?) \|$", page, re.MULTILINE)
     listed = [(name, tuple(re.findall(r"`(\.\w+)`", endings)), extra.strip("`"))
               for name, endings, extra in rows]  # fmt: skip
-    assert listed == [(one.name, one.endings, one.extra) for one in FORMATS]
-    assert {one.extra for one in FORMATS} - {""} <= set(EXTRAS.values())
+    for name in {*EXTRAS, *(one for one in sys.modules if one.partition(".")[0] in EXTRAS)}:
+        monkeypatch.setitem(sys.modules, name, None)
+
+    def extra_of(row):
+        try:
+            row.read(tmp_path / "missing")
+        except ModuleNotFoundError as error:
+            return EXTRAS[error.name.partition(".")[0]]
+        except (OSError, UnreadableRecording):
+            return ""
+
+    assert listed == [(one.name, one.endings, extra_of(one)) for one in FORMATS]

@@ -68,12 +68,14 @@ def add_array(
             found = found - found[known][0]
         found = np.where(known, 1e-9 * found.astype("m8[ns]").astype(np.int64), np.nan)
     if found.dtype.kind not in "biuf" or found.ndim > 2 or 0 in found.shape:
+        contents.counted += 1
         contents.notes.append(f"{name}: holds no series of real numbers and is not used.")
         return
     table = np.atleast_2d(found.squeeze())
     if table.shape[0] > table.shape[1]:
         table = table.T
     if len(table) > 64:
+        contents.counted += 1
         contents.notes.append(f"{name}: has the shape {found.shape} and is not used.")
         return
     several = len(table) > 1
@@ -82,13 +84,14 @@ def add_array(
             f"{name} {i}" if several else name,
             "s" if dates else unit,
             row,
-            len(contents.series) + i,
+            contents.counted + i,
             group,
             times.times(len(row)) if isinstance(times, StatedSpacing) else times,
             dates or (not several and is_time(name, unit)),
         )
         for i, row in enumerate(table, 1)
     ]
+    contents.counted += len(table)
 
 
 def _array_fields(

@@ -24,7 +24,4 @@ def read_parquet(path: Path) -> FileContents:
         about = part.metadata or {}
         unit = (about.get(b"unit") or about.get(b"units") or b"").decode()
         add_array(found, name, values, unit)
-    # Columns that are not used count too.
-    numbers = {name: number for number, name in enumerate(table.column_names, 1)}
-    found.series = [one._replace(number=numbers[one.name]) for one in found.series]
     return found

@@ -33,7 +33,7 @@ def read_lvm(path: Path) -> FileContents:
     starts = [one.start() for one in re.finditer(r"^Channels\b", text, re.MULTILINE)]
     if len(starts) < 2:
         return contents_of_table(read_text(text))
-    found = FileContents([], kind="channel")
+    found = FileContents([])
     for i, (start, end) in enumerate(pairwise([*starts, len(text)]), 1):
         part = contents_of_table(read_text(text[: starts[0]] + text[start:end]))
         several = len({one.group for one in part.series}) > 1
@@ -41,10 +41,9 @@ def read_lvm(path: Path) -> FileContents:
         found.series += [
             one._replace(
                 group=f"{i}, {one.group}" if several else str(i),
-                number=len(found.series) + j,
                 time_s=spacing.times(len(one.values)) if spacing else None,
             )
-            for j, one in enumerate(part.series, 1)
+            for one in part.series
         ]
         found.notes += part.notes
     return found
