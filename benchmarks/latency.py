@@ -22,7 +22,8 @@ from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.cli.terminal import fail
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.results.cases import Span, metrics_of_case
+from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.spans import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load

@@ -49,7 +49,7 @@ MAIN = (
     ),
     CommandEntry(
         "sweep",
-        "hertzloop.cli.sweeps:sweep",
+        "hertzloop.cli.sweep:sweep",
         "Simulate a scene over ranges of its keys.",
         "sweep aluminium-3mm --over controller.latency_us=0:20:1 --over sensors.bits=8,12,16",
     ),

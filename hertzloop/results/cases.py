@@ -6,13 +6,11 @@ from enum import StrEnum
 from functools import lru_cache
 from operator import attrgetter
 from types import SimpleNamespace
-from typing import Literal
 
 import numpy as np
 
 from hertzloop.controller.law import ACTING
-from hertzloop.loop.impact_end import quiet_steps
-from hertzloop.loop.simulate import LawStopped, SimulatedRun, simulate
+from hertzloop.loop.simulate import LawStopped, SimulatedRun
 from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
@@ -22,6 +20,7 @@ from hertzloop.results.impacts import first_impact, impacts_of_truth
 from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
+from hertzloop.results.spans import Span, follow
 from hertzloop.results.stability import Stability, StabilityAccumulator
 from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
@@ -29,16 +28,6 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
-
-Span = Literal["impact", "run"]
-# The other span, and both in words.
-OTHER: dict[Span, Span] = {"impact": "run", "run": "impact"}
-IN_WORDS: dict[Span, str] = {"impact": "in the first impact", "run": "over all contacts"}
-# After the lead-in, unless an impact is expected to last longer; four times as many until it is
-# over. A run that is over ends before.
-_FIRST_STEPS = 512
-_SLOWER = 4.0  # than on a rigid plate: as long as most contacts last
-_SOON = 2.0  # times the silence that ends an impact: until then most are over
 
 
 class CaseState(StrEnum):
@@ -163,57 +152,6 @@ def digest_of(truth: np.ndarray, samples: np.ndarray) -> str:
     return f"{first:016x}{second:016x}"
 
 
-def _follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
-    """Simulate as much of a scene as the span asks for; the scene with the model of the plate
-    that it came to.
-
-    "auto" means the infinite plate where it meets the accuracy until the span is over.
-    """
-    if span == "run":
-        setup = setup.with_plate_model(setup.plate_model)
-        return setup, simulate(setup)
-    if setup.scene.run.plate_model == "auto":
-        found = _on_infinite_plate(setup)
-        if found:
-            return found
-        setup = setup.with_plate_model("modal")
-    return setup, _until_over(setup)
-
-
-def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
-    """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
-    the accuracy until the impact is over."""
-    touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
-    # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
-    for most_s in (_SOON * quiet * setup.step_s, math.inf):
-        lasts_s = setup.infinite_plate.lasts_s(most_s)
-        steps = int((touch_s + lasts_s) / setup.step_s)
-        # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / setup.step_s) >= quiet
-        if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
-            infinite = setup.with_plate_model("infinite")
-            found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
-            if found.over or steps >= setup.steps:
-                return infinite, found
-        if lasts_s < most_s:
-            break
-    return None
-
-
-def _until_over(setup: Setup) -> SimulatedRun:
-    """Simulate until the first impact is over, the run's end at the latest."""
-    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_mechanics.rigid_contact_s
-    while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
-        first *= 4
-    steps = round(setup.lead_in_s / setup.step_s) + first
-    while steps < setup.steps:
-        found = simulate(setup, impact_only=True, steps=steps)
-        if found.over:
-            return found
-        steps *= 4
-    return simulate(setup, impact_only=True)
-
-
 def latched_us(setup: Setup, run: SimulatedRun) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
     first = first_of(run.modes, ACTING) if loaded_law(setup).latches else -1
@@ -232,7 +170,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     """
     check_conserves(setup.scheme)
     try:
-        setup, run = _follow(setup, span)
+        setup, run = follow(setup, span)
     except LawStopped as error:
         # A loop that has run away for long enough commands what is no number any more.
         _bounded(setup, error.truth)
@@ -270,7 +208,7 @@ def uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
 
 @lru_cache(maxsize=64)
 def _uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
-    setup, run = _follow(setup, span)
+    setup, run = follow(setup, span)
     return _metrics(setup, span, run.truth)[0]
 
 

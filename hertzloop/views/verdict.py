@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from rich.text import Text
 
 from hertzloop.results import verdict as verdicts
-from hertzloop.results.cases import IN_WORDS, OTHER, Span
 from hertzloop.results.law_accuracy import LawAccuracy, SensitiveMetric
 from hertzloop.results.rounding import percent
 from hertzloop.results.span_metrics import MUCH_DB
+from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.stability import Stability
 from hertzloop.views.digits import known_digits
 

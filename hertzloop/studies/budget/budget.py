@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hertzloop.results.cases import OTHER, CaseState, Span
+from hertzloop.results.cases import CaseState
+from hertzloop.results.spans import OTHER, Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import BudgetQuantity
 from hertzloop.studies.budget.quantities import contact_us

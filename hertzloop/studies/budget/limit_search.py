@@ -28,6 +28,7 @@ import math
 from collections.abc import Generator, Sequence
 from typing import TypeAlias
 
+from hertzloop.results.cases import CaseState
 from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
@@ -45,7 +46,8 @@ def limit_of(quantity: BudgetQuantity, goals: Sequence[Goal], effort: SearchEffo
     last = end if quantity.usual is None else quantity.usual
     known = TriedValues(quantity, goals, effort)
     if last < 1:
-        known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
+        only = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
+        known.reasons[CaseState.NOT_RUN] = only
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
     count = min(effort.points * quantity.finer, last + 1)
     scan = quantity.scan or sorted({1, *(round(i * last / (count - 1)) for i in range(count))})
@@ -124,8 +126,11 @@ def _result(
     ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
     finite = [value for value in ends if value is not None]
     found = boundary in (Boundary.FOUND, Boundary.REFUSED, Boundary.FAILED)
-    told = boundary in (Boundary.REFUSED, Boundary.FAILED, Boundary.IMPOSSIBLE)
-    reason = known.reason if told else ""
+    reason = ""
+    if boundary in (Boundary.REFUSED, Boundary.IMPOSSIBLE):
+        reason = known.reasons.get(CaseState.NOT_RUN, "")
+    if boundary is Boundary.FAILED:
+        reason = known.reasons.get(CaseState.FAILED, "")
     if boundary is Boundary.NO_LIMIT:
         reason = f"at {quantity.reported(last):.4g} {quantity.unit} {quantity.end}."
     share = None

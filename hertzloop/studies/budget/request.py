@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.probability import Probability

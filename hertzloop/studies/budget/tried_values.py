@@ -24,7 +24,7 @@ class TriedValues:
         self.failed: set[int] = set()
         self.excess: dict[int, float] = {}  # by place, the largest of the variants tried
         self.cases = 0
-        self.reason = ""
+        self.reasons: dict[str, str] = {}  # why the first case was refused or failed, by state
         self.refused: set[int] = set()  # places of which the scene or the law refused a case
         self.broken: set[int] = set()  # places of which a case failed in its run
 
@@ -59,12 +59,10 @@ class TriedValues:
         key, values = self.quantity.key, self.quantity.values
         rows = yield [{key: values[place]} | lasts | one for place, one in pairs]
         self.cases += len(rows)
-        lacking = without_result(rows)
-        if lacking and not self.reason:
-            status = lacking[0]["status"]
-            self.reason = (
-                status if self.quantity.key in status else f"{self.quantity.key}: {status}"
-            )
+        for row in without_result(rows):
+            named = key in row["status"]
+            reason = row["status"] if named else f"{key}: {row['status']}"
+            self.reasons.setdefault(row["state"], reason)
         for (place, one), row in zip(pairs, rows, strict=True):
             self.tried.setdefault(place, []).append(one)
             excess = worst_excess(self.goals, row)

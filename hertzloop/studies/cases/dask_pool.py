@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.cases.evaluate import Numbered, Pool, RunNumbered, run_chunk
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.rows import Rows

@@ -9,10 +9,10 @@ from hertzloop.results.cases import (
     CASE_METRICS,
     CaseFailed,
     CaseState,
-    Span,
     UnstableLoop,
     metrics_of_case,
 )
+from hertzloop.results.spans import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.scene.toml import to_toml

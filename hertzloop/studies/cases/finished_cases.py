@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.cases.evaluate import Numbered, Pool, chunked
 from hertzloop.studies.cases.journal import Journal
 from hertzloop.studies.cases.rows import Rows

@@ -22,7 +22,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 from hertzloop.controller.loading.registry import shipped
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import (

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.rows import Rows, metric_of

@@ -21,7 +21,7 @@ from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 from hertzloop.processes.signals import deferred
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Numbered, RunNumbered, run_chunk
 from hertzloop.studies.cases.rows import Rows

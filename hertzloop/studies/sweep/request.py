@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.cases.axis import Range
 from hertzloop.studies.cases.design import DesignKind
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.cases.axis import Range
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.growth import Growth
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import CaseFailed, CaseState, Span
+from hertzloop.results.cases import CaseFailed, CaseState
+from hertzloop.results.spans import Span
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Numbered, run_case, run_cases

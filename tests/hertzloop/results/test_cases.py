@@ -7,7 +7,7 @@ import pytest
 
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.plant.metrics.impacts import impacts_in
-from hertzloop.results import cases
+from hertzloop.results import spans
 from hertzloop.results.cases import digest_of, metrics_of_case
 from hertzloop.results.statistics import ForceTimingAccumulator
 from hertzloop.scene.errors import SceneError
@@ -86,7 +86,7 @@ def test_numbers_that_are_not_finite_make_no_metrics(monkeypatch):
         found.truth[3, -1] = math.nan
         return found
 
-    monkeypatch.setattr(cases, "simulate", broken)
+    monkeypatch.setattr(spans, "simulate", broken)
     with pytest.raises(SceneError, match="not finite"):
         metrics_of_case(scene)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.evaluate import Numbered, Pool, evaluate
 from hertzloop.studies.cases.finished_cases import kept

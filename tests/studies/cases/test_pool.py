@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml

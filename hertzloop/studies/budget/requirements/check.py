@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hertzloop.results.cases import CASE_METRICS, CaseState, Span
+from hertzloop.results.cases import CASE_METRICS, CaseState
+from hertzloop.results.spans import Span
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup

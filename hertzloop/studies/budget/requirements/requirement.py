@@ -24,7 +24,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from hertzloop.common.text_files import text_of
-from hertzloop.results.cases import Span
+from hertzloop.results.spans import Span
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import toml_text

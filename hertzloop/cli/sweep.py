@@ -1,0 +1,196 @@
+"""The command `sweep`: simulate many cases of a scene, or verify earlier results."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from hertzloop.cli import options, outputs, prepare, worst_latencies
+from hertzloop.cli.many_cases import cases_are_kept, end_if_failed, how_to_continue
+from hertzloop.cli.sweep_results import (
+    SweepArguments,
+    SweepStudy,
+    count_without_metrics,
+    print_results,
+    report_worst,
+)
+from hertzloop.cli.sweep_verify import verify as verify_results
+from hertzloop.cli.terminal import err, fail, out, progress
+from hertzloop.common.optional_dependencies import need
+from hertzloop.loop.run_options import Transport
+from hertzloop.processes.program import LARGEST_PORT
+from hertzloop.scene.loading import DEFAULT
+from hertzloop.studies.sweep import sweep as sweep_study
+from hertzloop.studies.sweep.plan import plan_sweep
+from hertzloop.studies.sweep.request import SweepRequest
+from hertzloop.studies.sweep.result import SweepResult
+from hertzloop.warmup import CASES
+
+OverOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread points; "
+        "repeatable."
+    ),
+]
+DesignOption = Annotated[
+    Literal["grid", "lhs", "sobol"],
+    typer.Option(help="Run all combinations, or points spread over the ranges."),
+]
+CasesOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Run this many spread points; default: 256, with --verify 10."),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
+]
+PhasesOption = Annotated[
+    int | None,
+    typer.Option(
+        min=2,
+        max=1000,
+        help="Run every case at this many touch phases; print mean and range.",
+    ),
+]
+UncertainOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Run every case with --cases draws from the distributions in this TOML file, or "
+        "in the tables \\[uncertain] and \\[fit] of this scene."
+    ),
+]
+DaskOption = Annotated[
+    str | None,
+    typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
+]
+WorstOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRIC",
+        help="Search the latencies within the jitter of each case for the largest value of this "
+        "metric, and write those of the worst case as a trace; up to 2000 cases each.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
+]
+VerifyOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="RESULTS",
+        help="Repeat --cases cases of these results over --transport and compare all bytes; exit "
+        "code 1 if any differ.",
+    ),
+]
+TransportOption = Annotated[Transport, typer.Option(help="Use this transport for --verify.")]
+
+
+def sweep(
+    over: OverOption = None,
+    design: DesignOption = "grid",
+    cases: CasesOption = None,
+    span: options.SpanOption = "impact",
+    workers: WorkersOption = None,
+    phases: PhasesOption = None,
+    uncertain: UncertainOption = None,
+    dask: DaskOption = None,
+    worst: WorstOption = None,
+    scene: options.SceneArgument = DEFAULT,
+    out_file: OutOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    overwrite: options.OverwriteOption = False,
+    verify: VerifyOption = None,
+    transport: TransportOption = Transport.ZENOH,
+    json_file: options.JsonOption = None,
+) -> None:
+    """Simulate a scene over ranges of its keys.
+
+    The results have a row for every case. A killed sweep goes on with the same command.
+    """
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
+    arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
+    if verify is not None:
+        count = 10 if cases is None else cases
+        verify_results(verify, count, transport, 1 if seed is None else seed, json_file)
+        return
+    study = _checked(arguments)
+    if study.finished is None:
+        prepare.compile_first(study.plan.setup, works=CASES)
+        results = _run(study)
+    else:
+        results = study.finished
+        err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
+    data = print_results(study, results)
+    if request.worst is not None:
+        data["worst"] = report_worst(arguments, study, results.rows, request.worst)
+    outputs.write_json(json_file, data)
+    without_metrics = count_without_metrics(results) == study.total
+    if without_metrics:
+        out.print(f"No case of {study.total} has metrics.")
+    end_if_failed([row["status"] for row in results.without_result], study.total)
+    if without_metrics:
+        raise typer.Exit(1)
+
+
+def _checked(arguments: SweepArguments) -> SweepStudy:
+    """Return the sweep to run; end the command if it cannot be run or written."""
+    request, settings = arguments.request, arguments.settings
+    setup = prepare.scene_from(arguments.scene, settings, arguments.seed)
+    target = arguments.out_file or Path(f"{setup.name}-sweep.parquet")
+    if target.suffix not in (".parquet", ".csv"):
+        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
+    if request.dask is not None:
+        _check_scheduler(request.dask)
+    plan = plan_sweep(setup, request)
+    for axis in plan.design.axes:
+        for law in axis.values if axis.key == "controller.law" else ():
+            prepare.check_law(setup.vary({"controller.law": law}))
+    overwrite = arguments.overwrite
+    finished = None if overwrite else sweep_study.finished(plan, target)
+    outputs.check_output(
+        target,
+        overwrite or finished is not None,
+        read=outputs.files_of(setup, arguments.scene, *settings),
+    )
+    outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
+    of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
+    study = SweepStudy(plan, target, finished)
+    if request.worst is not None:
+        worst_latencies.check_file(study.worst_file)
+    outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
+    return study
+
+
+def _run(study: SweepStudy) -> SweepResult:
+    """Run the cases with a progress bar; end the command if they cannot be finished."""
+    total, target = study.total, study.results_file
+    journal = sweep_study.journal_of(target)
+    clause = how_to_continue("finished cases are kept", journal, study.plan.identity)
+    with (
+        cases_are_kept(lambda: clause, str(target)),
+        progress(f"{total} cases", total) as advance,
+    ):
+        return sweep_study.sweep(
+            study.plan,
+            target,
+            on_progress=advance,
+            on_wait=lambda sentence: err.say(f"{sentence}."),
+        )
+
+
+_SCHEDULER = re.compile(
+    r"(?:(?:tcp|tls|ucx|wss?)://)?(?:\[[^\s\]]+\]|[^\s/:\[\]]+):(?P<port>[0-9]{1,9})"
+)
+
+
+def _check_scheduler(address: str) -> None:
+    """End the command unless a Dask scheduler can be at an address."""
+    need("distributed")
+    found = _SCHEDULER.fullmatch(address)
+    if not found:
+        fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.")
+    if not 0 < int(found["port"]) <= LARGEST_PORT:
+        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {LARGEST_PORT}.")

@@ -1,0 +1,187 @@
+"""Results of the command `sweep`: on the screen, as plain data, and the worst latencies."""
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hertzloop.cli import worst_latencies
+from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
+from hertzloop.cli.terminal import err, out
+from hertzloop.results.cases import SHOWN
+from hertzloop.results.spans import OTHER
+from hertzloop.studies.cases.evaluate import evaluate
+from hertzloop.studies.cases.pool import local_pool
+from hertzloop.studies.cases.rows import Rows, with_metric
+from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
+from hertzloop.studies.cases.workers import WorkersLost
+from hertzloop.studies.pages.words import short
+from hertzloop.studies.sweep import sweep as sweep_study
+from hertzloop.studies.sweep.plan import SweepPlan
+from hertzloop.studies.sweep.request import SweepRequest
+from hertzloop.studies.sweep.result import SweepResult, counted, worst_row
+from hertzloop.studies.worst.of_case import WORST_CASES, worst_columns
+from hertzloop.views.format import unwrapped
+from hertzloop.views.verdict import spans_differ
+
+
+@dataclass(frozen=True)
+class SweepArguments:
+    """What `hertzloop sweep` was called with. `request`: which cases to run, and where."""
+
+    request: SweepRequest
+    scene: str
+    settings: list[str]
+    seed: int | None
+    out_file: Path | None
+    overwrite: bool
+    json_file: Path | None
+
+
+@dataclass(frozen=True)
+class SweepStudy:
+    """A sweep that can be run: its cases, its file, and the results that the file already has."""
+
+    plan: SweepPlan
+    results_file: Path
+    finished: SweepResult | None
+
+    @property
+    def total(self) -> int:
+        """Number of cases."""
+        return len(self.plan.cases)
+
+    @property
+    def worst_file(self) -> Path:
+        """The file that takes the latencies of the worst case."""
+        return self.results_file.with_name(f"{self.results_file.stem}-worst-latencies.csv")
+
+
+def count_without_metrics(results: SweepResult) -> int:
+    """Return how many cases failed, or are unstable and have no metrics."""
+    return len(results.without_result) + results.unstable
+
+
+def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
+    """Print what a sweep found, and return it as plain data."""
+    total, keys, rows = study.total, study.plan.design.keys, results.rows
+    request = study.plan.request
+    for line in results.damaged:
+        journal = sweep_study.journal_of(study.results_file)
+        err.say(f"line {line} of {journal} was damaged. Its case was run again.")
+    has_metrics = count_without_metrics(results) < total
+    is_uncertain = request.uncertain is not None
+    if has_metrics:
+        out.print(extremes_table(rows, keys))
+    if not is_uncertain:
+        _print_best(study, results)
+    if is_uncertain and has_metrics:
+        out.print(quantiles_table(rows, [axis.key for axis in study.plan.design.axes]))
+    phased = TOUCH_PHASE_KEY in keys and request.design == "grid" and not is_uncertain
+    over_phases = grouped(rows, keys, SHOWN) if phased else []
+    if over_phases:
+        out.print(phases_table(over_phases, [key for key in keys if key != TOUCH_PHASE_KEY]))
+    rate = results.ran / results.wall_s if results.wall_s else 0.0
+    out.say(
+        f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
+        f"Results: {study.results_file}"
+    )
+    out_of_range = counted(rows, "out_of_range")
+    _print_warnings(results, total, out_of_range)
+    return {
+        "cases": total,
+        "ran": results.ran,
+        "wall_s": results.wall_s,
+        "cases_per_s": rate,
+        "failed": len(results.without_result),
+        "unstable": results.unstable,
+        "unstable_loops": len(results.growing),
+        "damaged_lines": results.damaged,
+        "leaves_out": counted(rows, "leaves_out"),
+        "out_of_range": out_of_range,
+        "over_phases": [
+            {key: asdict(value) if key in SHOWN else value for key, value in group.items()}
+            for group in over_phases
+        ],
+        "results": str(study.results_file),
+    }
+
+
+def _print_best(study: SweepStudy, results: SweepResult) -> None:
+    """Say whether the case with the least plate energy looks different over the other span."""
+    request, rows = study.plan.request, with_metric(results.rows, "plate_energy_db")
+    if not rows:
+        return
+    best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]
+    values = {key: best[key] for key in study.plan.design.keys}
+    try:
+        # Two processes at most: a law that is not shipped may crash the one that runs it.
+        with local_pool(min(request.workers or 2, 2)) as pool:
+            (other,) = evaluate(pool, study.plan.setup, other_span, [values])
+    except WorkersLost as error:
+        err.say(f"The case with the least plate energy has no value over the other span: {error}.")
+        return
+    for sentence in spans_differ(
+        best["plate_energy_db"],
+        other["plate_energy_db"],
+        request.span,
+        f"--span {other_span} sweeps the other.",
+    ):
+        out.say(f"At the least plate energy: {sentence}")
+
+
+def report_worst(
+    arguments: SweepArguments, study: SweepStudy, rows: Rows, metric: str
+) -> dict[str, Any] | None:
+    """Print the worst value of all cases, write its latencies as a trace, and return both."""
+    row = worst_row(rows, metric)
+    if row is None:
+        out.say(f"Worst latencies: no case with jitter has a value of {metric}.")
+        return None
+    value, _, latencies_us = (row[name] for name in worst_columns(metric))
+    keys = {key: row[key] for key in study.plan.design.keys}
+    data = {
+        "metric": metric,
+        "value": value,
+        "drawn": row[metric],
+        "case": row["case"],
+        "cases": sum(one[WORST_CASES] or 0 for one in rows),
+        "latencies": str(study.worst_file),
+    }
+    where = ", ".join(f"{key.split('.')[-1]} {short(key_value)}" for key, key_value in keys.items())
+    words = "unknown, as the loop is unstable" if math.isinf(value) else f"{value:.4g}"
+    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
+    out.say(
+        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {data['cases']} cases). "
+        "No search proves that there are no worse latencies."
+    )
+    phase = {TOUCH_PHASE_KEY: study.plan.setup.vary(keys).touch_phase}
+    worst_latencies.write_file(
+        study.worst_file,
+        latencies_us,
+        arguments.scene,
+        arguments.settings,
+        study.plan.setup.seed,
+        keys | phase | {"controller.jitter_us": 0},
+    )
+    return data
+
+
+def _print_warnings(results: SweepResult, total: int, out_of_range: dict[str, int]) -> None:
+    """Print which effects are out of range, and how many cases or loops are unstable."""
+    if out_of_range:
+        effects = ", ".join(f"{name} in {n} of {total} cases" for name, n in out_of_range.items())
+        out.say(unwrapped(("OUT OF RANGE:", "bold red"), f" {effects}"))
+    if results.unstable:
+        out.print(f"{results.unstable} of {total} cases are unstable and have no metrics.")
+    growing = results.growing
+    if growing:
+        largest = max((rate for rate in growing if not math.isnan(rate)), default=math.nan)
+        size = "" if math.isnan(largest) else f"; the loop grows up to {largest:.4g}/s"
+        out.say(
+            unwrapped(
+                ("Linear loop unstable", "bold red"),
+                f" in {len(growing)} of {total} cases that are too short to show it{size} "
+                "(column growth_per_s).",
+            )
+        )
