@@ -120,7 +120,7 @@ def trace_line(latencies_us: Sequence[float]) -> str:
 
 _REASONS = {
     "no limit": "{0.quantity} has no limit:",
-    "refused": "{0.quantity} from {0.first_failure:.4g} {0.unit} on is refused:",
+    "refused": "the next value of {0.quantity} is refused:",
     "failed": "{0.quantity} at {0.first_failure:.4g} {0.unit} makes a case fail:",
     "not possible": "{0.quantity} cannot be varied.",
 }
