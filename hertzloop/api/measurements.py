@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.api.scenes import AnyScene, resolved
+from hertzloop.loop.run_options import check_list
 
 if TYPE_CHECKING:
     from hertzloop.identification.fit.results import FitResult
@@ -71,12 +72,14 @@ def fit(
     Raises:
         RecordError: a record cannot be used.
         FitError: a key cannot be fitted.
+        OptionError: `free` is a text, not a list.
         SceneError: the scene cannot be simulated.
     """
     from hertzloop.identification.fit.fit import fit as fit_records
     from hertzloop.identification.fit.keys.free_key_option import parse_free_key
     from hertzloop.identification.records.record import Record
 
+    check_list("free", free)
     setup = resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
     return fit_records(

@@ -62,6 +62,7 @@ def sweep(
 
     Raises:
         DesignError: the ranges cannot be used, or `worst` does not fit the scene.
+        OptionError: text is given in place of a list.
         SceneError: the scene cannot be simulated.
         WorkersLost: a worker process was lost.
     """
@@ -94,6 +95,7 @@ def tune(
 
     Raises:
         DesignError: a range or a metric cannot be used.
+        OptionError: text is given in place of a list.
         SceneError: a scene cannot be simulated.
         WorkersLost: a worker process was lost.
     """
@@ -122,6 +124,7 @@ def budget(
 
     Raises:
         SceneError: the scene cannot be simulated, has no law, or a goal cannot be used.
+        OptionError: text is given in place of a list.
         WorkersLost: a worker process was lost.
     """
     from hertzloop.studies.budget.budget import budget as search_budget

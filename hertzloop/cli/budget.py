@@ -20,6 +20,7 @@ from hertzloop.cli.budget_text import (
 from hertzloop.cli.many_cases import end_if_failed, resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.cli.unused_options import check_only_used
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
@@ -120,6 +121,7 @@ class BudgetArguments:
 
 
 def budget(
+    context: typer.Context,
     goals: GoalOption = None,
     quick: QuickOption = False,
     only: OnlyOption = None,
@@ -147,6 +149,9 @@ def budget(
 
     The same command continues an interrupted search.
     """
+    if requirements is not None:
+        used = {"requirements", "workers", "junit_file", "json_file"}
+        check_only_used(context, used, "with --check, as the file says what is simulated")
     request = BudgetRequest(
         goals=goals or (),
         quick=quick,

@@ -5,7 +5,7 @@ import shlex
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -115,14 +115,21 @@ def _next_command(file: Path, with_check: bool) -> str:
 def replay(
     file: options.FileArgument,
     law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
-    settings: options.SetOption = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a key of the law, for example controller.kappa=0.5."),
+    ] = None,
     picture: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
     ] = None,
     overwrite: options.OverwriteOption = False,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Feed a recording's samples to another law and show where the forces differ."""
+    """Feed a recording's samples to another law and show where the forces differ.
+
+    The exit code is 1 if they differ. The samples stay as recorded: --set changes keys of the
+    controller only.
+    """
     from hertzloop.studies.law_replay.chart import draw_forces  # of an extra
     from hertzloop.studies.law_replay.law_replay import replay_law, scene_with
 
@@ -130,8 +137,9 @@ def replay(
     outputs.check_picture(target)
     outputs.check_output(target, overwrite, read=[file])
     outputs.check_json(json_file, target)
-    recording = read(file)
     keys = dict(parse_setting(text) for text in settings or [])
+    _check_keys(keys)
+    recording = read(file)
     setup = scene_with(recording, law, keys)
     found = replay_law(recording, setup)
     say_problems(recording)
@@ -142,6 +150,20 @@ def replay(
     out.say(_difference(found, loaded_law(setup).name))
     out.say(f"written: {target}")
     outputs.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
+    if found.first is not None:
+        raise typer.Exit(1)
+
+
+def _check_keys(keys: dict[str, Any]) -> None:
+    """End the command for a key that does not act on recorded samples, or that names the law."""
+    for key, value in keys.items():
+        if key == "controller.law":
+            fail(f"--set {key} = {value!r}: --law names the law. Remove one of the two.")
+        if not key.startswith("controller."):
+            fail(
+                f"--set {key} = {value!r}: has no effect on recorded samples. Set keys of "
+                "[controller] only, or run the scene again."
+            )
 
 
 def _difference(found: "ForceComparison", name: str) -> str:

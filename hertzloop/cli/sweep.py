@@ -17,6 +17,7 @@ from hertzloop.cli.sweep_results import (
 )
 from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, out, progress
+from hertzloop.cli.unused_options import check_only_used, check_unused
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
@@ -88,6 +89,7 @@ TransportOption = Annotated[Transport, typer.Option(help="Use this transport for
 
 
 def sweep(
+    context: typer.Context,
     over: OverOption = None,
     design: DesignOption = "grid",
     cases: CasesOption = None,
@@ -110,12 +112,15 @@ def sweep(
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
-    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
-    arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     if verify is not None:
+        used = {"verify", "cases", "transport", "seed", "json_file"}
+        check_only_used(context, used, "with --verify")
         count = 10 if cases is None else cases
         verify_results(verify, count, transport, 1 if seed is None else seed, json_file)
         return
+    check_unused(context, {"transport"}, "without --verify")
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
+    arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     study = _checked(arguments)
     if study.finished is None:
         prepare.compile_first(study.plan.setup, works=CASES)

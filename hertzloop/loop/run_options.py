@@ -40,6 +40,12 @@ def check_note(note: str) -> None:
         )
 
 
+def check_list(option: str, value: object) -> None:
+    """Raise OptionError for text in place of a list, whose letters would be read one by one."""
+    if isinstance(value, str):
+        raise OptionError(f"{option} = {value!a}: must be a list. Write [{value!a}].")
+
+
 class Transport(StrEnum):
     """Three ways to run the same closed loop."""
 

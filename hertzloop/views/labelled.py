@@ -41,13 +41,22 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
     """Return the results of a sweep as a Dataset over `case`; varied scene keys are coordinates.
 
     A metric that a case does not have is nan; `state` names the reason and `status` explains it.
-    Units are in the names, as in the file of the sweep. Lists become rows over `sample`, with nan
-    after their end.
+    Units are in the names, as in the file of the sweep. Lists among the metrics become rows over
+    `sample`, with nan after their end; a coordinate keeps each list as one object.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
     data = {name: _variable([row[name] for row in rows]) for name in names}
-    coords = {key: ("case", [row[key] for row in rows]) for key in keys}
+    coords = {key: ("case", _coordinate([row[key] for row in rows])) for key in keys}
     return xr.Dataset(data, coords, attrs=dict(header))
+
+
+def _coordinate(values: list[Any]) -> Any:
+    """Return the values of a scene key, one for each case."""
+    if not any(isinstance(value, list | tuple) for value in values):
+        return values
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = [tuple(value) if isinstance(value, list) else value for value in values]
+    return objects
 
 
 def _variable(values: list[Any]) -> tuple[Any, Any]:

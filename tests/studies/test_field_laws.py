@@ -74,7 +74,7 @@ def test_a_gain_from_elsewhere_is_that_of_now(law, folder):
     assert found == pytest.approx(list(PEAKS_N.values()), abs=0.1)
     ran(folder, "run", *scene, "--out", "half.mcap")
     (folder / file).write_text(text.format(0.2))
-    replayed = hertzloop("law", "replay", "half.mcap", "--law", law, cwd=folder)
+    replayed = hertzloop("law", "replay", "half.mcap", "--law", law, cwd=folder, code=1)
     assert "the forces differ first at step" in replayed.stdout + replayed.stderr
     done = python(folder, "-c", program)
     assert [float(x) for x in done.stdout.split()] == pytest.approx(list(PEAKS_N.values()), abs=0.1)

@@ -66,6 +66,13 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
     if request.worst:
         _check_worst(setup, request)
     uncertain = read_uncertain(request.uncertain, setup) if request.uncertain else None
+    for option in ("within", "most_cases"):
+        value = getattr(request, option)
+        if value != getattr(BudgetRequest, option) and not uncertain:
+            raise SceneError(
+                f"--{option.replace('_', '-')} = {value:g}: has no effect without --uncertain. "
+                "Remove it, or name a file of distributions."
+            )
     sobol = request.sobol
     if sobol and not uncertain:
         raise SceneError("--sobol needs --uncertain. Name a file of distributions")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hertzloop.loop.run_options import check_list
 from hertzloop.results.spans import Span
 
 
@@ -45,3 +46,8 @@ class BudgetRequest:
     def first_span(self) -> Span:
         """The span whose metrics come first."""
         return "impact" if self.span == "both" else self.span
+
+    def __post_init__(self) -> None:
+        """Raise OptionError for text in place of a list."""
+        check_list("goals", self.goals)
+        check_list("only", self.only)

@@ -154,6 +154,8 @@ def as_axis(key: str, values: Range) -> Axis:
     """
     if isinstance(values, str):
         return parse_axis(f"{key}={values}")
+    if not isinstance(values, Iterable):
+        raise DesignError(f"{shown(key)} = {shown(values)}: must be a list of values. Write one.")
     given = tuple(v.item() if isinstance(v, np.generic) else v for v in values)
     if not given:
         raise DesignError(f"{shown(key)} has no values. Give at least one.")

@@ -104,13 +104,13 @@ def design_of(setup: Setup, over: list[Axis], kind: DesignKind, count: int, seed
 
 
 def _check_ends(setup: Setup, design: Design) -> None:
-    """Refuse a key or an end of a range before hours of work. Each law of the design is tried,
-    since a key may belong to some laws only."""
+    """Refuse a key, an end of a range or its step before hours of work. Each law of the design is
+    tried, since a key may belong to some laws only."""
     first = {axis.key: axis.at(0.0) for axis in design.axes}
     laws = next((axis.values for axis in design.axes if axis.key == _LAW), ())
     for law in [{_LAW: law} for law in laws] or [{}]:
         for axis in design.axes:
-            ends = (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high)
+            ends = (*axis.values[:2], axis.values[-1]) if axis.values else (axis.low, axis.high)
             for value in ends if axis.key != _LAW else law.values():
                 try:
                     setup.vary({**first, **law, axis.key: value})

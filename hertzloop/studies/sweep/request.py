@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hertzloop.loop.run_options import check_list
 from hertzloop.results.spans import Span
 from hertzloop.studies.cases.axis import Range
 from hertzloop.studies.cases.design import DesignKind
@@ -37,6 +38,10 @@ class SweepRequest:
     uncertain: Path | None = None
     dask: str | None = None
     worst: str | None = None
+
+    def __post_init__(self) -> None:
+        """Raise OptionError for text in place of a list."""
+        check_list("over", self.over)
 
     @property
     def points(self) -> int:

@@ -100,6 +100,12 @@ def plan_tune(
                 for value in axis.values or (axis.low, axis.high):
                     base.vary({**own, axis.key: value})
         axes[law] = _axes_of(law, ranges, speed_m_s)
+        for axis in axes[law]:
+            if axis.key in combinations[0]:  # a range of the law, since those given differ
+                raise DesignError(
+                    f"--over {axis.key}: the search varies this key over the range of '{law}'. "
+                    "Name the keys to search with --vary, or remove --over."
+                )
     return TunePlan(bases, variants, axes, request)
 
 

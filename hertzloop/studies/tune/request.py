@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from hertzloop.loop.run_options import check_list
 from hertzloop.results.spans import Span
 from hertzloop.studies.cases.axis import Range
 
@@ -40,3 +41,8 @@ class TuneRequest:
     seed: int = 1
     require_stable: bool = False
     workers: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise OptionError for text in place of a list."""
+        for name in ("laws", "vary", "over", "minimise"):
+            check_list(name, getattr(self, name))

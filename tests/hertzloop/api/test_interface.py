@@ -151,6 +151,13 @@ def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene):
     assert spread.sizes["case"] == 4
 
 
+def test_a_sweep_over_lists_has_them_as_its_coordinate(scene):
+    points = [[0.1, 0.1], [0.2, 0.2]]
+    table = hertzloop.sweep(scene, {"plate.contact_point_m": points}, workers=1)
+    assert list(table["plate.contact_point_m"].values) == [(0.1, 0.1), (0.2, 0.2)]
+    assert table.sizes == {"case": 2}
+
+
 def test_tuning_finds_no_worse_than_the_published_setting():
     scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0016})
     request = hertzloop.TuneRequest(
@@ -187,6 +194,11 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
         (lambda s: hertzloop.modes(hertzloop.vary(s, {"run.plate_model": "infinite"})), "no modes"),
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
+        (lambda s: hertzloop.sweep(s, {"controller.kappa": 3}), "must be a list of values"),
+        (lambda s: hertzloop.sweep(s, {"controller.kappa": "0:1"}, design="x"), "design = 'x'"),
+        (lambda s: hertzloop.tune(s, laws="predicted"), r"laws = 'predicted': must be a list"),
+        (lambda s: hertzloop.budget(s, only="latency_us"), "only = 'latency_us': must be a list"),
+        (lambda s: hertzloop.budget(s, within=0.1), "--within = 0.1: has no effect without"),
         (
             lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"),
             "pace = 1.0: not available with transport = 'inprocess'",

@@ -52,6 +52,9 @@ ANSWERS = {
     "inspect none.mcap": "none.mcap",
     "inspect pdc.c": f"pdc.c{NO_MCAP}",
     "law replay a.json --law off": f"a.json{NO_MCAP}",
+    "law replay a.mcap --law off --set controller.law=predicted": "--law names the law. Remove one",
+    "law replay a.mcap --law off --set sensors.bits=4":
+    "--set sensors.bits = 4: has no effect on recorded samples. Set keys of [controller] only",
     "law replay a.mcap --law off -o a.mcap":
     "a.mcap: unknown picture format. Use a name that ends in .png",
     "repair a.csv": f"nothing to recover: a.csv{NO_MCAP}",
@@ -61,6 +64,13 @@ ANSWERS = {
     "sweep --verify none.csv": "none.csv: no such results",
     "sweep --verify a.csv": "a.csv: the file a.csv.json is missing beside it",
     "sweep --verify a.json": "a.json holds no results of a sweep, which end in .parquet or .csv",
+    "sweep --verify a.csv --worst x": "--worst = x: has no effect with --verify",
+    "sweep no-such-scene --verify a.csv": "SCENE = no-such-scene: has no effect with --verify",
+    "sweep --over sensors.bits=8 --transport zenoh":
+    "--transport = zenoh: has no effect without --verify. Remove it",
+    "sweep --over sensors.bits=8 --cases 5": "--cases = 5: has no effect on a grid",
+    "budget --check a.csv --goal x": "--goal = x: has no effect with --check",
+    "budget --check a.csv --no-real-plant": "--no-real-plant: has no effect with --check",
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":
     "--phases 4 spreads run.touch_phase, so --over cannot give it too",
     "sweep --over plate.size_m=0.1,0.2": "must be a list in brackets, such as [0.1, 0.2]",

@@ -29,6 +29,7 @@ LAWS = "controller.law=slope_threshold,fade_out,predicted"
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
         (["controller.latncy_us=0:5:1"], "Did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
+        (["controller.latency_us=0:1:0.5"], "controller.latency_us = 0.5: must be a whole number"),
         ([], "at least one --over"),
         (["controller.window_samples=2,3"], "has no effect on controller.law = 'slope_threshold'"),
         # The default is among the values, and the law that lacks the key is the last.
@@ -44,7 +45,7 @@ def test_what_cannot_be_swept_is_refused_shortly(over, says):
 
 
 def test_a_case_between_the_ends_of_an_axis_says_itself_that_it_cannot_be():
-    over = ["controller.latency_us=0:1:0.5", "run.step_ns=1000"]
+    over = ["controller.latency_us=0,1,1.5,2", "run.step_ns=1000"]
     assert design_of(load("aluminium-3mm"), axes_from(over), "grid", 0, 1)
 
 

@@ -19,6 +19,7 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
     [
         (["thesis-aluminium"], "run.scheme = 'thesis2008'"),
         (["--over", "controller.kappa=0:1"], "has no step"),
+        (["--over", "controller.kappa=0.1,0.5"], "--over controller.kappa: the search varies this"),
         (["--at-most", "rebound_percent=nan"], "invalid limit"),
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
         (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
