@@ -18,7 +18,7 @@ from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.cases import OTHER, SHOWN
-from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.loading import DEFAULT, parse_setting
 from hertzloop.studies.cases.evaluate import Rows, run_case, with_metric
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
 from hertzloop.studies.pages.words import short
@@ -187,6 +187,7 @@ def _checked(arguments: SweepArguments) -> _Study:
     if request.dask is not None:
         _check_scheduler(request.dask)
     plan = plan_sweep(setup, request)
+    _check_not_swept(arguments, plan)
     for axis in plan.design.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             prepare.check_law(setup.vary({"controller.law": law}))
@@ -204,6 +205,16 @@ def _checked(arguments: SweepArguments) -> _Study:
         worst_latencies.check_file(study.worst_file)
     outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
     return study
+
+
+def _check_not_swept(arguments: SweepArguments, plan: SweepPlan) -> None:
+    """End the command if --set or --seed gives a key that differs from case to case."""
+    swept = {axis.key for axis in plan.design.axes}
+    for text in arguments.settings:
+        if parse_setting(text)[0] in swept:
+            fail(f"--set {text}: the sweep varies this key. Remove one of the two.")
+    if arguments.seed is not None and "run.seed" in swept:
+        fail(f"--seed = {arguments.seed}: the sweep varies run.seed. Remove one of the two.")
 
 
 def _run(study: _Study) -> SweepResult:

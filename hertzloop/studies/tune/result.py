@@ -93,7 +93,8 @@ class TuneResult:
         )
         keep = rest[0] if rest else first
         if winner is None:
-            return f"none beats the published setting in {first} without raising {keep}"
+            without = f" without raising {keep}" if rest else ""
+            return f"none beats the published setting in {first}{without}"
         gained = published.metrics[first] - winner.metrics[first]
         sentence = f"{winner.words()} beats the published setting in {first} by {gained:z.3f}"
         if not rest:
