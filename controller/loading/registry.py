@@ -76,6 +76,19 @@ def resolve(reference: str, folder: Path | None = None) -> str:
     return f"{path}:{match['name']}" if match["name"] else str(path)
 
 
+def check_one_file(reference: str, folder: Path | None) -> None:
+    """Raise LawError if `folder` and the working folder have a file each that a reference means."""
+    match = _FILE.fullmatch(reference)
+    if not match or folder is None:
+        return
+    beside, here = folder / match["file"], Path.cwd() / match["file"]
+    if beside.is_file() and here.is_file() and not beside.samefile(here):
+        raise LawError(
+            f"controller.law = '{reference}': means {beside.resolve()}, beside the scene, and "
+            f"{here}. Give the whole path of one of them."
+        )
+
+
 def find(reference: str, digest: str | None = None) -> Law:
     """The law that a reference means. Raises LawError; also if it has not the `digest` given, of
     which nothing is executed then."""

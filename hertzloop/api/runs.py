@@ -12,6 +12,7 @@ import numpy as np
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.bus.sockets import own_folder
 from hertzloop.common.optional_dependencies import need
+from hertzloop.loop.run_options import OptionError, RunOptions, Transport
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
@@ -224,18 +225,20 @@ def run(
     Raises:
         SceneError: the scene cannot be run, or not at this `pace`.
         OptionError: `transport` is unknown; `horizon` is less than 1; `note` is too long, or not
-            one line of visible characters; or two arguments exclude each other.
+            one line of visible characters; `recording` has another ending, its folder does not
+            exist, or it exists and may not be replaced; or two arguments exclude each other.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.
         StreamFault: a message was lost, repeated or malformed.
         RecordingError: the recording cannot be written.
     """
-    from hertzloop.loop.run_options import RunOptions, Transport
     from hertzloop.processes.record import record
 
     options = RunOptions(
         Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace, note=note
     )
+    if recording is not None:
+        _check_recording(Path(recording), overwrite)
     setup = resolved(scene)
     if pace is not None:
         from hertzloop.loop.paced import check_pace
@@ -250,6 +253,19 @@ def run(
         path = Path(folder) / "run.mcap"
         record(setup, path, options, on_progress)
         return replace(read(path), path=None)
+
+
+def _check_recording(path: Path, overwrite: bool) -> None:
+    """Raise OptionError unless a recording of this name can be written, before processes start."""
+    if path.suffix != ".mcap":
+        why = "must end in .mcap. Change the name"
+    elif not path.parent.is_dir():
+        why = f"the folder {path.parent} does not exist. Create it"
+    elif path.exists() and not overwrite:
+        why = "exists. Choose another name, or use overwrite=True"
+    else:
+        return
+    raise OptionError(f"recording = '{path}': {why}.")
 
 
 def read(recording: str | Path) -> Run:

@@ -136,7 +136,9 @@ def export_plant(
 
 def _target(out_file: Path | None, out_dir: Path | None, overwrite: bool) -> Path:
     """Return the file or the folder to write; end the command unless there is one of them."""
-    if (out_file is None) == (out_dir is None):
+    if out_file is not None and out_dir is not None:
+        fail(f"--out = {out_file}: cannot be combined with --out-dir. Remove one of the two.")
+    if out_file is None and out_dir is None:
         fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.")
     if out_file is not None and out_file.suffix not in (".fmu", ".so"):
         fail(f"--out {out_file}: must end in .fmu or .so. For a folder, give --out-dir")

@@ -1,8 +1,9 @@
 """What a command does before it runs a scene: resolve it, try its law, compile its kernels."""
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from functools import cache
+from typing import Any
 
 from hertzloop.cli.terminal import err, progress
 from hertzloop.controller.loading.registry import shipped as shipped_laws
@@ -10,7 +11,9 @@ from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.law_trial import try_law
 from hertzloop.processes.signals import INTERRUPTED, ending_signals
 from hertzloop.scene.controller import loaded_law
+from hertzloop.scene.errors import SceneError, shown
 from hertzloop.scene.loading import load as load_scene
+from hertzloop.scene.loading import parse_setting
 from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
 from hertzloop.warmup import RUN, Work, all_compiled, anything_compiled, ensure_compiled
@@ -28,8 +31,9 @@ def scene_from(
         law_was_tried: Whether the process that started this one has tried the law.
 
     Raises:
-        SceneError: The scene cannot be simulated.
+        SceneError: The scene cannot be simulated, or two options give a key different values.
     """
+    check_given_once(settings or (), seed)
     setup = resolve(load_scene(source, settings or (), seed))
 
     if not anything_compiled():
@@ -42,6 +46,19 @@ def scene_from(
     if not law_was_tried:
         check_law(setup)
     return setup
+
+
+def check_given_once(settings: Iterable[str], seed: int | None) -> None:
+    """Raise SceneError if settings and the seed give a scene key different values."""
+    given: dict[str, Any] = {} if seed is None else {"run.seed": seed}
+    for text in settings:
+        key, value = parse_setting(text)
+        first = given.setdefault(key, value)
+        if first != value:
+            raise SceneError(
+                f"{key} = {shown(value)}: another option sets it to {shown(first)}. Remove one of "
+                "the two."
+            )
 
 
 def check_law(setup: Setup) -> None:

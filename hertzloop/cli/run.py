@@ -16,6 +16,7 @@ from hertzloop.bus.sockets import on_loopback, own_endpoints
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
+from hertzloop.cli.unused_options import check_unused
 from hertzloop.loop.run_options import RunOptions, Transport, check_transport
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
@@ -31,6 +32,9 @@ from hertzloop.views.format import unwrapped
 from hertzloop.views.run import print_run
 from hertzloop.views.run_json import run_as_json
 from hertzloop.warmup import RUN, Work
+
+# Parameters of the command that only separate processes need.
+_OF_PROCESSES = ("name", "port", "timeout_s", "fast_lane", "realtime")
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class RunArguments:
 
 
 def run(
+    context: typer.Context,
     transport: Annotated[
         Transport, typer.Option(help="Choose how the parts of the run communicate.")
     ] = Transport.ZENOH,
@@ -88,6 +93,10 @@ def run(
     details: options.DetailsOption = False,
 ) -> None:
     """Run and record a scene, and compare it with the same run without control."""
+    if transport is not Transport.ZENOH:
+        check_unused(context, _OF_PROCESSES, f"with --transport {transport}")
+    if transport is Transport.COMPILED:
+        check_unused(context, {"horizon"}, "with --transport compiled")
     run_options = RunOptions(
         transport=transport,
         overwrite=overwrite,

@@ -21,9 +21,9 @@ from hertzloop.cli.unused_options import check_only_used, check_unused
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
-from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.loading import DEFAULT, parse_setting
 from hertzloop.studies.sweep import sweep as sweep_study
-from hertzloop.studies.sweep.plan import plan_sweep
+from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
 from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.result import SweepResult
 from hertzloop.warmup import CASES
@@ -150,6 +150,7 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
     if request.dask is not None:
         _check_scheduler(request.dask)
     plan = plan_sweep(setup, request)
+    _check_not_swept(arguments, plan)
     for axis in plan.design.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             prepare.check_law(setup.vary({"controller.law": law}))
@@ -167,6 +168,16 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
         worst_latencies.check_file(study.worst_file)
     outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
     return study
+
+
+def _check_not_swept(arguments: SweepArguments, plan: SweepPlan) -> None:
+    """End the command if --set or --seed gives a key that differs from case to case."""
+    swept = {axis.key for axis in plan.design.axes}
+    for text in arguments.settings:
+        if parse_setting(text)[0] in swept:
+            fail(f"--set {text}: the sweep varies this key. Remove one of the two.")
+    if arguments.seed is not None and "run.seed" in swept:
+        fail(f"--seed = {arguments.seed}: the sweep varies run.seed. Remove one of the two.")
 
 
 def _run(study: SweepStudy) -> SweepResult:

@@ -41,6 +41,11 @@ def _quantity_problems(sensors: SensorsTable, control: ControllerTable) -> list[
     shaped = sensors.low_pass != "butterworth" or sensors.low_pass_order > 1
     if sensors.low_pass_hz is None and shaped:
         found.append("sensors.low_pass_hz: is missing beside its kind or order. Give the corner")
+    if sensors.resonance_damping is not None and sensors.resonance_hz is None:
+        found.append(
+            f"sensors.resonance_damping = {sensors.resonance_damping:g}: has no effect without "
+            "sensors.resonance_hz. Give the natural frequency, or remove the key."
+        )
     beside = [key for key, value in sensors if key.startswith("fault_") and value is not None]
     if sensors.fault is None and beside:
         found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
@@ -121,6 +126,15 @@ def _line_problems(
             f"controller.latency_us = {control.latency_us:g}: has no effect beside "
             "controller.latency_trace. Leave one of them out"
         )
+    if control.latency_trace == ():
+        found.append("controller.latency_trace = []: is empty. Give at least one latency, us.")
+    for key in ("latency_trace_use", "latency_trace_from"):
+        value = getattr(control, key)
+        if value is not None and control.latency_trace is None:
+            found.append(
+                f"controller.{key} = '{value}': has no effect without controller.latency_trace. "
+                "Give a trace, or remove the key."
+            )
     has_clock = control.clock_ppm != 0.0 or control.clock_phase != 0.0
     if has_clock and control.latency_trace is not None and control.latency_trace_from != "tick":
         found.append(

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from hertzloop.common.text_files import text_of
 from hertzloop.controller.loading.law import LawError
-from hertzloop.controller.loading.registry import read_again, resolve
+from hertzloop.controller.loading.registry import check_one_file, read_again, resolve
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
@@ -45,7 +45,8 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
     """Read a scene by shipped name or from a file, apply `key=value` settings and the seed.
 
     Files that it names are relative to its own folder, those that a setting names to the working
-    directory. Raises SceneError with one sentence for anything wrong in it.
+    directory. A law may be in either; a setting that names a file of both is refused. Raises
+    SceneError with one sentence for anything wrong in it.
     """
     path = Path(source)
     if path.suffix in _OF_LAWS:
@@ -65,7 +66,12 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
 
 
 def _text(source: str) -> str:
-    path = Path(source)
+    path, names = Path(source), shipped()
+    if source in names and path.is_file():
+        raise SceneError(
+            f"SCENE = '{source}': is a shipped scene and a file in the working folder. Write "
+            f"./{source} for the file, or rename the file."
+        )
     try:
         if path.suffix == ".toml" or path.is_file():
             return text_of(path.read_bytes())
@@ -73,7 +79,6 @@ def _text(source: str) -> str:
         raise SceneError(
             f"cannot read the scene {shortened(source)}: {shortened(str(error))}"
         ) from error
-    names = shipped()
     if source not in names:
         close = difflib.get_close_matches(source, names, 1)
         hint = f" Did you mean {close[0]}?" if close else ""
@@ -166,10 +171,14 @@ def _apply_settings(data: dict[str, Any], texts: Iterable[str], folder: Path | N
         data.pop("shows", None)  # it was written for other bodies
     law, table = settings.get("controller.law"), data.get("controller")
     if isinstance(law, str) and isinstance(table, dict):
+        try:
+            check_one_file(law, folder)
+        except LawError as error:
+            raise SceneError(str(error)) from error
         with suppress(LawError):  # the check of the table says so
             if isinstance(table.get("law"), str):
                 table["law"] = resolve(table["law"], folder)
-            switch_law(table, resolve(law), written=True)
+            switch_law(table, resolve(law, folder), written=True)
     for key, value in pairs:
         set_key(data, key, value)
 

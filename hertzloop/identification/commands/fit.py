@@ -104,6 +104,8 @@ def fit(
         "--report": report_file,
         "--set": settings,
     }
+    if "none" in (hold_out or []) and len(hold_out or []) > 1:
+        raise FitError("--hold-out none: cannot be combined with another --hold-out. Remove one.")
     without_scene = check and not free and holds_records(Path(scene))
     _refuse_unused([option for option, value in given.items() if value], check, without_scene)
     files = list(records or [])

@@ -57,11 +57,14 @@ class PolyphaseLoop:
         return found
 
 
+NO_LAW = "the scene has no law, so there is no loop"
+
+
 def why_no_loop(setup: Setup) -> str:
     """Return why a setup cannot have a linear loop in flight, before its law is looked at; empty if
     it may have one."""
     if not setup.has_law:
-        return "the scene has no law, so there is no loop"
+        return NO_LAW
     if not SCHEMES[setup.scheme].has_linear_model:
         return (
             f"run.scheme = '{setup.scheme}' has no linear model; use "

@@ -5,6 +5,7 @@ from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
 from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.margin.jitter import JitterMargin
+from hertzloop.studies.margin.loop import NO_LAW
 from hertzloop.studies.margin.result import MarginResult
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
@@ -86,10 +87,10 @@ def fact_lines(found: ImpactFacts) -> list[str]:
 def margin_lines(m: Margin) -> list[str]:
     """Return the lines that describe a margin."""
     if not m.applicable:
-        return [
-            f"No margin: {m.reason}.",
-            "Use 'hertzloop budget' to find how much latency the law tolerates.",
-        ]
+        remedy = "Use 'hertzloop budget' to find how much latency the law tolerates."
+        if m.reason == NO_LAW:
+            remedy = "Name a law, for example --law velocity_feedback."
+        return [f"No margin: {m.reason}.", remedy]
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
     if m.stable:
         lines.append(f"stable at the scene's latency of {m.latency_us:g} us")

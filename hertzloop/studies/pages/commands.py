@@ -15,10 +15,11 @@ def run_command(
     Args:
         scene: Name or file of the scene.
         case: Values of scene keys.
-        settings: Other changes of keys, as of --set.
+        settings: Other changes of keys, as of --set; the case replaces those of its keys.
         seed: Random seed, unless the case has its own; None: that of the scene.
     """
-    changes = [*settings, *(f"{key}={toml_text(value)}" for key, value in case.items())]
+    others = [text for text in settings if text.partition("=")[0].strip() not in case]
+    changes = [*others, *(f"{key}={toml_text(value)}" for key, value in case.items())]
     words = [word for change in changes for word in ("--set", change)]
     seeded = [] if seed is None or "run.seed" in case else ["--seed", str(seed)]
     return shlex.join(["hertzloop", "run", scene, *words, *seeded])

@@ -96,7 +96,8 @@ class TuneResult:
         if any(math.isnan(published.metrics[name]) for name in (first, keep)):
             return "the published setting has no metrics in these scenes, so none is compared to it"
         if winner is None:
-            return f"none beats the published setting in {first} without raising {keep}"
+            without = f" without raising {keep}" if rest else ""
+            return f"none beats the published setting in {first}{without}"
         gained = published.metrics[first] - winner.metrics[first]
         sentence = f"{winner.words()} beats the published setting in {first} by {gained:z.3f}"
         if not rest:

@@ -220,6 +220,8 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
     [
         ({"note": "two\nlines"}, "must be one line"),
         ({"transport": "bus"}, "transport = 'bus': is unknown. Use one of zenoh, inprocess"),
+        ({"recording": "a.txt"}, "recording = 'a.txt': must end in .mcap. Change the name"),
+        ({"recording": "none/a.mcap"}, "the folder none does not exist. Create it"),
         ({"horizon": 0}, "horizon = 0: must be a step or more"),
         ({"horizon": -3, "transport": "inprocess"}, "horizon = -3: must be a step or more"),
     ],
@@ -227,6 +229,14 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
 def test_an_impossible_option_has_its_own_error(scene, options, sentence):
     with pytest.raises(hertzloop.OptionError, match=sentence):
         hertzloop.run(scene, **options)
+
+
+def test_an_existing_recording_is_refused_before_the_run(scene, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"old")
+    with pytest.raises(hertzloop.OptionError, match="exists"):
+        hertzloop.run(scene, path)
+    assert path.read_bytes() == b"old"
 
 
 @pytest.mark.full

@@ -71,6 +71,24 @@ ANSWERS = {
     "sweep --over sensors.bits=8 --cases 5": "--cases = 5: has no effect on a grid",
     "budget --check a.csv --goal x": "--goal = x: has no effect with --check",
     "budget --check a.csv --no-real-plant": "--no-real-plant: has no effect with --check",
+    "run --seed 3 --set run.seed=4": "run.seed = 4: another option sets it to 3. Remove one",
+    "run --set sensors.bits=4 --set sensors.bits=8": "bits = 8: another option sets it to 4",
+    "margin --law off --set controller.law=predicted": "another option sets it to 'off'",
+    "run --transport compiled --horizon 3": "--horizon = 3: has no effect with --transport",
+    "run --transport inprocess --no-fast-lane": "--no-fast-lane: has no effect with --transport in",
+    "run --transport compiled --realtime on": "--realtime = on: has no effect with --transport",
+    "run --transport compiled --port 7450": "--port = 7450: has no effect with --transport",
+    "run --set sensors.resonance_damping=0.1": "has no effect without sensors.resonance_hz. Give",
+    "run --set controller.latency_trace_use=replay": "effect without controller.latency_trace",
+    "run --set controller.latency_trace=[]": "controller.latency_trace = []: is empty. Give",
+    "sweep --over run.seed=1,2 --seed 3": "--seed = 3: the sweep varies run.seed. Remove one",
+    "sweep --over sensors.bits=8,9 --phases 3 --set run.touch_phase=0.3":
+    "--set run.touch_phase=0.3: the sweep varies this key. Remove one of the two",
+    "budget --within 0.1": "--within = 0.1: has no effect without --uncertain. Remove it",
+    "fit aluminium-3mm a.csv --free sphere.radius_m --hold-out none --hold-out 2":
+    "--hold-out none: cannot be combined with another --hold-out. Remove one",
+    "export-plant aluminium-3mm -o p.fmu --out-dir pp":
+    "--out = p.fmu: cannot be combined with --out-dir. Remove one of the two",
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":
     "--phases 4 spreads run.touch_phase, so --over cannot give it too",
     "sweep --over plate.size_m=0.1,0.2": "must be a list in brackets, such as [0.1, 0.2]",
@@ -110,6 +128,22 @@ def test_h_is_help_for_every_command():
     for path in [[], *([group.name] for group in GROUPS), *paths]:
         full, short = call(*path, "--help"), call(*path, "-h")
         assert (short.exit_code, short.output) == (0, full.output), path
+
+
+def test_a_name_that_means_two_things_is_refused(here):
+    """A scene that is shipped and a file, and a law beside the scene and in the working folder."""
+    text = shipped_text("aluminium-3mm")
+    (here / "aluminium-3mm").write_text(text)
+    refused("Write ./aluminium-3mm for the file, or rename the file", "run", "aluminium-3mm")
+    (here / "scenes").mkdir()
+    (here / "scenes" / "a.toml").write_text(text)
+    for folder in (here, here / "scenes"):
+        (folder / "amb.py").write_text(LAW)
+    words = ["scene", "check", "scenes/a.toml", "--set", "controller.law=amb.py"]
+    said = refused(f"{here / 'scenes' / 'amb.py'}, beside the scene, and {here / 'amb.py'}", *words)
+    assert "Give the whole path of one of them" in said
+    (here / "amb.py").unlink()
+    assert call(*words).exit_code == 0
 
 
 INPUTS = {
