@@ -9,7 +9,7 @@ import numpy as np
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED, LINE_COUNTS
-from hertzloop.controller.loading.bound import BoundLaw, LawFault
+from hertzloop.controller.loading.bound import BoundLaw, BrokenPromise, LawFault
 
 # Random streams; the sensor's noise and the touch phase are others.
 _JITTER_STREAM, _DROP_OUT_STREAM, _TRACE_STREAM = 2, 3, 6
@@ -87,9 +87,7 @@ class Controller:
         samples = -(-steps // every_steps)
         self.bound = law
         self.law = law.model
-        self.law_state = laws.LawState(
-            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.state.data.copy()
-        )
+        self.law_state = laws.first_state(law.state.data, samples)
         added, dropped = _added_steps(line, samples, every_steps, seed)
         full_scale = line.full_scale_n or 0.0
         if line.bits is not None and line.full_scale_n is None:
@@ -125,9 +123,7 @@ class Controller:
             self.law, self.law_state, self.line, self.line_state, values, self.forces, modes, delays
         )
         if look_ahead:
-            controller_kernels.grant_ahead(
-                self.law, self.law_state, self.line, self.line_state, self.forces
-            )
+            controller_kernels.grant_ahead(self.law_state, self.line, self.line_state, self.forces)
         self.check()
         end = int(self.line_state.counts[EMITTED])
         level = float(laws.quiet_level(self.law, self.law_state))
@@ -156,6 +152,8 @@ class Controller:
             self.bound.ended.clear()  # the law may be used again
             raise ended
         if self.failed_at >= 0:
+            if self.law_state.counts[laws.CAUSE] != laws.NO_NUMBER:
+                raise BrokenPromise(self.bound.explain_promise(self.law_state))
             seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
             raise LawFault(self.bound.explain(seen, self.failed_at))
 

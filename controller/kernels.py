@@ -12,8 +12,9 @@ from hertzloop.common.jit import kernel
 from hertzloop.controller import law_kernels as laws
 
 # Indices into the line's counts and values.
-EMITTED, LAST_ACTING, LAST_PUSHING = range(3)  # steps; the last: of a force not zero
-LINE_COUNTS = 3
+# Steps, the third of a force not zero; SCHEDULED: samples whose command has entered the line.
+EMITTED, LAST_ACTING, LAST_PUSHING, SCHEDULED = range(4)
+LINE_COUNTS = 4
 HELD, OUTPUT = range(2)
 
 
@@ -57,7 +58,8 @@ def convert_force(model, force):
 
 @kernel(inline=True)
 def _schedule(line, state, index, command):
-    """Enter the command of sample `index` into the line."""
+    """Enter the command of sample `index`, the next one, into the line."""
+    state.counts[SCHEDULED] = index + 1
     if line.dropped.size > 0 and line.dropped[index]:
         return
     acts = index * line.every_steps + 1 + line.latency_steps
@@ -94,9 +96,8 @@ def control_sample(law, law_state, line, line_state, value, forces):
     """One sample through law and line; `forces` is final up to the line's EMITTED step."""
     index = law_state.counts[laws.SAMPLES]
     command = laws.take_sample(law, law_state, value)
-    if index >= law_state.counts[laws.COMMANDED]:
+    if index >= line_state.counts[SCHEDULED]:
         _schedule(line, line_state, index, command)
-        law_state.counts[laws.COMMANDED] = index + 1
     _emit(line, line_state, (index + 1) * line.every_steps + 1 + line.latency_steps, forces)
 
 
@@ -110,16 +111,13 @@ def control_block(law, law_state, line, line_state, values, forces, modes, delay
 
 
 @kernel
-def grant_ahead(law, law_state, line, line_state, forces):
-    """Extend the forces by what the law already knows about samples to come."""
-    index = law_state.counts[laws.SAMPLES]
-    known = min(laws.known_ahead(law, law_state), law_state.history.size - index)
-    for future in range(max(index, law_state.counts[laws.COMMANDED]), index + known):
-        _schedule(line, line_state, future, laws.command_ahead(law, law_state, future))
-        law_state.counts[laws.COMMANDED] = future + 1
-    if known > 0:
-        end = (index + known) * line.every_steps + 1 + line.latency_steps
-        _emit(line, line_state, end, forces)
+def grant_ahead(law_state, line, line_state, forces):
+    """Extend the forces by the commands that the law has given for samples to come."""
+    commanded = law_state.counts[laws.COMMANDED]
+    if commanded > law_state.counts[laws.SAMPLES]:
+        for future in range(line_state.counts[SCHEDULED], commanded):
+            _schedule(line, line_state, future, law_state.ahead[future])
+        _emit(line, line_state, commanded * line.every_steps + 1 + line.latency_steps, forces)
 
 
 @kernel

@@ -17,11 +17,18 @@ from numba.extending import intrinsic
 
 from hertzloop.common.jit import kernel
 
-# Indices into the state's words, and into the counts kept beside it. FAULT: sample, from 1 on,
-# whose command was no number.
+# Indices into the state's words, and into the counts kept beside it. COMMANDED: samples whose
+# command is known, some perhaps ahead. FAULT: sample, from 1 on, on which the law failed. CAUSE:
+# NO_NUMBER, a command of it is not finite; OTHER_THAN_AHEAD, it is not the one known ahead;
+# NOT_QUIET, it is a force against the promise of none.
 MODE, DELAY = range(2)
-SAMPLES, COMMANDED, FAULT = range(3)
-LAW_COUNTS = 3
+SAMPLES, COMMANDED, FAULT, CAUSE = range(4)
+LAW_COUNTS = 4
+NO_NUMBER, OTHER_THAN_AHEAD, NOT_QUIET = range(3)
+# Indices into the state's numbers: level above which samples leave the law at zero by all its
+# promises that still hold, inf without any; what was promised and commanded at a fault.
+QUIET_ABOVE, PROMISED, COMMAND = range(3)
+LAW_NUMBERS = 3
 
 
 class LawModel(NamedTuple):
@@ -35,11 +42,22 @@ class LawModel(NamedTuple):
 
 
 class LawState(NamedTuple):
-    """Counts by the indices above, all samples so far, the law's state as 64-bit words."""
+    """Counts and numbers by the indices above; all samples so far, and the commands known ahead, by
+    sample; the law's state as 64-bit words."""
 
     counts: np.ndarray
+    numbers: np.ndarray
     history: np.ndarray
+    ahead: np.ndarray
     record: np.ndarray
+
+
+def first_state(record: np.ndarray, samples: int) -> LawState:
+    """A law's state before the first of so many samples; `record`: its words at the start."""
+    numbers = np.zeros(LAW_NUMBERS)
+    numbers[QUIET_ABOVE] = math.inf
+    counts, history = np.zeros(LAW_COUNTS, np.int64), np.zeros(samples)
+    return LawState(counts, numbers, history, np.empty(samples), record.copy())
 
 
 _KINDS: dict[str, tuple[Any, Any]] = {
@@ -110,49 +128,79 @@ _call_quiet_level = _caller("double", 2, 0)
 
 
 @kernel(inline=True)
-def _number(counts, index, command):
-    """The command, or zero, with the sample noted, where it is no number."""
+def _fail(state, index, cause, promised, command):
+    """Note the first fault of a law, at sample `index`."""
+    if state.counts[FAULT] == 0:
+        state.counts[FAULT] = index + 1
+        state.counts[CAUSE] = cause
+        state.numbers[PROMISED] = promised
+        state.numbers[COMMAND] = command
+
+
+@kernel(inline=True)
+def _number(state, index, command):
+    """The command, or zero, with the fault noted, where it is no number."""
     if math.isfinite(command):
         return command
-    if counts[FAULT] == 0:
-        counts[FAULT] = index + 1
+    _fail(state, index, NO_NUMBER, 0.0, 0.0)
     return 0.0
 
 
 @kernel(inline=True)
-def take_sample(model, state, value):
-    """Feed the next sample to the law; returns its command (N)."""
-    counts, history = state.counts, state.history
-    index = counts[SAMPLES]
-    history[index] = value
-    counts[SAMPLES] = index + 1
-    command = _call_command(model.command, model.parameters, state.record, history, index)
-    return _number(counts, index, command)
+def _as_promised(state, index, value, command):
+    """The command of a sample, with the fault noted where it breaks what the law said before.
+
+    Of two zeros it is the one that was promised, so that their signs do not depend on who asked.
+    """
+    counts, numbers = state.counts, state.numbers
+    if index < counts[COMMANDED]:
+        if command != state.ahead[index]:
+            _fail(state, index, OTHER_THAN_AHEAD, state.ahead[index], command)
+        command = state.ahead[index]
+    if not value > numbers[QUIET_ABOVE]:
+        numbers[QUIET_ABOVE] = math.inf  # the law is free of all its promises
+    else:
+        if command != 0.0:
+            _fail(state, index, NOT_QUIET, numbers[QUIET_ABOVE], command)
+        command = 0.0
+    return command
 
 
 @kernel(inline=True)
-def known_ahead(model, state):
-    """Number of samples to come whose command no longer depends on them."""
-    last = state.counts[SAMPLES] - 1
-    if model.known_ahead == 0 or last < 0:
-        return 0
-    return _call_known_ahead(model.known_ahead, model.parameters, state.record, state.history, last)
-
-
-@kernel(inline=True)
-def command_ahead(model, state, index):
-    """Command of the future sample `index`, which `known_ahead` has vouched for."""
-    last = state.counts[SAMPLES] - 1
-    command = _call_command_ahead(
-        model.command_ahead, model.parameters, state.record, state.history, last, index
-    )
-    return _number(state.counts, index, command)
-
-
-@kernel
 def quiet_level(model, state):
     """Level above which samples leave the law at zero from now on; inf without such a promise."""
     if model.quiet_level == 0:
         return math.inf
     level = _call_quiet_level(model.quiet_level, model.parameters, state.record)
     return level if level < math.inf else math.inf
+
+
+@kernel(inline=True)
+def _look_ahead(model, state, last):
+    """Ask the law, after sample `last`, for the commands that it knows and has not given yet."""
+    if model.known_ahead == 0:
+        return
+    counts, history = state.counts, state.history
+    known = _call_known_ahead(model.known_ahead, model.parameters, state.record, history, last)
+    for index in range(counts[COMMANDED], last + 1 + min(known, history.size - last - 1)):
+        command = _call_command_ahead(
+            model.command_ahead, model.parameters, state.record, history, last, index
+        )
+        state.ahead[index] = _number(state, index, command)
+        counts[COMMANDED] = index + 1
+
+
+@kernel(inline=True)
+def take_sample(model, state, value):
+    """Feed the next sample to the law, and note what it promises from now on. Returns its command,
+    N."""
+    counts, numbers, history = state.counts, state.numbers, state.history
+    index = counts[SAMPLES]
+    history[index] = value
+    counts[SAMPLES] = index + 1
+    command = _call_command(model.command, model.parameters, state.record, history, index)
+    command = _as_promised(state, index, value, _number(state, index, command))
+    counts[COMMANDED] = max(counts[COMMANDED], index + 1)
+    _look_ahead(model, state, index)
+    numbers[QUIET_ABOVE] = min(numbers[QUIET_ABOVE], quiet_level(model, state))
+    return command

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.law_kernels import LawModel
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading import compiled as law_code
 from hertzloop.controller.loading.compiled import plain
@@ -21,6 +22,10 @@ class LawFault(RuntimeError):
     """A law failed in a run; the sentence names it, the sample and what it did."""
 
     exit_status = 1
+
+
+class BrokenPromise(LawFault):
+    """A command is not the one known ahead, or a force against the promise of none."""
 
 
 class BoundLaw:
@@ -48,12 +53,27 @@ class BoundLaw:
     @cached_property
     def waits_above(self) -> float:
         """Level above which samples leave the law at zero, as it is at the start; inf without."""
-        state = LawState(np.zeros(LAW_COUNTS, np.int64), np.zeros(0), self.state.data.copy())
-        return float(quiet_level(self.model, state))
+        return float(laws.quiet_level(self.model, laws.first_state(self.state.data, 0)))
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the law did wrong at sample `index`."""
         return f"the law {self.name} gave no finite number as the command of sample {index}"
+
+    def explain_promise(self, state: laws.LawState) -> str:
+        """What the law promised and what it commanded instead, and what to do."""
+        index = int(state.counts[laws.FAULT]) - 1
+        promised, force_n = (float(state.numbers[at]) for at in (laws.PROMISED, laws.COMMAND))
+        said = f"the law {self.name}, at sample {index}, commanded {force_n} N"
+        if state.counts[laws.CAUSE] == laws.OTHER_THAN_AHEAD:
+            return (
+                f"{said}, but its command_ahead had said {promised} N. Count in known_ahead only "
+                "commands that do not depend on later samples."
+            )
+        return (
+            f"{said}, but its quiet_level had promised no force while samples stay above "
+            f"{promised}, and this one is {float(state.history[index])}. Return NO_PROMISE from "
+            "quiet_level where a force may follow."
+        )
 
     def reads_unknown(self, samples: np.ndarray) -> str:
         """One sentence on a sample that the law reads but is not given, as far as its text can

@@ -301,7 +301,7 @@ def answer_samples(
         if counts[laws.FAULT] != 0:
             return REACHED
         if look_ahead:
-            controller_kernels.grant_ahead(law, law_state, line, line_state, forces)
+            controller_kernels.grant_ahead(law_state, line, line_state, forces)
 
 
 @kernel(inline=True)

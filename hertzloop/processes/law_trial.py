@@ -16,7 +16,7 @@ import numpy as np
 from hertzloop.bus.sockets import own_folder
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import LawContext
-from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
+from hertzloop.controller.loading.bound import BoundLaw, BoundPython, BrokenPromise, LawFault
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import load_anew, shipped
@@ -105,18 +105,22 @@ def check_repeatable(setup: Setup) -> None:
     samples = impact_samples(setup, about)
     bound = bound_law(setup, True)
     first = _forces(bound, samples, setup.step_s, 0.0)
+    if isinstance(first, BrokenPromise):  # a run may end before it comes to that
+        raise SceneError(str(first))
     if problem := _unrepeatable(first, bound, samples, setup.step_s):
         raise SceneError(problem)
     if note := law.identity_note():
         warnings.warn(note, stacklevel=4)
 
 
-def _unrepeatable(one: bytes | str, bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
+def _unrepeatable(
+    one: bytes | LawFault, bound: BoundLaw, samples: np.ndarray, step_s: float
+) -> str:
     """One sentence on the first sample for which a law has another command the second time, each
     time from its first state; empty if there is none, or the law fails. `one`: its forces of the
     first time."""
     other = _forces(bound, samples, step_s, 0.0)
-    if isinstance(one, str) or isinstance(other, str) or one == other:
+    if isinstance(one, LawFault) or isinstance(other, LawFault) or one == other:
         return ""
     first, second = np.frombuffer(one), np.frombuffer(other)
     step = int(np.flatnonzero(first != second)[0])  # a command acts from the next step on
@@ -153,8 +157,8 @@ def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
 def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
     """What a law does wrong, by itself or because it reads samples that it is not given."""
     by_zero = _forces(bound, samples, step_s, 0.0)
-    if isinstance(by_zero, str):
-        return by_zero
+    if isinstance(by_zero, LawFault):
+        return str(by_zero)
     if problem := _unrepeatable(by_zero, bound, samples, step_s):
         return problem
     with suppress(LawTimeout), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
@@ -169,16 +173,16 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
     return ""
 
 
-def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) -> bytes | str:
+def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) -> bytes | LawFault:
     """The forces of a law, where it finds the number `beyond` before and after the samples that it
-    is given; or one sentence on how it failed."""
+    is given; or how it failed."""
     controller = Controller(bound, SignalPath(), step_s, _SAMPLES + 1, 1, 0)
     history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
     controller.law_state = controller.law_state._replace(history=history)
     try:
         return controller.process(samples).forces.tobytes()
     except LawFault as error:
-        return str(error)
+        return error
 
 
 def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -> str:

@@ -35,8 +35,12 @@ def check_buildable(setup: Setup) -> None:
 
 def build_controller(setup: Setup, ahead: bool = True, steps: int | None = None) -> Controller:
     """Law and line at the start of the run; `ahead` as of `bound_law`, `steps` as of
-    `build_sensor`. Raises SceneError."""
-    bound, steps = bound_law(setup, ahead), steps or setup.steps
+    `build_sensor`. Raises SceneError.
+
+    A law that is not shipped has its promises compared with its commands, whoever asks for them.
+    """
+    bound = bound_law(setup, ahead or not setup.law_is_shipped)
+    steps = steps or setup.steps
     return Controller(bound, setup.line, setup.step_s, steps, setup.every_steps, setup.seed)
 
 

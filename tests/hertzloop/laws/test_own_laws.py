@@ -52,6 +52,25 @@ def test_a_shipped_law_as_a_file_of_ones_own(here, law, transport):
     assert mine.law_source == (here / "mine.py").read_text()
 
 
+PROMISES = {
+    "quiet_level": "def quiet_level(p, s):\n    return 0.0\n",
+    "known_ahead": "def known_ahead(p, s, samples, i):\n    return i < 50\n"
+    "def command_ahead(p, s, samples, i, j):\n    return 0.0\n",
+}
+
+
+@pytest.mark.parametrize("promise", PROMISES)
+def test_the_sign_of_a_zero_depends_on_no_transport(here, promise):
+    """Of a law that commands -0.0 N where it has promised 0."""
+    command = "def command(p, s, samples, i):\n    return -5.0 if samples[i] <= 0.0 else -0.0\n"
+    (here / "mine.py").write_text(command + PROMISES[promise])
+    scene = aluminium_3mm(SHORT, "controller.law=mine.py")
+    first = run_recorded(scene, here / "a.mcap")
+    for transport in ("inprocess", "zenoh"):
+        run = run_recorded(scene, here / f"{transport}.mcap", transport)
+        assert first_difference(run, first) is None
+
+
 CLASSES = """
 class Half:
     senses = "contact_force"

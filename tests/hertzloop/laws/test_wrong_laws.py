@@ -7,7 +7,7 @@ import pytest
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.run_options import Transport
-from hertzloop.processes.law_trial import try_law
+from hertzloop.processes.law_trial import check_repeatable, try_law
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import reported_law
 from hertzloop.scene.errors import SceneError
@@ -29,6 +29,10 @@ def law_refused(law: str, words: str) -> None:
 
 
 NOTHING = "def command(p, s, samples, i):\n    return 0.0\n"
+AHEAD = "def known_ahead(p, s, samples, i):\n    return 5\n"
+AHEAD += "def command_ahead(p, s, samples, i, j):\n    return 0.0\n"
+QUIET = "def quiet_level(p, s):\n    return 0.0\n"
+PUSHES = NOTHING.replace("0.0", "2.0 if i == 500 else 0.0")
 BEFORE = [
     ("def command(p, s, samples, i:\n", "mine.py: is not valid Python"),
     ("x = 1\n", "is not a law; the function command(p, s, samples, i) is missing"),
@@ -51,6 +55,11 @@ BEFORE = [
     # The trial does not reach it.
     (NOTHING.replace("0.0", "tiny if i > 100_000 else 0.0"), "name 'tiny' is not defined (in com"),
     (NOTHING.replace("0.0", "'much'"), "at sample 0"),
+    (
+        PUSHES + AHEAD,
+        "mine.py, at sample 500, commanded 2.0 N, but its command_ahead had said 0.0 N",
+    ),
+    (PUSHES + QUIET, "quiet_level had promised no force"),
     (NOTHING.replace("0.0", "float('nan') if i == 30 else 0.0"), "at sample 30, commanded nan N"),
     (
         "def refuse():\n    raise ValueError('too much')\n"
@@ -187,6 +196,41 @@ def test_wrong_in_the_run(here, case):
     told = next(problem for problem in recording.problems if words in problem)
     assert told.count(f"failed: {words}") == 1  # the role that heard of it adds nothing
     assert reported_law(recording)[0] == "mine.py"
+
+
+LATER = PUSHES.replace("500", "3000")
+BROKEN = {"command_ahead": LATER + AHEAD, "quiet_level": LATER + QUIET}
+
+
+@pytest.mark.parametrize("transport", Transport)
+@pytest.mark.parametrize("function", BROKEN)
+def test_a_broken_promise_ends_the_run(here, function, transport):
+    """With the same sentence in all transports, where the trial did not come to it."""
+    (here / "mine.py").write_text(BROKEN[function])
+    settings = [*LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
+    result = call("run", "aluminium-3mm", "--transport", transport, *settings)
+    assert result.exit_code == 1
+    words = f"the law mine.py, at sample 3000, commanded 2.0 N, but its {function} had "
+    assert words in said(result)
+
+
+@pytest.mark.parametrize("function", BROKEN)
+def test_a_broken_promise_fails_a_case_of_a_sweep(here, function):
+    (here / "mine.py").write_text(BROKEN[function])
+    words = [*LONGER, "--set", "controller.law=mine.py", "--workers", "1", "--span", "run"]
+    result = call("sweep", "aluminium-3mm", *words, "--over", "controller.latency_us=0,1")
+    assert result.exit_code == 1
+    assert f"at sample 3000, commanded 2.0 N, but its {function} had " in said(result)
+    assert "2 of 2 cases" in said(result)
+
+
+@pytest.mark.parametrize("function", BROKEN)
+def test_a_simulation_refuses_a_promise_that_the_trial_breaks(here, function):
+    """Even one that ends before the sample at which the law breaks it."""
+    (here / "mine.py").write_text(BROKEN[function].replace("3000", "1800"))
+    scene = aluminium_3mm(SHORT, "controller.law=mine.py")
+    with pytest.raises(SceneError, match=f"at sample 1800, commanded 2.0 N, but its {function}"):
+        check_repeatable(scene)
 
 
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here):
