@@ -45,7 +45,8 @@ def _streams(
     if set(a.arrays) != set(b.arrays):
         return f"{name} has fields {sorted(a.arrays)} and {sorted(b.arrays)}"
     allowed = _allowed(a, tolerance)
-    for position, left, right in _side_by_side(a, b):
+    apart = _first_apart(a, b)
+    for position, left, right in _side_by_side(a, b, apart):
         earliest: tuple[int, str] | None = None
         for field, values in left.items():
             unequal = _unequal(values, right[field], allowed.get(field))
@@ -58,15 +59,28 @@ def _streams(
             values_there = f"{left[field][at].item()!r} and {right[field][at].item()!r}"
             step = a.step_at(position + at)
             return f"{name}.{field} differs first at step {step}: {values_there}"
-    if a.samples != b.samples:
-        return counts
-    if a.first_step != b.first_step or a.resumed != b.resumed:
-        return f"{name} has samples of other steps in one than in the other"
-    return None
+    if apart is not None:
+        step = min(int(a.step_at(apart)), int(b.step_at(apart)))
+        if until_step is not None and step >= until_step:
+            return None
+        return f"{name} has step {step} in one and not in the other"
+    return counts if a.samples != b.samples else None
 
 
-def _side_by_side(a: JoinedStream, b: JoinedStream) -> Iterator[tuple[int, Arrays, Arrays]]:
-    """Position and arrays of pieces that are as long in both, up to the end of the shorter."""
+def _first_apart(a: JoinedStream, b: JoinedStream) -> int | None:
+    """Return the first position at which the streams have samples of different steps."""
+    if min(a.samples, b.samples) and a.first_step != b.first_step:
+        return 0
+    positions = [position for position, _ in set(a.resumed) ^ set(b.resumed)]
+    first = min(positions, default=a.samples)
+    return first if first < min(a.samples, b.samples) else None
+
+
+def _side_by_side(
+    a: JoinedStream, b: JoinedStream, end: int | None
+) -> Iterator[tuple[int, Arrays, Arrays]]:
+    """Position and arrays of pieces that are as long in both, up to the position `end` or the end
+    of the shorter."""
     position = 0
     left_blocks, right_blocks = a.blocks(), b.blocks()
     left: Arrays = {}
@@ -77,6 +91,10 @@ def _side_by_side(a: JoinedStream, b: JoinedStream) -> Iterator[tuple[int, Array
         if not left or not right:
             return
         count = min(_length(left), _length(right))
+        if end is not None:
+            count = min(count, end - position)
+        if count == 0:
+            return
         yield position, _cut(left, 0, count), {n: right[n][:count] for n in left}
         position += count
         left, right = _cut(left, count, None), _cut(right, count, None)

@@ -33,7 +33,7 @@ _OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
 class ControlEffect(Enum):
     """What control does to the plate energy."""
 
-    IDLE = auto()  # the law never commanded a force
+    IDLE = auto()  # no force of the law acts
     UNPREDICTABLE = auto()
     HELPS = auto()
     HARMS = auto()

@@ -110,7 +110,7 @@ def _pumping(stability: Stability) -> str:
 def _control(found: verdicts.Control) -> list[str]:
     """State what control changes, and why it does not help where that is so."""
     if found.outcome is verdicts.ControlEffect.IDLE:
-        return ["Control has no effect: the law never commands a force."]
+        return ["Control has no effect: no force of the law acts."]
     if found.outcome is verdicts.ControlEffect.UNPREDICTABLE:
         return ["The effect of control is unpredictable: the model error exceeds the change."]
     # One digit: the second depends on where in a sample the contact begins.

@@ -118,6 +118,18 @@ def test_a_missing_tail(original, tmp_path, stream):
     )
 
 
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
+def test_a_gap(original, tmp_path, stream, number):
+    """Samples are compared with those of the same step."""
+    left_out = [m for m in messages(original) if m.stream == stream][number]
+    changed = rewrite(
+        original, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != (stream, number)
+    )
+    step = left_out.header.first_step
+    assert difference(original, changed) == f"{stream} has step {step} in one and not in the other"
+
+
 @pytest.mark.parametrize(
     ("left", "right", "same"),
     [

@@ -53,7 +53,8 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
             "Control increases plate energy by 0.8 dB.", "Better: ", "Worse: ",
             "Reason: the first force", "Reason: 21 % of", "Reason: the actuator adds",
             "Reason: the law takes the permanent dent of 2.5 um for penetration."]),
-        ("controller.v_thr_m_s=5", ["Control has no effect: the law never commands a force."]),
+        ("controller.v_thr_m_s=5", ["Control has no effect: no force of the law acts."]),
+        ("actuator.stuck_from_s=0", ["Control has no effect: no force of the law acts."]),
         ("controller.law=off", []),
         ("controller.kappa=2 controller.latency_us=2", [
             "Control increases plate energy", "Worse: ", "Reason: ", "Reason: ", "Reason: ",
