@@ -20,7 +20,15 @@ from hertzloop.identification.fit.verdicts import KeyVerdict
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement, parse_record_table
 from hertzloop.scene.setup import load
-from tests.identification.fitting import HEIGHT, RADIUS, YIELDS, record, scene
+from tests.identification.fitting import (
+    HEIGHT,
+    RADIUS,
+    YIELDS,
+    assert_holds,
+    fitted,
+    record,
+    scene,
+)
 
 SIZE = np.full(160, 2.0)
 TIMES_S = np.linspace(-0.5e-5, 7.5e-5, 160)
@@ -102,6 +110,16 @@ def test_intervals_of_a_wrong_class_hold_the_truth():
     assert any(s.startswith("synthetic: good to ") and "in the pulse" in s for s in said)
     assert any(s.startswith("The model is not exact.") for s in said)
     assert not any(s.startswith("The model is not exact.") for s in sentences(exact))
+
+
+def test_a_record_with_less_noise_than_the_simulation_has_error_keeps_its_gain():
+    """Fewer modes than those of the fit leave a ringing at the touch, of 0.1 % of the peak."""
+    seen = truth(scene(), "v_p", 300e-6, accuracy=1e-3)
+    found = fitted(scene(), measured(seen, Spoilt(noise=1e-6), 3), RADIUS)
+    assert_holds(found, 0.003)
+    [nuisances] = found.nuisances
+    assert nuisances.gain == pytest.approx(1.0, abs=2e-3)
+    assert nuisances.in_pulse_percent < 0.3
 
 
 @pytest.mark.full

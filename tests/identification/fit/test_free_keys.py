@@ -28,6 +28,7 @@ def test_free_keys_are_read_from_their_text():
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
+        ("contact.restitution", "no effect with contact.damping = 'none'.*'hunt_crossley'"),
         ("controller.latency_us", "law is off.*without control.*--set controller.law"),
         ("actuator.bandwidth_hz", "law is off.*without control"),
         ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),

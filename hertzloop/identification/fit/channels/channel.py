@@ -93,6 +93,12 @@ class Channel:
         return self.quiet < ENOUGH_QUIET
 
     @property
+    def noise_estimated(self) -> bool:
+        """Whether the noise is estimated from the residual: the samples before the impact tell
+        neither an error of the simulation nor, if they are few, the noise."""
+        return self.noise_unknown or self.limited_by_simulation
+
+    @property
     def contact_unknown(self) -> bool:
         """Whether the simulation does not converge during contact."""
         return is_unfiltered_acceleration(self.record)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 PULSE = 1.5  # end of the pulse, contact times
-CORRELATIONS = (2.0, 4.0, 8.0, 16.0, 32.0)  # over the contact time; the last of coarse samples only
+CORRELATIONS = (2.0, 4.0, 8.0, 16.0, 32.0)  # over the contact time
 _NODES, _MOST_NODES = 16, 6000  # nodes in a contact time; most nodes in a record
 _BEFORE = 0.6  # from the first node to the touch, contact times
 _WIDTH = 0.25  # width of the average that gives the local size of a signal, contact times

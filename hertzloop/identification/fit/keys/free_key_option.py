@@ -175,7 +175,8 @@ def _why_no_start(setup: Setup, key: str, found: Any) -> str:
 
 
 def _default_range(setup: Setup, key: str, start: float) -> tuple[float, float]:
-    """Return the range of a key around its start, as far as the scene can have it."""
+    """Return the range of a key around its start, as far as the scene can have it. Raises FitError
+    if it can have no other value."""
     factor = _FACTOR
     if key.endswith("loss_factor"):
         factor = _LOSS_FACTOR
@@ -184,7 +185,10 @@ def _default_range(setup: Setup, key: str, start: float) -> tuple[float, float]:
     low, high = start / factor, start * factor
     if key.endswith(("loss_factor", "poisson", "restitution")):
         high = min(high, 0.49 if key.endswith("poisson") else 1.0)
-    return _allowed_end(setup, key, start, low), _allowed_end(setup, key, start, high)
+    ends = _allowed_end(setup, key, start, low), _allowed_end(setup, key, start, high)
+    if math.log(ends[1] / ends[0]) < 2.0 * _NEAR_LIMIT:
+        raise FitError(f"--free {key}: {setup.refusal({key: low})}")
+    return ends
 
 
 def _allowed_end(setup: Setup, key: str, start: float, end: float) -> float:

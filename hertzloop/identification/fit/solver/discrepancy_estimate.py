@@ -86,11 +86,9 @@ def estimate_discrepancies(
     start = np.zeros(2 + 2 * len(records))
     start[:2] = math.log(_SHARE)
     best = likelihood.search(start, 0.0)
-    inexact = [(r.discrepancy, r.white) for r in records if r.discrepancy is not None]
-    if inexact:
-        coarse = any(one.basis.shape[1] > len(white) for one, white in inexact)
-        kappas = CORRELATIONS if coarse else CORRELATIONS[:-1]
-        found = min((likelihood.search(best[1], kappa) for kappa in kappas), key=lambda one: one[0])
+    if any(r.discrepancy is not None for r in records):
+        searches = (likelihood.search(best[1], kappa) for kappa in CORRELATIONS)
+        found = min(searches, key=lambda one: one[0])
         if any(r.needed for r in records) or found[0] < best[0] - _ASKED:
             best = found
     return best[0], likelihood.parts(best[1], best[2]), best[2]

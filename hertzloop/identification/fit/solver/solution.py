@@ -135,7 +135,7 @@ def _estimate_discrepancies(
                 float(np.sum(c.independent(counted))),
                 discrepancy and discrepancy.on_samples(counted),
                 c.discrepancy is not None,
-                c.least_noise / c.noise if c.noise_unknown else None,
+                c.least_noise / c.noise if c.noise_estimated else None,
             )
         )
     cost, found, kappa = estimate_discrepancies(records, whole[plain.prior_rows])

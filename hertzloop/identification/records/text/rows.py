@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from hertzloop.common.decimal_signs import may_separate_thousands
 from hertzloop.identification.records.errors import TableError, shorten
 from hertzloop.identification.records.text.cells import (
     cell_kind,
@@ -34,9 +35,8 @@ class RowReader:
         self.text, self.layout, self.notes = text, layout, notes
         self._begin = sum(len(line) + 1 for line in head[: layout.start])  # place of the first row
         self._line = layout.start  # number of lines that were read
-        # By column: a number with a comma, and one with a point.
-        self._commas: dict[int, str] = {}
-        self._points: dict[int, str] = {}
+        self._signed: dict[tuple[str, int], str] = {}  # by sign and column: a number with it
+        self._decimal: set[tuple[str, int]] = set()  # those whose sign cannot separate thousands
         self._texts: dict[int, list[str]] = {place: [] for place in layout.places}
         self._below: list[tuple[int, str]] = []  # lines below the table, with their numbers
         self._comments = 0  # lines of comments in the table
@@ -81,13 +81,18 @@ class RowReader:
             return np.array([self._dates[place].seconds(cell.strip()) for cell in cells])
         if any("_" in cell for cell in cells):
             raise ValueError("Python reads numbers with underscores, and nobody else does")
-        for sign, seen in ((",", self._commas), (".", self._points)):
-            example = next((cell for cell in cells if sign in cell), None)
-            if example is not None:
-                seen.setdefault(place, example.strip())
-        if place in self._commas:
-            cells = [cell.replace(",", ".") for cell in cells]
-        return np.array([cell or "nan" for cell in cells], float)
+        found = np.array([cell.replace(",", ".") or "nan" for cell in cells], float)
+        self._note_signs(cells, place)
+        return found
+
+    def _note_signs(self, cells: list[str], place: int) -> None:
+        """Note the signs in numbers of a column."""
+        for sign in ",.":
+            signed = [cell.strip() for cell in cells if sign in cell]
+            if signed and (sign, place) not in self._decimal:
+                self._signed.setdefault((sign, place), signed[0])
+                if not all(map(may_separate_thousands, signed)):
+                    self._decimal.add((sign, place))
 
     def _read_rows(self, lines: list[str]) -> np.ndarray:
         """Return the columns of some lines, read row by row, (columns, rows)."""
@@ -139,9 +144,7 @@ class RowReader:
         if kind == "d" and place in self._dates:
             return self._dates[place].seconds(cell)
         if kind == "n" and place not in self._dates:
-            for sign, seen in ((",", self._commas), (".", self._points)):
-                if sign in cell:
-                    seen.setdefault(place, cell)
+            self._note_signs([cell], place)
             return float(cell.replace(",", ".").replace("D", "e").replace("d", "e"))
         if kind != "g":
             if any(c.isdigit() for c in cell):
@@ -154,12 +157,8 @@ class RowReader:
         return math.nan
 
     def _add_notes(self, rows: int) -> None:
-        """Add notes on what is not used. Raises TableError for two decimal signs in a column."""
-        for place in self._commas.keys() & self._points.keys():
-            raise TableError(
-                f"column {place + 1} has numbers with commas and with points, such as "
-                f"'{self._commas[place]}' and '{self._points[place]}'. Write one decimal sign"
-            )
+        """Add notes on what is not used. Raises TableError for decimal signs that are unclear."""
+        self._refuse_unclear_signs()
         for place, texts in self._texts.items():
             if texts:
                 self.notes.append(
@@ -178,3 +177,24 @@ class RowReader:
             )
         if self._comments:
             self.notes.append(f"comment lines in the table are not used: {self._comments}.")
+
+    def _refuse_unclear_signs(self) -> None:
+        """Raise TableError for two decimal signs in a column, and for one that may separate
+        thousands: a comma, unless another column has decimal commas only, and a point beside
+        decimal commas."""
+        decimal = {sign for sign, _ in self._decimal}
+        for (sign, place), cell in self._signed.items():
+            other = "." if sign == "," else ","
+            if (other, place) in self._signed:
+                raise TableError(
+                    f"column {place + 1} has numbers with commas and with points, such as "
+                    f"'{cell}' and '{self._signed[other, place]}'. Write one decimal sign"
+                )
+            unclear = other in decimal or (sign == "," and sign not in decimal)
+            if (sign, place) not in self._decimal and unclear:
+                raise TableError(
+                    f"column {place + 1}: '{cell}' may be {cell.replace(',', '.')} or "
+                    f"{cell.replace(sign, '')}, as the {'comma' if sign == ',' else 'point'} may "
+                    "begin the decimals or separate thousands. Write one decimal sign in all "
+                    "columns, and no sign between thousands"
+                )
