@@ -25,7 +25,7 @@ SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
 
 
-@pytest.mark.parametrize(("name", "suffix"), zip(CONSISTENT, cycle(SUFFIXES), strict=False))
+@pytest.mark.parametrize(("name", "suffix"), list(zip(CONSISTENT, cycle(SUFFIXES), strict=False)))
 def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(tmp_path, name, suffix):
     scene = load(name, ["run.duration_s=0.012"])
     file = tmp_path / f"modes{suffix}"
