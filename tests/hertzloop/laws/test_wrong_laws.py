@@ -51,6 +51,10 @@ BEFORE = [
         "prepare returned dict. Return a NamedTuple of numbers and arrays",
     ),
     (f"class State:\n    n = 0\n{NOTHING}", "State.n needs a type: write n: int = 0"),
+    (
+        NOTHING.replace("return", "samples[i] = 3.0\n    return"),
+        "mine.py: changes samples[0], which it may only read",
+    ),
     ("raise SystemExit(0)\n", "cannot be loaded: SystemExit: 0 (line 1)"),
     (f"def reach(keys):\n    return 1 / 0\n{NOTHING}", "reach failed: ZeroDivisionError: division"),
     (
