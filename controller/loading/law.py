@@ -157,6 +157,11 @@ class Law:
         """What its functions see as `p`. Raises LawError."""
         if hasattr(self.home, "prepare"):
             found = self._asked("prepare", keys, about)
+            if not hasattr(found, "_asdict"):
+                raise LawError(
+                    f"law {self.name}: prepare returned {type(found).__name__}. Return a "
+                    "NamedTuple of numbers and arrays."
+                )
             self._check_values()
             return found
         kinds = int | float | tuple | np.ndarray

@@ -2,10 +2,12 @@
 
 import ctypes
 import math
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -88,10 +90,24 @@ class LibraryLaw(Law):
         )
 
 
+_first_digests: dict[Path, str] = {}  # of the libraries that this process has loaded
+
+
+def _open_library(path: Path, digest: str) -> ctypes.CDLL:
+    """Load a library; a copy of it if it has changed since this process first loaded it, because
+    the system then returns the old one by its path. Raises OSError."""
+    if _first_digests.get(path, digest) != digest:
+        with TemporaryDirectory() as folder:
+            return ctypes.CDLL(shutil.copy(path, Path(folder) / f"{digest}{path.suffix}"))
+    library = ctypes.CDLL(str(path))
+    _first_digests[path] = digest
+    return library
+
+
 def library_law(path: Path, digest: str) -> LibraryLaw:
-    """The law in a shared library. Raises LawError."""
+    """The law in a shared library, as it is now. Raises LawError."""
     try:
-        library = ctypes.CDLL(str(path))
+        library = _open_library(path, digest)
     except OSError as error:
         raise LawError(f"law {path}: cannot be loaded: {_why(path, error)}") from error
     for name in ("hertzloop_law", "hertzloop_keys", "hertzloop_command"):

@@ -62,11 +62,16 @@ def pack(values: Mapping[str, Any]) -> PackedRecord:
 def state_of(home: Any) -> PackedRecord:
     """Layout and first content of the state that a law's class `State` describes.
 
-    `mode` and `delay` come first, described or not. Raises TypeError for a field without a
-    default that is a number or a tuple of numbers.
+    `mode` and `delay` come first, described or not. Raises TypeError for a field without a type, or
+    without a default that is a number or a tuple of numbers.
     """
     described = getattr(home, "State", None)
     hints = dict.fromkeys([*_FIRST, *(get_type_hints(described) if described else ())])
+    for name, value in vars(described).items() if described else ():
+        starts = isinstance(value, int | float | np.ndarray | list | tuple)
+        if starts and name not in hints and not name.startswith("_"):
+            kind = type(value).__name__
+            raise TypeError(f"State.{name} needs a type: write {name}: {kind} = {value!r}")
     fields: list[Any] = []
     first: list[Any] = []
     for name in hints:

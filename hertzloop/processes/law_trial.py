@@ -155,7 +155,8 @@ def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
 
 
 def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
-    """What a law does wrong, by itself or because it reads samples that it is not given."""
+    """What a law does wrong, by itself or because it reads samples that it is not given. Raises
+    SceneError as `_forces` does."""
     by_zero = _forces(bound, samples, step_s, 0.0)
     if isinstance(by_zero, LawFault):
         return str(by_zero)
@@ -175,14 +176,21 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
 
 def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) -> bytes | LawFault:
     """The forces of a law, where it finds the number `beyond` before and after the samples that it
-    is given; or how it failed."""
+    is given; or how it failed. Raises SceneError for a law that changes its samples."""
     controller = Controller(bound, SignalPath(), step_s, _SAMPLES + 1, 1, 0)
     history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
     controller.law_state = controller.law_state._replace(history=history)
     try:
-        return controller.process(samples).forces.tobytes()
+        forces = controller.process(samples).forces
     except LawFault as error:
         return error
+    changed = np.flatnonzero(history[: len(samples)] != samples)
+    if len(changed):
+        raise SceneError(
+            f"law {bound.name}: changes samples[{changed[0]}], which it may only read. Keep what "
+            "it changes in State."
+        )
+    return forces.tobytes()
 
 
 def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -> str:
@@ -195,6 +203,8 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
         problem, tempfile.tempdir = "", folder
         try:
             problem = _trial(bound, samples, setup.step_s)
+        except SceneError as error:
+            problem = str(error)
         except BaseException as error:
             problem = f"law {bound.name}: failed: {error!r}"
         finally:

@@ -60,9 +60,10 @@ def _quantity_problems(sensors: SensorsTable, control: ControllerTable) -> list[
     if not {*several} <= {*SENSED, "any"}:
         found.append(f"{law.name}: senses = '{wanted}' is unknown. Use any, {', '.join(SENSED)}.")
     elif "any" not in several and sensors.quantity not in several:
+        accepted = " or ".join(f"'{one}'" for one in several)
         found.append(
             f"sensors.quantity = '{sensors.quantity}': controller.law = '{control.law}' needs "
-            f"'{wanted}'. Use '{wanted}' or 'auto'."
+            f"{accepted}. Use {accepted} or 'auto'."
         )
     return found
 

@@ -24,7 +24,7 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.registry import Description, structure
+from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, structure
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
@@ -89,11 +89,10 @@ class Mechanics:
         return self.structure.local_plate
 
 
-@lru_cache(maxsize=16)
 def resolve_mechanics(
     tables: PlantTables, scheme: str, without_modes: bool, accuracy: float
 ) -> Mechanics:
-    """Build the bodies.
+    """Build the bodies, or return those that were built for the same arguments.
 
     Args:
         scheme: `run.scheme`; a solid plate is known to one of them only.
@@ -103,6 +102,16 @@ def resolve_mechanics(
     Raises:
         SceneError: a file of modes does not make a structure.
     """
+    theory = tables.plate.theory
+    make = maker(theory) if theory in STRUCTURES else None
+    return _resolved(tables, scheme, without_modes, accuracy, make)
+
+
+@lru_cache(maxsize=16)
+def _resolved(
+    tables: PlantTables, scheme: str, without_modes: bool, accuracy: float, make: Any
+) -> Mechanics:
+    """The same; `make`: function of the theory of the scene, another one after a reload."""
     plate, of_plate = tables.plate, tables.plate_material
     try:
         description = _describe_plate(plate, of_plate, accuracy)

@@ -4,10 +4,10 @@ A structure of your own is a row more: here, for all processes of a clone, or ad
 by a program, for the runs in its own process.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from typing import Any
 
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
@@ -62,10 +62,19 @@ STRUCTURES = {
 THEORIES = tuple(name for name, kind in STRUCTURES.items() if kind.theory)
 
 
-@lru_cache(maxsize=64)
-def structure(kind: str, description: Description) -> Structure:
-    """The structure of a kind, one for all runs of the same description. Raises ValueError."""
+def maker(kind: str) -> Callable[[Description], Structure]:
+    """The function that makes a structure of a kind, as its module has it now."""
     module, name = STRUCTURES[kind].make.split(":")
-    make: Any = getattr(import_module(module), name)
-    found: Structure = make(description)
-    return found
+    make: Callable[[Description], Structure] = getattr(import_module(module), name)
+    return make
+
+
+def structure(kind: str, description: Description) -> Structure:
+    """The structure of a kind, one for all runs of the same description and function. Raises
+    ValueError."""
+    return _made(maker(kind), description)
+
+
+@lru_cache(maxsize=64)
+def _made(make: Callable[[Description], Structure], description: Description) -> Structure:
+    return make(description)

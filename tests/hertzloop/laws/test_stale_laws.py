@@ -12,6 +12,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
 from hertzloop.scene.errors import SceneError
 from tests.commands import refused
+from tests.hertzloop.own_laws import EXAMPLES, build, needs_cc
 from tests.tiers import default
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -76,6 +77,17 @@ def test_the_gain_is_what_it_is_now(kind, monkeypatch):
         write(LAWS[kind], gain)
         assert peak_n() == plain(gain)
         monkeypatch.setattr(compiled, "_ENTRIES", {})
+
+
+@needs_cc
+def test_a_library_that_was_built_again(here):
+    """In one process, whose system keeps what it has loaded of that path; and back to the first."""
+    text = (EXAMPLES / "low_passed.c").read_text()
+    peaks = []
+    for gain in ("0.2", "0.5", "0.2"):
+        (here / "mine.c").write_text(text.replace("p->kappa * samples", f"{gain} * samples"))
+        peaks.append(peak_n(build(here, here / "mine.c").name))
+    assert peaks[0] == peaks[2] != peaks[1]
 
 
 def test_a_scene_follows_its_law():

@@ -46,6 +46,15 @@ BEFORE = [
         f"def prepare(keys, about):\n    return {{}}['x']\n{NOTHING}",
         "KeyError: 'x' (line 2)",
     ),
+    (
+        f"def prepare(keys, about):\n    return {{'x': 1.0}}\n{NOTHING}",
+        "prepare returned dict. Return a NamedTuple of numbers and arrays",
+    ),
+    (f"class State:\n    n = 0\n{NOTHING}", "State.n needs a type: write n: int = 0"),
+    (
+        NOTHING.replace("return", "samples[i] = 3.0\n    return"),
+        "mine.py: changes samples[0], which it may only read",
+    ),
     ("raise SystemExit(0)\n", "cannot be loaded: SystemExit: 0 (line 1)"),
     (f"def reach(keys):\n    return 1 / 0\n{NOTHING}", "reach failed: ZeroDivisionError: division"),
     (
@@ -81,6 +90,13 @@ def test_a_law_that_is_not_there(here):
     law_refused("none.py", "cannot be read: No such file")
     law_refused("slope_treshold", "Did you mean slope_threshold?")
     law_refused("no_such.module:Law", "no_such")
+
+
+def test_one_of_several_quantities_is_asked_for(here):
+    (here / "mine.py").write_text(f"senses = 'contact_force, v_p'\n{NOTHING}")
+    words = "Use 'contact_force' or 'v_p' or 'auto'."
+    settings = ["--set", "controller.law=mine.py", "--set", "sensors.quantity=xi"]
+    refused(words, "run", "aluminium-3mm", *settings)
 
 
 def test_ranges_that_are_none(here):

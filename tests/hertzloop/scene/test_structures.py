@@ -1,5 +1,7 @@
 """What is struck, from scene to recording: edges, files of modes, materials of one's own."""
 
+import importlib
+import sys
 from itertools import cycle
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 import hertzloop
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
+from hertzloop.plant.structures.registry import STRUCTURES, Kind
 from hertzloop.recordings.compare import first_difference
 from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
@@ -17,8 +20,9 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped, shipped_text
-from hertzloop.scene.setup import Setup, load, parse
+from hertzloop.scene.setup import Setup, load, parse, resolve
 from hertzloop.studies.margin.flight import margin_of
+from tests.hertzloop.own_laws import EXAMPLES
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 SHORT = ["run.duration_s=0.002"]
@@ -185,3 +189,20 @@ def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path):
     recorded = hertzloop.run(scene.scene, transport="inprocess")
     assert recorded.truth.identical(memory.truth)
     assert recorded.impacts == memory.impacts
+
+
+def test_a_structure_follows_its_module(tmp_path, monkeypatch):
+    """Once it is reloaded, in a process that has resolved the same scene before."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setitem(STRUCTURES, "block", Kind("own_block:made"))
+    text = (EXAMPLES / "own_block.py").read_text()
+    (tmp_path / "own_block.py").write_text(text)
+    module = importlib.import_module("own_block")
+    scene = load(str(EXAMPLES / "own_block.toml")).scene
+    assert resolve(scene).structure is resolve(scene).structure
+    assert resolve(scene).structure.mass_kg == 0.05
+    (tmp_path / "own_block.py").write_text(text.replace("RATIO = 0.05,", "RATIO = 0.02,"))
+    importlib.reload(module)
+    assert resolve(scene).structure.mass_kg == 0.02
+    del sys.modules["own_block"]
