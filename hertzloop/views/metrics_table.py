@@ -7,7 +7,7 @@ from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
 from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS
-from hertzloop.views.digits import cells, change_cell
+from hertzloop.views.digits import UNKNOWN, cells, change_cell
 from hertzloop.views.format import Table
 
 # Label, span, key and format of a metric.
@@ -47,7 +47,8 @@ def metrics_table(result: RunResult, known: Predictability, free: Metrics | None
     for label, span, key, form in _METRICS:
         found = [getattr(getattr(metrics, span), key, math.nan) for metrics, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
-        row = cells(SPAN_METRICS[key], found, wrong, form, "-")
+        lost = span == "whole_run" and not result.complete
+        row = cells(SPAN_METRICS[key], found, wrong, form, UNKNOWN if lost else "-")
         if compare:
             row.append(
                 "" if key == "contacts" else change_cell(_IN_DB.get(key, 0.0), found, wrong, 1)
