@@ -112,9 +112,14 @@ class JoinedStream:
 
     def before_gap(self) -> "JoinedStream":
         """Return the stream up to the first gap."""
-        if not self.resumed:
-            return self
-        end = self.resumed[0][0]
+        return self._until(self.resumed[0][0]) if self.resumed else self
+
+    def from_start(self) -> "JoinedStream":
+        """Return the stream from step 0 up to the first gap; it is empty if step 0 is missing."""
+        return self._until(0) if self.first_step else self.before_gap()
+
+    def _until(self, end: int) -> "JoinedStream":
+        """Return the stream up to a position that is not behind its first gap."""
 
         def read_blocks() -> Iterator[Arrays]:
             left = end

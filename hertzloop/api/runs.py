@@ -354,5 +354,6 @@ def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
     from hertzloop.results.comparison import compared
     from hertzloop.views.comparison import PrintedComparison
 
-    found = compared(*(one.metrics if isinstance(one, Run) else one for one in (a, b)))
+    left, right = (one.metrics if isinstance(one, Run) else one for one in (a, b))
+    found = compared(left, right)
     return PrintedComparison(found.rows)

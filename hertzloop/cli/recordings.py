@@ -174,19 +174,21 @@ def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) 
     from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.views.comparison import comparison_table
 
-    metrics = []
+    metrics, errors = [], []
     for recording in (left, right):
         one = inspected(recording)
-        found = one.assessment.result.metrics if one.assessment else None
-        if found is None or found.first_impact is None:
+        found = one.assessment
+        if found is None or found.result.metrics.first_impact is None:
             why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no metrics: {why}", 1)
-        metrics.append(RunMetrics(found.first_impact, found.whole_run))
+        own = found.result.metrics
+        metrics.append(RunMetrics(own.first_impact, own.whole_run))
+        errors.append(found.predictability.controlled)
         out.say(
             f"{'AB'[len(metrics) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
-    comparison = compared(*metrics)
+    comparison = compared(*metrics, *errors)
     out.print(comparison_table(comparison))
     named = {"a": str(left.path), "b": str(right.path)}
     outputs.write_json(json_file, {**named, "metrics": list(map(asdict, comparison.rows))})

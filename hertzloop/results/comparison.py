@@ -1,8 +1,9 @@
 """The metrics of two runs, side by side."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
+from hertzloop.results.predictability import ImpactErrors, error_of
 from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS, RunMetrics, decibels
 
 
@@ -17,6 +18,9 @@ class Difference:
         b: value of the second run, SI units.
         b_to_a: change from a to b in `unit`; nan where no ratio is defined.
         unit: "dB" for energies and amplitudes, "%" for other quantities, "" for a count.
+        a_error: largest absolute error of `a`; 0 if all its digits are predictable, or if nothing
+            is known of them.
+        b_error: the same of `b`.
     """
 
     span: str
@@ -25,6 +29,8 @@ class Difference:
     b: float
     b_to_a: float
     unit: str
+    a_error: float = 0.0
+    b_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -38,9 +44,30 @@ class Comparison:
     rows: tuple[Difference, ...]
 
 
-def compared(a: RunMetrics, b: RunMetrics) -> Comparison:
-    """Compare the spans that both runs have."""
-    return Comparison(tuple(_rows(a, b)))
+def compared(
+    a: RunMetrics,
+    b: RunMetrics,
+    a_known: Sequence[ImpactErrors] | None = None,
+    b_known: Sequence[ImpactErrors] | None = None,
+) -> Comparison:
+    """Compare the spans that both runs have.
+
+    Args:
+        a: Metrics of the first run.
+        b: Metrics of the second run.
+        a_known: Errors of each impact of the first run; None if they are not known.
+        b_known: Errors of each impact of the second run.
+    """
+    return Comparison(
+        tuple(
+            replace(
+                row,
+                a_error=error_of(a_known, row.span, row.metric),
+                b_error=error_of(b_known, row.span, row.metric),
+            )
+            for row in _rows(a, b)
+        )
+    )
 
 
 def _rows(a: RunMetrics, b: RunMetrics) -> Iterator[Difference]:

@@ -16,6 +16,7 @@ from hertzloop.results.recorded import (
     RecordedLaw,
     blocks_of,
     law_of,
+    missing_from,
     pacing_of,
 )
 from hertzloop.results.recorded_result import recorded_result
@@ -65,7 +66,7 @@ def inspected(recording: Recording) -> Inspected:
         problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
-                metrics = metrics_of(setup, blocks_of(recording))
+                metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
                 result = recorded_result(setup, recording, metrics, law, pacing)
                 known = predictability(setup, result, None, why_not_repeatable(recording))
             return replace(bare, assessment=verdict(result, known=known))

@@ -29,9 +29,10 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor, efficiency_wallace
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.deflection import force_blocks, refuse_third_mass
 from hertzloop.results.impacts import Block
-from hertzloop.results.recorded import pieces_of
+from hertzloop.results.recorded import missing_from, pieces_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -285,6 +286,10 @@ def write_sounds(
         SceneError: The structure has no shapes on a grid, or the run is not finite.
         OSError: A file cannot be written.
     """
+    if (step := missing_from(recording, setup)) is not None:
+        raise RecordingError(
+            f"{recording.path}: step {step} is missing. The sound follows from all steps of a run."
+        )
     grid = grid_of(setup, tail_s, slow)
     size = setup.size_m or (0.0, 0.0)
     place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -33,7 +34,8 @@ class Metrics:
         impacts: the impacts, in order.
         noise: noise metrics of each impact.
         first_impact: metrics of the first impact; None without a contact.
-        whole_run: metrics of all contacts; None without one, and for the published scheme.
+        whole_run: metrics of all contacts; None without one, for the published scheme, and if
+            steps are missing.
         last_contact_ended: whether the last contact ended within the run.
         stability: stability of the loop.
         demand: demand on the actuator; None if it never acts.
@@ -73,6 +75,7 @@ class RunResult:
         late: whether forces came too late, so that the law alone did not decide.
         saturation: saturation of the sensor, if any.
         law_models_yield: whether the law declares that it allows for a permanent indentation.
+        complete: whether the metrics are of all steps of the run.
     """
 
     metrics: Metrics
@@ -83,15 +86,27 @@ class RunResult:
     late: bool = False
     saturation: Saturation | None = None
     law_models_yield: bool = False
+    complete: bool = True
 
 
-def metrics_of(setup: Setup, truth: np.ndarray | Iterable[Block]) -> Metrics:
-    """Compute the metrics of a run from its time series, shape (10, steps), or from its blocks."""
+def metrics_of(
+    setup: Setup, truth: np.ndarray | Iterable[Block], missing_from: int | None = None
+) -> Metrics:
+    """Compute the metrics of a run.
+
+    Args:
+        setup: The setup of the run.
+        truth: Its time series, shape (10, steps), or its blocks.
+        missing_from: The step at which the time series ends too early. An impact that may last
+            longer is left out, and the metrics of the whole run are unknown. None for a whole run.
+    """
     blocks = [(0, truth)] if isinstance(truth, np.ndarray) else truth
     spec = setup.plant
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
     extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(spec)
-    whole = WholeRunAccumulator(spec) if SCHEMES[setup.scheme].conserves else None
+    whole = None
+    if SCHEMES[setup.scheme].conserves and missing_from is None:
+        whole = WholeRunAccumulator(spec)
     for accumulator in (stable, asked, extremes, push, whole):
         blocks = accumulator.through(blocks) if accumulator else blocks
     impacts: list[Impact] = []
@@ -99,6 +114,8 @@ def metrics_of(setup: Setup, truth: np.ndarray | Iterable[Block]) -> Metrics:
     first, ended = None, True
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
         for found in impacts_of_blocks(setup, blocks):
+            if missing_from is not None and found.over + quiet_steps(setup) > missing_from:
+                continue
             first = first or of_impact(found)
             impacts.append(found.impact)
             noise.append(found.noise)

@@ -36,6 +36,11 @@ _QUANTITIES = (
     "plate_energy_j",
 )
 
+# Which impacts decide a metric of the whole run; energies are those of all.
+_OF_FIRST = ("contact_time_s", "impact_speed_m_s", "holmes_j")
+_OF_LAST = ("rebound_speed_m_s", "rebound_height_m", "longhorn_j")
+_LARGEST = ("peak_force_n", "plate_speed_max_m_s", "peak_pressure_pa")
+
 _FOLLOWS = ("plate_speed_max_m_s",)  # with waves that samples hardly carry: says little of chaos
 
 
@@ -122,6 +127,28 @@ def errors_of(
     if known is None or impact >= len(known) or not known[impact].chaotic:
         return {}
     return dict(getattr(known[impact], of))
+
+
+def error_of(known: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
+    """Return the largest absolute error of a metric of `SpanMetrics`.
+
+    Args:
+        known: Errors of each impact of the run; None if they are not known.
+        span: "first_impact" or "whole_run".
+        key: Name of the metric.
+
+    Returns:
+        The error in the unit of the metric; 0 if all digits are predictable.
+    """
+    each = [
+        (errors_of(known, i) | errors_of(known, i, "noise_errors")).get(key, 0.0)
+        for i in range(len(known or ()))
+    ]
+    if span == "first_impact" or key in _OF_FIRST:
+        each = each[:1]
+    elif key in _OF_LAST:
+        each = each[-1:]
+    return max(each, default=0.0) if key in _LARGEST else sum(each)
 
 
 def horizon_step(setup: Setup, tolerance: float) -> int | None:

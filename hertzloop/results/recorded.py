@@ -13,7 +13,7 @@ from hertzloop.recordings.joined_stream import Arrays
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.impacts import Block
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import parse
+from hertzloop.scene.setup import Setup, parse
 
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
@@ -33,12 +33,19 @@ def truth_of(recording: Recording) -> np.ndarray:
 
 
 def blocks_of(recording: Recording) -> Iterator[Block]:
-    """The same in blocks, each with its first step, up to the first value that is not finite."""
-    yield from _finite_truth(recording, recording.truth.placed())
+    """The same in blocks, each with its first step, from step 0 up to the first step that is
+    missing or not finite."""
+    yield from _finite_truth(recording, recording.truth.from_start().placed())
+
+
+def missing_from(recording: Recording, setup: Setup) -> int | None:
+    """Return the first missing step of a run, where its metrics end; None if it has all steps."""
+    known = recording.truth.from_start().samples
+    return known if known < setup.steps else None
 
 
 def pieces_of(recording: Recording) -> Iterator[Block]:
-    """The same in larger blocks, for what costs by the block."""
+    """All recorded steps in larger blocks, for what costs by the block."""
     yield from _finite_truth(recording, recording.truth.pieces())
 
 

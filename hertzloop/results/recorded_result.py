@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.recordings.recording import Event, Recording
 from hertzloop.results.metrics import Metrics, RunResult, Saturation
-from hertzloop.results.recorded import Pacing, RecordedLaw
+from hertzloop.results.recorded import Pacing, RecordedLaw, missing_from
 from hertzloop.scene.setup import Setup
 
 
@@ -23,6 +23,7 @@ def recorded_result(
         late=pacing is not None,
         saturation=saturation_of(recording.events),
         law_models_yield=setup.law_models_yield,
+        complete=missing_from(recording, setup) is None,
     )
 
 

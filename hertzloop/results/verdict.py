@@ -17,7 +17,14 @@ from hertzloop.results.predictability import (
     errors_of,
     predictability,
 )
-from hertzloop.results.recorded import Pacing, RecordedLaw, blocks_of, law_of, pacing_of
+from hertzloop.results.recorded import (
+    Pacing,
+    RecordedLaw,
+    blocks_of,
+    law_of,
+    missing_from,
+    pacing_of,
+)
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
 from hertzloop.results.span_metrics import DECIBELS, change_db
@@ -170,7 +177,8 @@ def assess_recording(
         not_repeatable: Why the closed loop cannot be simulated again, where that is so.
     """
     law = law_of(recording)
-    metrics, pacing = metrics_of(setup, blocks_of(recording)), pacing_of(recording)
+    metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
+    pacing = pacing_of(recording)
     result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)
     return RunAssessment(law, yield_of(recording.balance), setup.accuracy, pacing, free, found)
@@ -210,7 +218,7 @@ def _control(result: RunResult, free: Metrics, known: Predictability) -> Control
     if metrics.push is None:
         return Control(ControlEffect.IDLE)
     contacts = len(metrics.impacts), len(free.impacts)
-    energy, error, later, whole_db = _plate_energy(metrics, free, known)
+    energy, error, later, whole_db = _plate_energy(result, free, known)
     if error > HARDLY_DB and not _predictable(energy, error):
         return Control(ControlEffect.UNPREDICTABLE)
     outcome = ControlEffect.HARDLY
@@ -231,15 +239,15 @@ def _predictable(value: float, error: float) -> bool:
 
 
 def _plate_energy(
-    metrics: Metrics, free: Metrics, known: Predictability
+    result: RunResult, free: Metrics, known: Predictability
 ) -> tuple[float, float, LaterContacts, float | None]:
     """Change of the plate energy in the first impact (dB), its error, what is known of later
     contacts, and the change over all of them where that is predictable to the printed digit."""
-    ours, theirs = _energies(metrics, known.controlled), _energies(free, known.uncontrolled)
+    ours, theirs = _energies(result.metrics, known.controlled), _energies(free, known.uncontrolled)
     energy, error = change_db(ours.whole, theirs.whole, 10.0, sum(ours.errors), sum(theirs.errors))
-    if len(ours.each) == len(theirs.each) == 1:
+    if result.complete and len(ours.each) == len(theirs.each) == 1:
         return energy, error, LaterContacts.NONE, None
-    if known.not_repeatable:
+    if known.not_repeatable or not result.complete:
         later, over_all = LaterContacts.UNKNOWN, None
     elif error <= HARDLY_DB:
         later, over_all = LaterContacts.PREDICTABLE, energy

@@ -5,8 +5,9 @@ import math
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.results.comparison import Comparison
-from hertzloop.results.span_metrics import SPAN_METRICS
+from hertzloop.results.comparison import Comparison, Difference
+from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS
+from hertzloop.views.digits import change_cell, known_digits, with_unit
 from hertzloop.views.format import Table
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
@@ -24,12 +25,23 @@ def comparison_table(found: Comparison) -> Table:
             table.add_row(Text(_SPANS[span], style="bold"), "", "", "")
         of = SPAN_METRICS[row.metric]
         values = [
-            "not defined" if math.isnan(value) else f"{value * of.factor:.4g} {of.unit}".strip()
-            for value in (row.a, row.b)
+            "not defined"
+            if math.isnan(value)
+            else with_unit(known_digits(value * of.factor, ".4g", error * of.factor), of.unit)
+            for value, error in ((row.a, row.a_error), (row.b, row.b_error))
         ]
-        change = f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
-        table.add_row(of.words, *values, "" if math.isnan(row.b_to_a) else change)
+        table.add_row(of.words, *map(str.strip, values), _change(row))
     return table
+
+
+def _change(row: Difference) -> str:
+    """Return the change with its unit and its predictable digits; empty if it is not defined."""
+    if row.a_error or row.b_error:
+        factor = DECIBELS.get(row.metric, 0.0)
+        return change_cell(factor, (row.b, row.a), (row.b_error, row.a_error), 2)
+    if math.isnan(row.b_to_a):
+        return ""
+    return f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
 
 
 class PrintedComparison(Comparison):

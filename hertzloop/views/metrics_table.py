@@ -1,13 +1,12 @@
 """The table of at most ten metrics that ends a run."""
 
 import math
-from collections.abc import Sequence
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.metrics import Metrics, RunResult
-from hertzloop.results.predictability import ImpactErrors, Predictability, errors_of
+from hertzloop.results.predictability import Predictability, error_of
 from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS
-from hertzloop.views.digits import cells, change_cell
+from hertzloop.views.digits import UNKNOWN, cells, change_cell
 from hertzloop.views.format import Table
 
 # Label, span, key and format of a metric.
@@ -46,21 +45,12 @@ def metrics_table(result: RunResult, known: Predictability, free: Metrics | None
     table = Table("metric", right=right, title="Metrics of the first impact")
     for label, span, key, form in _METRICS:
         found = [getattr(getattr(metrics, span), key, math.nan) for metrics, _ in cases]
-        wrong = [_error_of(digits, span, key) for _, digits in cases]
-        row = cells(SPAN_METRICS[key], found, wrong, form, "-")
+        wrong = [error_of(digits, span, key) for _, digits in cases]
+        lost = span == "whole_run" and not result.complete
+        row = cells(SPAN_METRICS[key], found, wrong, form, UNKNOWN if lost else "-")
         if compare:
             row.append(
                 "" if key == "contacts" else change_cell(_IN_DB.get(key, 0.0), found, wrong, 1)
             )
         table.add_row(label, *(cell.strip() for cell in row))
     return table
-
-
-def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
-    """Return the largest absolute error of a metric; 0 if all its digits are predictable."""
-    if span == "first_impact":
-        errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
-        return errors.get(key, 0.0)
-    if key != "plate_energy_j":
-        return 0.0
-    return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))

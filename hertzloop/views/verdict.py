@@ -46,7 +46,11 @@ def verdict_sentences(found: verdicts.Assessment) -> list[str]:
     if stability.unstable:
         sentences += _unstable(stability)
     if not stability.unstable and not metrics.impacts:
-        sentences.append("No impact occurs within the run.")
+        sentences.append(
+            "No impact occurs within the run."
+            if found.result.complete
+            else "No impact is known: steps of the run are missing."
+        )
     if found.control:
         sentences += _control(found.control)
     if stability.pumps and not stability.unstable:

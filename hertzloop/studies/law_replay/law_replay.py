@@ -3,6 +3,7 @@
 import numpy as np
 
 from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.studies.law_replay.result import ForceComparison
@@ -16,10 +17,16 @@ def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> S
 
 
 def replay_law(recording: Recording, setup: Setup) -> ForceComparison:
-    """Feed the recorded samples to the scene's law and signal path. Raises SceneError, LawFault."""
+    """Feed the recorded samples to the scene's law and signal path, up to the first missing one.
+
+    Raises SceneError, LawFault, and RecordingError if the first samples or forces are missing.
+    """
     controller = build_controller(setup)
-    other = controller.process(recording.daq_values).forces
-    recorded = recording.force.arrays.get("force_n", np.empty(0))
+    daq, force = recording.daq.from_start(), recording.force.from_start()
+    if not daq.samples or not force.samples:
+        raise RecordingError(f"{recording.path}: the first samples or forces are missing")
+    other = controller.process(daq.values_of(daq.arrays)).forces
+    recorded = force.arrays["force_n"]
     count = min(len(other), len(recorded))
     other, recorded = other[:count].copy(), recorded[:count]
     differing = np.flatnonzero(other.view(np.int64) != recorded.view(np.int64))

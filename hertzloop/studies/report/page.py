@@ -135,7 +135,7 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[dict[str, str]], s
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         try:
             heard = write_sounds(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
-        except SceneError as error:
+        except (RecordingError, SceneError) as error:
             return [], str(error)
         return [
             {

@@ -6,8 +6,11 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.recordings.compare import first_difference
+from hertzloop.results.comparison import compared
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.predictability import horizon_step, known_impacts
+from hertzloop.results.span_metrics import RunMetrics
+from hertzloop.views.comparison import PrintedComparison
 from hertzloop.views.digits import known_digits
 from tests.commands import invoke, succeed
 from tests.hertzloop.scenes import aluminium_3mm, json_in, recorded
@@ -25,6 +28,23 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before():
     # At the accuracy of the scene nothing is left of the third's rebound.
     assert known[1].errors["rebound_speed_m_s"] < impacts[1].rebound_speed_m_s
     assert known[2].errors["rebound_speed_m_s"] > impacts[2].rebound_speed_m_s
+
+
+def test_a_comparison_shows_the_digits_that_are_known():
+    metrics = metrics_of(FOUR, simulate(FOUR).truth)
+    own = RunMetrics(metrics.first_impact, metrics.whole_run)
+    known = known_impacts(FOUR, metrics.impacts, 1e-3, noise=metrics.noise)
+    found = compared(own, own, known, known)
+    energies = {row.span: row for row in found.rows if row.metric == "plate_energy_j"}
+    assert energies["first_impact"].a_error == 0.0
+    assert energies["whole_run"].a_error > energies["whole_run"].a
+    [first, whole] = [
+        line.split("│")[2:5]
+        for line in str(PrintedComparison(found.rows)).splitlines()
+        if "plate energy" in line
+    ]
+    assert "uJ" in first[0]
+    assert [cell.strip() for cell in whole] == ["unknown"] * 3
 
 
 def test_late_forces_are_no_chaos():

@@ -10,6 +10,7 @@ from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.reading import read_record
 from tests.commands import as_options, invoke
 from tests.identification.fitting import RADIUS, fitted, scene
+from tests.recordings.rewriting import messages, record, rewrite
 from tests.tiers import default
 
 TIME = 5e-7 * np.arange(30)
@@ -209,6 +210,25 @@ def test_recordings_of_runs_are_records(tmp_path):
     assert under.measurement.control is True
     with pytest.raises(RecordError, match="law = off: a record is under"):
         fitted(scene(), under, RADIUS)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 0), (2, 2), (2, 99), (0, 99)])
+def test_a_damaged_recording_gives_the_samples_before_its_first_gap(tmp_path, first, last):
+    whole = record(tmp_path / "a.mcap")
+    sizes = [m.header.first_step for m in messages(whole) if m.stream == "daq"]
+    cut = rewrite(
+        whole,
+        tmp_path / "b.mcap",
+        lambda m: m.stream != "daq" or not first <= m.number <= last,
+    )
+    if first == 0:
+        with pytest.raises(RecordError, match="is damaged: its first samples are missing"):
+            read_record(cut)
+    else:
+        expected, found = read_record(whole), read_record(cut)
+        np.testing.assert_array_equal(found.time_s, expected.time_s[: sizes[first]])
+        np.testing.assert_array_equal(found.value, expected.value[: sizes[first]])
+        assert ("later ones are not used" in " ".join(found.notes)) == (last < len(sizes))
 
 
 @pytest.mark.parametrize(
