@@ -24,7 +24,7 @@ from hertzloop.identification.fit.reports.fit_text import parameter_table, sente
 from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
-from hertzloop.identification.records.reading import holds_records, read_records
+from hertzloop.identification.records.reading import holds_records, input_files, read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.warmup import Work
@@ -115,13 +115,17 @@ def fit(
             out.say("\n".join(describe_file(file)))
         return
     setup = prepare.scene_from(scene, settings, None)
+    if hold_out and "none" in hold_out and len(hold_out) > 1:
+        raise FitError(
+            "--hold-out none: holds nothing out, and another --hold-out does. Remove one of them."
+        )
     held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
     target = out_file or Path(f"{setup.name}-fitted.toml")
-    read = [*files, *held]
+    read = outputs.files_of(setup, scene, *(settings or []))
+    read += [one for file in (*files, *held) for one in input_files(file)]
     if not check:
         own = out_file is None and _written_by_fit(target)
-        scene_file = [Path(scene)] if scene.endswith(".toml") else []
-        outputs.check_output(target, overwrite or own, read=[*read, *scene_file])
+        outputs.check_output(target, overwrite or own, read=read)
     for path, option in ((report_file, "--report"), (replay_file, "--replay")):
         if path is not None:
             outputs.check_output(path, overwrite, option, read=read)

@@ -61,6 +61,14 @@ class Record:
                 "leave time_s out and give record.rate_hz."
             )
 
+    def repeats(self, other: "Record") -> bool:
+        """Whether another record holds the same samples of a file of the same bytes."""
+        return (
+            self.sha256 == other.sha256 != ""
+            and self.quantity == other.quantity
+            and np.array_equal(self.value, other.value, equal_nan=True)
+        )
+
     @property
     def interval_s(self) -> float:
         """Median time between two samples, s."""
