@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.cli import options, prepare
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.identification.commands.fit_files import FitFiles
 from hertzloop.identification.fit.check import check as check_records
@@ -21,7 +21,7 @@ from hertzloop.identification.fit.reports.file_description import describe_file
 from hertzloop.identification.fit.reports.fit_text import parameter_table, sentences
 from hertzloop.identification.fit.results import FitResult
 from hertzloop.identification.fit.verdicts import ModelVerdict
-from hertzloop.identification.records.reading import holds_records, read_records
+from hertzloop.identification.records.reading import holds_records, input_files, read_records
 from hertzloop.identification.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.warmup import Work
@@ -122,8 +122,9 @@ def fit(
         replay_file,
         json_file,
     )
-    scene_file = [Path(scene)] if scene.endswith(".toml") else []
-    written.check([*files, *held], scene_file, overwrite, named=out_file is not None)
+    read = outputs.files_of(setup, scene, *(settings or []))
+    read += [one for file in (*files, *held) for one in input_files(file)]
+    written.check(read, overwrite, named=out_file is not None)
     keys = [parse_free_key(setup, text) for text in free or []]
     if not keys:
         raise FitError("--free: no key is free. Name at least one, --free KEY.")

@@ -28,22 +28,21 @@ class FitFiles:
     replay: Path | None
     json: Path | None
 
-    def check(self, records: list[Path], scenes: list[Path], overwrite: bool, named: bool) -> None:
+    def check(self, read: list[Path], overwrite: bool, named: bool) -> None:
         """End the command unless all files can be written.
 
         Args:
-            records: files of records, which the command reads.
-            scenes: files of scenes, which the command reads.
+            read: files that the command reads.
             overwrite: whether existing files may be replaced.
             named: whether the user names the fitted scene. Without a name, an earlier fitted scene
                 is replaced.
         """
         if self.scene is not None:
             own = not named and _written_by_fit(self.scene)
-            outputs.check_output(self.scene, overwrite or own, read=[*records, *scenes])
+            outputs.check_output(self.scene, overwrite or own, read=read)
         for path, option in ((self.report, "--report"), (self.replay, "--replay")):
             if path is not None:
-                outputs.check_output(path, overwrite, option, read=records)
+                outputs.check_output(path, overwrite, option, read=read)
         outputs.check_json(self.json, self.scene, self.report, self.replay)
 
     def write(self, result: FitResult, command: str) -> None:

@@ -176,11 +176,28 @@ def _modes_from_hits(
     paths: list[Path], held: list[Path], at_contact: bool, window_s: float | None
 ) -> MeasuredModes:
     """Return the modes of records of hits."""
-    hits = [replace(hit, window_s=window_s) for hit in read_hits(paths)]
+    fitted = _without_held(paths, held)
+    hits = [replace(hit, window_s=window_s) for hit in read_hits(fitted)]
     predicted = read_hits(held, "--hold-out") if held else []
     predicted = [replace(hit, window_s=window_s) for hit in predicted]
     with _progress() as on_round:
         return modes_of_hits(hits, predicted, at_contact, on_round)
+
+
+def _without_held(paths: list[Path], held: list[Path]) -> list[Path]:
+    """Return the files whose bytes are not held out. End the command if none is left, or one is
+    given twice."""
+    out_of_fit = {file.read_bytes() for file in held if file.is_file()}
+    found: dict[bytes | Path, Path] = {}
+    for path in paths:
+        key = path.read_bytes() if path.is_file() else path
+        if key in found:
+            fail(f"--from {path}: is given twice, as {found[key]}. Name each file once.")
+        if key not in out_of_fit:
+            found[key] = path
+    if not found:
+        fail("--hold-out: leaves no file of --from. Hold out fewer.")
+    return list(found.values())
 
 
 @contextmanager

@@ -14,7 +14,11 @@ from hertzloop.identification.fit.assessment.summary import (
 )
 from hertzloop.identification.fit.channels.sample_selection import exclude_contact
 from hertzloop.identification.fit.errors import FitError
-from hertzloop.identification.fit.hold_out import compare_hold_out, split_hold_out
+from hertzloop.identification.fit.hold_out import (
+    compare_hold_out,
+    leave_out_held,
+    split_hold_out,
+)
 from hertzloop.identification.fit.keys.free_keys import FreeKey, refuse_duplicates
 from hertzloop.identification.fit.keys.key_scope import is_control_key, values_for_record
 from hertzloop.identification.fit.problem.hit_speeds import add_hit_speeds
@@ -54,8 +58,8 @@ def fit(
         setup: the scene to start from, in which everything else is known.
         records: at least one; all share the keys.
         free: the keys to find.
-        hold_out: records, or numbers of hits, that are only compared with the result; the last one
-            of several hits if left out.
+        hold_out: records, or numbers of hits, that are only compared with the result, also if they
+            are among `records`; the last one of several hits if left out.
         on_progress: is told the number of simulations done and of those expected.
         exact: whether the model is taken as exact, so that only noise may spoil a record.
 
@@ -73,7 +77,7 @@ def fit(
         raise FitError("no key is free. Name at least one with --free KEY.")
     refuse_duplicates(free)
     began = time.perf_counter()
-    records = split_hits(unique_names(records), setup)
+    records = split_hits(unique_names(leave_out_held(records, hold_out)), setup)
     records, held_records = split_hold_out(records, hold_out, setup)
     free = add_hit_speeds(setup, records, free)
     problem = prepare_problem(setup, records, free)

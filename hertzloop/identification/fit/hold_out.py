@@ -24,6 +24,20 @@ from hertzloop.scene.setup import Setup
 _OF_RECORD = ("gain", "in_pulse_percent", "after_pulse_percent", "largest_percent")
 
 
+def leave_out_held(
+    records: Sequence[Record], hold_out: Sequence[Record | int] | None
+) -> list[Record]:
+    """Return the records that are not held out as well. Raises FitError if none is left."""
+    held = [one for one in hold_out or [] if isinstance(one, Record)]
+    found = [one for one in records if not any(one.repeats(other) for other in held)]
+    if not found:
+        raise FitError(
+            f"--hold-out {held[0].name}: leaves no record to fit. Give another RECORD, or hold "
+            "out fewer."
+        )
+    return found
+
+
 def split_hold_out(
     records: Sequence[Record], hold_out: Sequence[Record | int] | None, setup: Setup
 ) -> tuple[list[Record], list[Record]]:

@@ -103,14 +103,16 @@ def _value_at_rest(value: np.ndarray) -> float:
 
 
 def _find_contacts(size: np.ndarray) -> list[tuple[int, int]]:
-    """Return first and end of the runs of samples in which a force is above rest and noise."""
+    """Return first and end of the runs of samples in which a force is above rest and noise; missing
+    samples do not end a run."""
     least = max(
         _CONTACT_SHARE * float(np.nanmax(size)),
         _CONTACT_LEVELS * robust_deviation(size),
     )
-    high = np.concatenate([[False], np.nan_to_num(size) > least, [False]])
+    known = np.flatnonzero(np.isfinite(size))
+    high = np.concatenate([[False], size[known] > least, [False]])
     runs = np.flatnonzero(np.diff(high.astype(int))).reshape(-1, 2)
-    return [(int(a), int(b)) for a, b in runs if b - a >= _CONTACT_SAMPLES]
+    return [(int(known[a]), int(known[b - 1]) + 1) for a, b in runs if b - a >= _CONTACT_SAMPLES]
 
 
 def _same_hit(

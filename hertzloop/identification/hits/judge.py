@@ -35,6 +35,7 @@ def _defect(
     defect = few_samples_before(hit.samples_before, rules)
     defect = defect or (double_hit(hit, force) if rules.one_contact else "")
     defect = defect or clipping(clipped[slice(*hit.contacts[0])])
+    defect = defect or missing_samples(force.value[slice(*hit.contacts[0])])
     for one in others:
         values = one.value[hit.samples]
         defect = defect or motion_before(values, hit.samples_before, one.quantity)
@@ -55,6 +56,16 @@ def clipping(clipped: np.ndarray) -> str:
     return (
         f"has {np.count_nonzero(clipped)} samples that are clipped at the end of the range. "
         "Measure with a larger range, or hit less hard."
+    )
+
+
+def missing_samples(value: np.ndarray) -> str:
+    """Return what is wrong with the samples of a contact, (samples,), "" if none is missing."""
+    if not np.any(np.isnan(value)):
+        return ""
+    return (
+        f"has {np.count_nonzero(np.isnan(value))} missing samples in its contact. Give a record "
+        "without gaps there; a recorder may leave them out beyond its range."
     )
 
 

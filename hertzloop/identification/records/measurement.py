@@ -101,6 +101,11 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
         raise RecordError(
             f"record.{named} = {values[named]}: has no corner in {name}. Give record.low_pass_hz."
         )
+    if "resonance_damping" in values and found.resonance_hz is None:
+        raise RecordError(
+            f"record.resonance_damping = {found.resonance_damping}: has no resonance in {name}. "
+            "Give record.resonance_hz."
+        )
     return found
 
 

@@ -102,6 +102,15 @@ def holds_records(path: Path) -> bool:
     return known or (path.suffix == ".toml" and path.is_file() and bool(tables_of_toml_file(path)))
 
 
+def input_files(path: Path) -> list[Path]:
+    """Return the files that `read_records` may read for a path, whether or not they exist."""
+    if path.suffix != ".toml":
+        return [path, path.with_suffix(".toml")]
+    named = tables_of_toml_file(path) if path.is_file() else []
+    files = [path.parent / table["file"] for table in named if isinstance(table.get("file"), str)]
+    return [path, *(one for file in files for one in input_files(file))]
+
+
 def _read_record_list(path: Path, given: dict[str, Any]) -> list[Record]:
     """Read the records of a TOML file whose tables name the files. Raises RecordError."""
     found = []

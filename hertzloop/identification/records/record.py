@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.quantities import known_quantity
+from hertzloop.identification.records.quantities import PLATE_QUANTITIES, known_quantity
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,11 @@ class Record:
 
     def __post_init__(self) -> None:
         known_quantity(self.quantity, self.name)
+        if self.measurement.point_m is not None and self.quantity not in PLATE_QUANTITIES:
+            raise RecordError(
+                f"record.point_m = {list(self.measurement.point_m)}: a {self.quantity} has no "
+                f"measuring point in {self.name}. Remove the key."
+            )
         if len(self.time_s) != len(self.value) or np.ndim(self.value) != 1:
             raise RecordError(
                 f"{self.name}: has {len(self.time_s)} times and values of shape "
@@ -60,6 +65,14 @@ class Record:
                 "Give one impact in the order of time, and write times with enough digits. Or "
                 "leave time_s out and give record.rate_hz."
             )
+
+    def repeats(self, other: "Record") -> bool:
+        """Whether another record holds the same samples of a file of the same bytes."""
+        return (
+            self.sha256 == other.sha256 != ""
+            and self.quantity == other.quantity
+            and np.array_equal(self.value, other.value, equal_nan=True)
+        )
 
     @property
     def interval_s(self) -> float:

@@ -15,6 +15,7 @@ from hertzloop.identification.fit.expected_record import expected_record
 from hertzloop.identification.records.errors import RecordError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
 from tests.commands import invoke, refused
 from tests.identification.fitting import (
     HEIGHT,
@@ -155,7 +156,7 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path):
         assert data["checked_only"] == ("--check" in words)
         assert (data["scene"] is None) == (code == 2 or "--check" in words)
         if same_name in words:
-            assert list(data["nuisances"]["by_record"]) == ["drop.csv", "drop.csv (2)"]
+            assert list(data["nuisances"]["by_record"]) == ["drop.csv"]
             assert data["hold_out"]["records"] == ["drop.csv"]
 
 
@@ -185,6 +186,26 @@ def test_an_option_without_use_is_refused(tmp_path):
         (with_scene, "--expect", [supposed], "supposes a record"),
     ):
         refused(f"{option}: {why}", "fit", *words, option, *value)
+
+
+def test_records_that_count_twice_or_not_at_all_are_refused(tmp_path):
+    path = write_csv(tmp_path / "drop.csv", record(scene()))
+    words = ["fit", "aluminium-3mm", path, "--free", RADIUS]
+    refused("drop.csv: is given twice", *words, path)
+    refused("--hold-out drop.csv: leaves no record to fit", *words, "--hold-out", path)
+    refused("cannot be combined with another", *words, "--hold-out", "none", "--hold-out", "2")
+
+
+def test_inputs_of_a_fit_are_not_replaced(tmp_path):
+    path, rig = write_csv(tmp_path / "drop.csv", record(scene())), tmp_path / "rig.toml"
+    rig.write_text(to_toml(scene().scene))
+    table, listed = tmp_path / "drop.toml", tmp_path / "list.toml"
+    table.write_text("[record]\nclock_tolerance_ppm = 10\n")
+    listed.write_text('[[record]]\nfile = "drop.csv"\n')
+    words = ["fit", str(rig), str(listed), "--free", RADIUS, "--overwrite"]
+    for option in ("--out", "--report", "--replay"):
+        for file in (str(rig), path, str(table), str(listed)):
+            refused(f"{option} = {file}: is an input", *words, option, file)
 
 
 @pytest.mark.parametrize("text", [

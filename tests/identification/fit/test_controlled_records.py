@@ -163,11 +163,12 @@ def test_converters_of_the_loop_do_not_spoil_the_derivatives():
     (("controller.clock_ppm=20",), {}, (LATENCY,), "clock_ppm = 20.0: a fit simulates one run"),
     ((), {}, (LATENCY, "actuator.dead_time_us"), "finds one key in whole steps"),
     ((), {"control": False}, (LATENCY,), "Give a record of an impact under the law"),
-    ((), {"point_m": (0.1, 0.1)}, (LATENCY,), "must be of the contact point"),
+    ((), {"quantity": "v_p", "point_m": (0.1, 0.1)}, (LATENCY,), "must be of the contact point"),
 ])  # fmt: skip
 def test_what_cannot_be_identified_is_refused(changes, table, keys, words):
     one = record(scene(f"{LATENCY}=6"))
-    one = replace(one, measurement=replace(one.measurement, **table))
+    measurement = replace(one.measurement, **table)
+    one = replace(one, quantity=table.get("quantity", one.quantity), measurement=measurement)
     with pytest.raises((FitError, RecordError), match=words):
         fitted(scene(*changes), [one], *keys)
 

@@ -120,6 +120,8 @@ def test_a_record_with_less_noise_than_the_simulation_has_error_keeps_its_gain()
     [nuisances] = found.nuisances
     assert nuisances.gain == pytest.approx(1.0, abs=2e-3)
     assert nuisances.in_pulse_percent < 0.3
+    said = sentences(found)  # the touch with the digits that samples 0.5 us apart resolve
+    assert any(f"touch at {nuisances.time_shift_s:.7f} s, gain" in one for one in said)
 
 
 @pytest.mark.full

@@ -1,11 +1,14 @@
 """Keys that a fit frees: their text, ranges and priors."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import pytest
 
 from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.keys.free_key_option import parse_free_key
+from hertzloop.identification.records.errors import RecordError
+from hertzloop.identification.records.measurement import Measurement
 from hertzloop.scene.setup import Setup, load
 from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene
 
@@ -65,6 +68,16 @@ def test_a_default_range_ends_where_the_scene_does():
 def test_a_key_that_is_free_twice_is_refused():
     with pytest.raises(FitError, match="given twice"):
         fitted(scene(), record(scene()), RADIUS, RADIUS)
+
+
+def test_a_key_that_every_record_holds_and_a_point_off_the_plate_are_refused():
+    one = record(scene())
+    held = replace(one, measurement=Measurement(set={RADIUS: 0.004}))
+    with pytest.raises(FitError, match=f"--free {RADIUS}: record.set holds it in synthetic"):
+        fitted(scene(), held, RADIUS)
+    beside = replace(one, quantity="v_p", measurement=Measurement(point_m=(9.0, 9.0)))
+    with pytest.raises(RecordError, match=r"record.point_m = \[9.0, 9.0\]: is not a point of"):
+        fitted(scene(), beside, RADIUS)
 
 
 def test_a_latency_starts_within_its_range():

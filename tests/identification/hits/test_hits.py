@@ -74,6 +74,15 @@ def test_a_structure_that_still_moves_spoils_a_hit():
     )
 
 
+def test_missing_samples_are_no_second_contact():
+    force = train((0.1, 1.0), (0.3, 1.0))
+    force.value[round(0.1005 * RATE_HZ) :][:3] = np.nan
+    for rules in (DROPS, HAMMER):
+        found = judged(force, rules)
+        assert [len(hit.contacts) for hit in found] == [1, 1]
+        assert [hit.defect[:36] for hit in found] == ["has 3 missing samples in its contact", ""]
+
+
 def test_files_of_single_hits_are_paired_by_their_order():
     force = train((0.1, 1.0))
     motion = replace(force, quantity="acceleration")

@@ -350,6 +350,9 @@ def test_options_that_are_refused(tmp_path):
         (["--from", "a.uff", "--contact", "1", "--exponential-window", "1"], "for records of hits"),
         (["--from", *hits, "--contact", "A", "--hold-out", str(HAMMER / "a3.csv")],
          "--hold-out: 0 records of a force and 1 of a response"),
+        (["--from", *hits, hits[0], "--contact", "A"], "f1.csv: is given twice"),
+        (["--from", *hits, "--contact", "A", "--hold-out", hits[0], "--hold-out", hits[1]],
+         "--hold-out: leaves no file of --from"),
     ]:  # fmt: skip
         done = invoke(["scene", "modes", *words])
         assert done.exit_code == 2, done.output

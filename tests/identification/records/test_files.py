@@ -111,6 +111,13 @@ def test_hdf5_files_state_the_rate_and_the_levels_of_their_data(tmp_path):
     assert record.value == pytest.approx(FORCE, abs=0.006)
 
 
+def test_a_file_that_is_no_tdms_is_refused(tmp_path):
+    pytest.importorskip("nptdms")
+    (tmp_path / "r.tdms").write_bytes(b"anything else" * 20)
+    with pytest.raises(RecordError, match=r"r\.tdms: is not a TDMS file"):
+        read_record(tmp_path / "r.tdms")
+
+
 def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path):
     nptdms = pytest.importorskip("nptdms")
     begun = np.datetime64("2026-05-06T12:00:00.250000")

@@ -176,6 +176,8 @@ def test_a_unit_that_could_be_two_is_not_known():
     ('t_ms,force_mn\n1.600,497\n1.601,"9,884"\n', {}, "'9,884' may be 9.884 or 9884"),
     ("t_ms;force_mn\n1,600;497\n1,601;9.884\n", {}, "'1,600' may be 1.600 or 1600"),
     ("t_ms;force_mn\n0,600;497\n0,601;9.884\n", {}, "'9.884' may be 9.884 or 9884"),
+    ("Time,Force\n" + rows(-TIME, FORCE), {}, "do not rise.*sample 2 at .* follows sample 1"),
+    ("Time,Force\n" + XY, {"point_m": (0.1, 0.1)}, "a contact_force has no measuring point"),
     ("0,1\n" * 20, {}, "two whole numbers or one with a decimal comma"),
     ("Time,Force\ns,N\nx1,x1000\n" + XY, KIND, "'x1, x1000', which may be part of them"),
     ("Time,Force\ns,N\nMultiplier,1000\n" + XY, KIND, "a factor of its values, '1000'"),

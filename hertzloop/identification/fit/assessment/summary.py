@@ -77,9 +77,14 @@ def check_sample_count(iterate: Iterate) -> None:
 
 
 def unique_names(records: Sequence[Record]) -> list[Record]:
-    """Return the records, with a number behind each name that an earlier one has."""
+    """Return the records, with a number behind each name that an earlier one has. Raises
+    RecordError for a record that is given twice."""
     found: list[Record] = []
     for record in records:
+        if any(record.repeats(other) for other in found):
+            raise RecordError(
+                f"{record.name}: is given twice, and would count twice. Name each record once."
+            )
         name, count = record.name, 1
         while any(name == other.name for other in found):
             count += 1

@@ -11,7 +11,9 @@ from hertzloop.identification.fit.channels.sample_selection import (
     thin_samples,
     weight_equal_readings,
 )
+from hertzloop.identification.fit.errors import FitError
 from hertzloop.identification.fit.keys.free_keys import FreeKey
+from hertzloop.identification.fit.keys.key_scope import values_for_record
 from hertzloop.identification.fit.problem.controlled_records import (
     check_actuator_acts,
     control_notes,
@@ -47,6 +49,11 @@ def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[Free
         SceneError: the scene cannot be simulated.
         FitError: the records cannot tell a key.
     """
+    for f in free:
+        if not any(values_for_record({f.key: f.start}, record) for record in records):
+            raise FitError(
+                f"--free {f.key}: record.set holds it in {records[0].name}. Remove one of the two."
+            )
     records = [with_measuring_point(record, setup) for record in records]
     looped = find_controlled(setup, records, free)
     refuse_mixed_clocks(records, looped)
@@ -117,6 +124,11 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
         raise RecordError(
             f"record.point_m = {list(given)}: {setup.structure} know no points. Remove the key, "
             "and give the file a column shape_sensor if the record is not of the contact point."
+        )
+    if given is not None and setup.refusal({"plate.actuator_point_m": list(given)}):
+        raise RecordError(
+            f"record.point_m = {list(given)}: is not a point of the plate in {record.name}. Give "
+            "two numbers within plate.size_m, m."
         )
     at = given or at_sensor
     mass_kg = setup.actuator.mass_kg

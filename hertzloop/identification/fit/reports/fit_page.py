@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.identification.fit.reports.fit_text import number, sentences
+from hertzloop.identification.fit.reports.fit_text import number, sentences, touch_s
 from hertzloop.identification.fit.reports.fitted_scene import fitted_scene
 from hertzloop.identification.fit.results import FitResult, Nuisance
 from hertzloop.identification.fit.verdicts import ModelVerdict
@@ -67,12 +67,12 @@ def _tables(result: FitResult) -> list[ResultTable]:
             n.record,
             f"{n.gain:.5g}",
             f"{n.offset:.4g}",
-            f"{n.time_shift_s:.9g}",
+            touch_s(n, record),
             f"{n.clock_ppm:.3g}",
             f"{n.noise_rms:.3g}",
             f"{n.residual_over_noise:.3g}",
         ]
-        for n in result.nuisances
+        for n, record in zip(result.nuisances, result.records, strict=True)
     ]
     tables = [ResultTable("Keys", keys, rows), ResultTable("Records", of_records, records)]
     if len(result.estimates) > 1:

@@ -2,8 +2,9 @@
 
 import math
 
-from hertzloop.identification.fit.results import Estimate, FitResult
+from hertzloop.identification.fit.results import Estimate, FitResult, Nuisance
 from hertzloop.identification.fit.verdicts import OPEN, WIDEST, KeyVerdict, ModelVerdict
+from hertzloop.identification.records.record import Record
 from hertzloop.views.format import Table
 
 _MODEL_WORDS = {
@@ -20,6 +21,11 @@ def _percent(value: float) -> str:
 def number(value: float | None, digits: int = 5) -> str:
     """Write a number, or "open" for the end of an interval that is open."""
     return OPEN if value is None else f"{value:.{digits}g}"
+
+
+def touch_s(nuisance: Nuisance, record: Record) -> str:
+    """Write the time of the touch, s, with the digits that the samples of a record resolve."""
+    return f"{nuisance.time_shift_s:.{max(0, math.ceil(-math.log10(record.interval_s)))}f}"
 
 
 def parameter_table(result: FitResult) -> Table:
@@ -86,9 +92,9 @@ def sentences(result: FitResult) -> list[str]:
             _accuracy_sentence(f"{name} (held out)", *off)
             for name, *off in zip(*parts, strict=True)
         ]
-    for n in result.nuisances:
+    for n, record in zip(result.nuisances, result.records, strict=True):
         found.append(
-            f"{n.record}: touch at {n.time_shift_s:.9g} s, gain {n.gain:.4g}, offset "
+            f"{n.record}: touch at {touch_s(n, record)} s, gain {n.gain:.4g}, offset "
             f"{n.offset:.3g}, clock {n.clock_ppm:+.3g} ppm, noise {n.noise_rms:.3g}."
         )
     if not math.isnan(result.wall_s):

@@ -3,14 +3,20 @@
 from pathlib import Path
 
 from hertzloop.identification.records.contents import FileContents
+from hertzloop.identification.records.errors import TableError
 from hertzloop.identification.records.readers.arrays import add_array
 from hertzloop.identification.records.spacing import StatedSpacing
 
+_BEGINS = b"TDSm"
+
 
 def read_tdms(path: Path) -> FileContents:
-    """Read a TDMS file; channels may start at different times."""
+    """Read a TDMS file; channels may start at different times. Raises TableError."""
     from nptdms import TdmsFile
 
+    with path.open("rb") as file:
+        if file.read(len(_BEGINS)) != _BEGINS:
+            raise TableError("is not a TDMS file, which begins with the letters TDSm")
     found = FileContents([], kind="channel")
     # Times of day with all their digits; the numbers are read apart, as their dates would be raw.
     starts = {
