@@ -137,6 +137,7 @@ def replay(
     outputs.check_picture(target)
     outputs.check_output(target, overwrite, read=[file])
     outputs.check_json(json_file, target)
+    prepare.check_given_once(settings or [], None)
     keys = dict(parse_setting(text) for text in settings or [])
     _check_keys(keys)
     recording = read(file)

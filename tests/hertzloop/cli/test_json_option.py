@@ -48,6 +48,6 @@ def test_an_earlier_one_and_an_empty_one_are_replaced(here):
     (here / "a.json").touch()
     for steps in (1100, 1200):
         duration = ["--set", f"run.duration_s={steps}e-6"]
-        call("run", "aluminium-3mm", *duration, "--overwrite", "--json", "a.json")
+        call(*RUN[:-2], *duration, "--overwrite", "--json", "a.json")
         data = json_in(here / "a.json")
         assert (data["steps"], data["hertzloop"]) == (steps, version("hertzloop"))

@@ -91,6 +91,9 @@ def test_the_command_points_to_the_budget(tmp_path):
     assert "hertzloop budget" in said
     assert f"first force {data['impact']['first_force_us']:.4g} us after the touch" in said
     assert data["contact"] is None
+    _, said = margin("--law", "off")
+    assert "so there is no loop. Name a law, for example --law velocity_feedback." in said
+    assert "budget" not in said
     data, said = margin("--law", "force_feedback", "--set", "sensors.quantity=contact_force")
     assert "this says nothing for a contact this short" in said
     assert data["impact"] is None

@@ -176,7 +176,7 @@ def test_a_repeated_sweep_says_that_its_results_are_there(tmp_path, monkeypatch)
     assert again.exit_code == 0, again.output
     assert "r.csv has the results of this sweep" in again.stderr
     assert again.stdout.splitlines()[:9] == first.stdout.splitlines()[:9]
-    other = invoke([*words, "--set", "sensors.bits=7"])
+    other = invoke([*words, "--set", "controller.latency_us=1"])
     assert other.exit_code == 2
     assert "r.csv exists" in other.stderr
     assert (tmp_path / "r.csv").read_bytes() == before

@@ -12,7 +12,7 @@ from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.tune.plan import TunePlan, ranges_of
 from hertzloop.studies.tune.request import TuneRequest
-from hertzloop.studies.tune.result import Candidate, better_than
+from hertzloop.studies.tune.result import Candidate, TuneResult, better_than
 from hertzloop.studies.tune.score import published_setting
 from hertzloop.studies.tune.search import front as pareto_front
 from hertzloop.studies.tune.search import search_law
@@ -94,6 +94,9 @@ def test_without_a_better_setting_none_is_named():
     good = Candidate({}, {"a": 0.0, "b": 0.0})
     assert better_than(good, [Candidate({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
     assert better_than(good, [Candidate({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
+    for minimised, ending in ((["a"], ""), (["a", "b"], " without raising b")):
+        result = TuneResult([], minimised, "impact", {}, [good], good, [], 1, 1, "")
+        assert result.verdict == f"none beats the published setting in a{ending}"
 
 
 def test_unstable_settings_are_not_offered(pool):
