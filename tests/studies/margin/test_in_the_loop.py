@@ -17,8 +17,10 @@ from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.search import search_law
 from tests.commands import as_options, invoke
 
-SHORT = ["run.accuracy=0.01", "run.duration_s=0.0016", "controller.latency_us=2"]
-VELOCITY = [*SHORT, "controller.law=velocity_feedback", "sensors.quantity=v_p"]
+ROUGH = ["run.accuracy=0.01", "run.duration_s=0.0016"]
+SHORT = [*ROUGH, "controller.latency_us=2"]
+FEEDBACK = ["controller.law=velocity_feedback", "sensors.quantity=v_p"]
+VELOCITY = [*SHORT, *FEEDBACK]
 
 
 def report_of(tmp_path: Path, settings: list[str]) -> tuple[dict, str]:
@@ -64,7 +66,8 @@ def test_a_law_without_a_gain_has_no_limit_of_it():
     assert found.modes == len(modes_of(setup.with_plate_model("modal").plant).omega)
 
 
-UNDAMPED = [*VELOCITY, "controller.kappa=0.05", "plate.loss_factor=0"]
+LITTLE = [*FEEDBACK, "controller.kappa=0.05", "plate.loss_factor=0"]
+UNDAMPED = [*SHORT, *LITTLE]
 
 
 def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path):
@@ -82,7 +85,7 @@ def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path):
     assert "Linear loop unstable" in said
     out = tmp_path / "r.csv"
     over = ["--over", "controller.latency_us=2,3", "--workers", "1", "-o", str(out)]
-    done = invoke(["sweep", "aluminium-3mm", *as_options(UNDAMPED), *over])
+    done = invoke(["sweep", "aluminium-3mm", *as_options([*ROUGH, *LITTLE]), *over])
     assert done.exit_code == 0, done.output
     assert float(read_results(out)[0][0]["growth_per_s"]) == found.growth_per_s
 
@@ -99,7 +102,7 @@ def test_no_analysis_costs_the_results_of_a_run(tmp_path, monkeypatch):
 
 def test_a_sweep_has_the_growth_of_every_case(tmp_path):
     out, told = tmp_path / "r.parquet", tmp_path / "t.json"
-    settings = [*VELOCITY, "controller.kappa=0.4"]
+    settings = [*ROUGH, *FEEDBACK, "controller.kappa=0.4"]
     done = invoke(["sweep", "aluminium-3mm", *as_options(settings),
                    "--over", "controller.latency_us=2,3", "--over", "run.touch_phase=0,0.6",
                    "--workers", "1", "-o", str(out), "--json", str(told)])  # fmt: skip

@@ -40,6 +40,8 @@ def read_recording(path: Path) -> FileContents:
         names = {one.name for one in fields(Filters)}
         if setup.sensor.low_pass_hz is None:
             names -= {"low_pass", "low_pass_order"}
+        if setup.sensor.resonance_hz is None:
+            names -= {"resonance_damping"}
         of_sensor = {name: getattr(setup.sensor, name) for name in names}
         inside |= {key: value for key, value in of_sensor.items() if value is not None}
     spacing = StatedSpacing(setup.every_steps * setup.step_s, 0.0, "run.step_ns")
