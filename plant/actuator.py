@@ -266,9 +266,13 @@ def _roots(
 
 
 def _offsets(
-    poles: np.ndarray, weights: np.ndarray, constant: float,
-    near: np.ndarray, low: np.ndarray, high: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    poles: np.ndarray,
+    weights: np.ndarray,
+    constant: float,
+    near: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
     """Ways from the near poles inside their brackets, to rounding."""
     away_0 = poles - poles[near, None]
     others = np.where(np.arange(len(poles)) == near[:, None], 0.0, weights)

@@ -181,10 +181,13 @@ def common_fields(spec: PlantSpec) -> dict[str, Any]:
     """The fields that sphere and contact decide in the model of any scheme, by name."""
     sphere, contact = spec.sphere, spec.contact
     return {
-        "mass_kg": sphere.mass_kg, "gravity_m_s2": sphere.gravity_m_s2, "hand": sphere.hand,
-        "stiffness": contact.stiffness, "viscous_n_s_m": contact.viscous_n_s_m,
+        "mass_kg": sphere.mass_kg,
+        "gravity_m_s2": sphere.gravity_m_s2,
+        "hand": sphere.hand,
+        "stiffness": contact.stiffness,
+        "viscous_n_s_m": contact.viscous_n_s_m,
         "hunt_crossley_s_m": contact.hunt_crossley_s_m,
-    }  # fmt: skip
+    }
 
 
 NO_IMPEDANCE = (
@@ -276,9 +279,12 @@ def _stirred(modes: Oscillators, seen: bool) -> Oscillators:
     kept = size > NO_PARTICIPATION * size.max(initial=0.0)
     sensor = modes.sensor[kept] if seen and modes.sensor is not None else None
     return replace(
-        modes, omega=modes.omega[kept], contact=modes.contact[kept],
-        actuator=modes.actuator[kept], sensor=sensor,
-    )  # fmt: skip
+        modes,
+        omega=modes.omega[kept],
+        contact=modes.contact[kept],
+        actuator=modes.actuator[kept],
+        sensor=sensor,
+    )
 
 
 class Plant(ABC):
@@ -319,9 +325,12 @@ class Plant(ABC):
         state = self._empty_state()
         spec = self.spec
         state.body[FLIGHT_X], state.body[FLIGHT_V] = state_kernels.released(
-            float(spec.sphere.impact_speed_m_s), spec.sphere.gravity_m_s2, float(spec.lead_in_s),
-            spec.step_s, float(self.touch_phase),
-        )  # fmt: skip
+            float(spec.sphere.impact_speed_m_s),
+            spec.sphere.gravity_m_s2,
+            float(spec.lead_in_s),
+            spec.step_s,
+            float(self.touch_phase),
+        )
         state.body[XI] = state.body[XI_S] = state.body[FLIGHT_X]
         self._start = state.body[[FLIGHT_X, FLIGHT_V]].copy()
         return state
@@ -338,9 +347,13 @@ class Plant(ABC):
         speed_m_s, contact_j = self.sphere_speed_m_s(), self.contact_energy_j()
         modal_j = float(self.kernels.close_balance(self.model, self.state))
         return balance(
-            self.model, self.state, self._start, speed_m_s,
-            modal_j=modal_j, contact_j=contact_j,
-        )  # fmt: skip
+            self.model,
+            self.state,
+            self._start,
+            speed_m_s,
+            modal_j=modal_j,
+            contact_j=contact_j,
+        )
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""

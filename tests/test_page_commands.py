@@ -168,9 +168,14 @@ def test_the_commands_of_a_page_run_with_the_wheel(
 
     def started(line: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            ["bash", "-c", line], cwd=tmp_path, env=place, text=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            ["bash", "-c", line],
+            cwd=tmp_path,
+            env=place,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
 
     def ended(line: str, process: subprocess.Popen[str]) -> None:
         began = time.monotonic()
@@ -211,8 +216,12 @@ def test_the_commands_of_a_page_run_with_the_wheel(
 
 
 def test_what_is_left_out_or_made_shorter_is_there():
-    lines = [f"{line}  # {page.name}"
-             for page in PAGES for block in blocks(ROOT / page) for line in block]  # fmt: skip
+    lines = [
+        f"{line}  # {page.name}"
+        for page in PAGES
+        for block in blocks(ROOT / page)
+        for line in block
+    ]
     for words in (*LEFT_OUT, *BEFORE, *CODES, *(f"{b}  # {a}" for a, b in EDITS)):
         assert any(line.startswith(words) for line in lines), words
     lines = [line.rpartition("  # ")[0] for line in lines]

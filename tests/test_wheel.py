@@ -40,9 +40,13 @@ def test_the_wheel_holds_one_package(wheels):
     tops = {name.split("/")[0] for name in names[0]}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"hertzloop"}
     for needed in (
-        "plant/plant.py", "controller/loading/start/hertzloop_law.h", "law.py",
-        "bus/hertzloop_lane.h", "bus/messages.proto", "scene/aluminium-3mm.toml",
-    ):  # fmt: skip
+        "plant/plant.py",
+        "controller/loading/start/hertzloop_law.h",
+        "law.py",
+        "bus/hertzloop_lane.h",
+        "bus/messages.proto",
+        "scene/aluminium-3mm.toml",
+    ):
         assert f"hertzloop/{needed}" in names[0]
 
 
@@ -91,9 +95,12 @@ def installed(wheels, tmp_path_factory):
 def test_the_installed_wheel_works(installed, tmp_path):
     def run(*words: str) -> str:
         done = subprocess.run(
-            [installed, *words], cwd=tmp_path, capture_output=True, text=True,
+            [installed, *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
             env={**os.environ, "PYTHONPATH": ""},
-        )  # fmt: skip
+        )
         assert done.returncode == 0, (words, done.stderr)
         return done.stdout
 

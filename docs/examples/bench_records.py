@@ -32,9 +32,12 @@ def main() -> None:
     for name, quantity, duration_s, rate_hz, quiet_s, height_m, seed in _RECORDS:
         one = rig.vary({"sphere.drop_height_m": height_m})
         record = measured(
-            truth(one, quantity, duration_s), Spoilt(0.004, 1.012, 0.01, 15.0), seed,
-            rate_hz=rate_hz, quiet_s=quiet_s,
-        )  # fmt: skip
+            truth(one, quantity, duration_s),
+            Spoilt(0.004, 1.012, 0.01, 15.0),
+            seed,
+            rate_hz=rate_hz,
+            quiet_s=quiet_s,
+        )
         column = {"contact_force": "contact_force_n", "v_p": "v_p_m_s"}[quantity]
         table = [
             "# SYNTHETIC: made by `docs/examples/bench_records.py`, not measured.",

@@ -70,12 +70,18 @@ class LaneController(own_controller.Controller):
     def publish(self):
         """Forces of the C program, in blocks."""
         while raw := self.lane.stdout.read(8 * BLOCK):
-            self.say("force", ForceBlock(
-                run_id=self.hello.run_id, sequence=self.answers, first_step=self.first_step,
-                step_ns=self.hello.step_ns, force_n=array("d", raw),
-                samples_seen=max(0, self.first_step + len(raw) // 8 - 1 - self.law.latency)
-                // self.law.every,
-            ))  # fmt: skip
+            self.say(
+                "force",
+                ForceBlock(
+                    run_id=self.hello.run_id,
+                    sequence=self.answers,
+                    first_step=self.first_step,
+                    step_ns=self.hello.step_ns,
+                    force_n=array("d", raw),
+                    samples_seen=max(0, self.first_step + len(raw) // 8 - 1 - self.law.latency)
+                    // self.law.every,
+                ),
+            )
             self.answers, self.first_step = self.answers + 1, self.first_step + len(raw) // 8
         code = self.lane.wait()
         if self.hello:

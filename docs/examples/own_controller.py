@@ -81,11 +81,18 @@ class Controller:
             self.forces += [command] * self.law.every  # it holds until the next one's force acts
         self.heard, seen, steps = self.heard + 1, len(self.law.gaps), self.hello.steps
         known, self.forces = self.forces[: steps - self.first_step], []
-        self.say("force", ForceBlock(
-            run_id=self.hello.run_id, sequence=self.answers, first_step=self.first_step,
-            step_ns=self.hello.step_ns, samples_seen=seen, force_n=known,
-            promise_zero=self.law.mode == IDLE and command == 0.0,
-        ))  # fmt: skip
+        self.say(
+            "force",
+            ForceBlock(
+                run_id=self.hello.run_id,
+                sequence=self.answers,
+                first_step=self.first_step,
+                step_ns=self.hello.step_ns,
+                samples_seen=seen,
+                force_n=known,
+                promise_zero=self.law.mode == IDLE and command == 0.0,
+            ),
+        )
         self.answers, self.first_step = self.answers + 1, self.first_step + len(known)
         if seen == -(-steps // self.law.every):
             self.end("")
@@ -139,9 +146,12 @@ def main():
     def say(stream, message):
         number = None if stream == "force" else bytes(8)  # a force's is in its header
         session.put(
-            f"{root}/{stream}", message.SerializeToString(), attachment=number,
-            congestion_control=block, express=True,
-        )  # fmt: skip
+            f"{root}/{stream}",
+            message.SerializeToString(),
+            attachment=number,
+            congestion_control=block,
+            express=True,
+        )
 
     with zenoh.open(config) as session:
         controller = Controller(say)

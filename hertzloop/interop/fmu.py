@@ -24,9 +24,13 @@ from hertzloop.scene.quantities import SENSED
 
 Version = Literal["2", "3"]
 _BASE_UNITS = {
-    "s": {"s": 1}, "m": {"m": 1}, "N": {"kg": 1, "m": 1, "s": -2},
-    "m/s": {"m": 1, "s": -1}, "m/s^2": {"m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2},
-}  # fmt: skip
+    "s": {"s": 1},
+    "m": {"m": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "m/s": {"m": 1, "s": -1},
+    "m/s^2": {"m": 1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+}
 
 
 @dataclass(frozen=True)
@@ -273,15 +277,31 @@ def write_folder(image: Image, cpu: str, folder: Path) -> None:
 # hertzloop_values and hertzloop_energies of hertzloop_plant.h.
 VALUES = np.dtype(
     [
-        ("step", "i8"), ("samples", "i8"), ("sample", "f8"), ("code", "i8"), ("clipped", "i8"),
-        ("gap_m", "f8"), ("sphere_height_m", "f8"), ("plate_deflection_m", "f8"),
-        ("plate_velocity_m_s", "f8"), ("contact_force_n", "f8"), ("actuator_force_n", "f8"),
+        ("step", "i8"),
+        ("samples", "i8"),
+        ("sample", "f8"),
+        ("code", "i8"),
+        ("clipped", "i8"),
+        ("gap_m", "f8"),
+        ("sphere_height_m", "f8"),
+        ("plate_deflection_m", "f8"),
+        ("plate_velocity_m_s", "f8"),
+        ("contact_force_n", "f8"),
+        ("actuator_force_n", "f8"),
     ]
-)  # fmt: skip
+)
 
 
 ENERGIES = (
-    "kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j", "modal_dissipated_j",
-    "air_dissipated_j", "truncated_dissipated_j", "contact_dissipated_j", "plastic_dissipated_j",
+    "kinetic_j",
+    "gravity_j",
+    "modal_j",
+    "contact_j",
+    "injected_j",
+    "modal_dissipated_j",
+    "air_dissipated_j",
+    "truncated_dissipated_j",
+    "contact_dissipated_j",
+    "plastic_dissipated_j",
     "residual",
-)  # fmt: skip
+)

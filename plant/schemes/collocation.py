@@ -54,15 +54,19 @@ def build_residual_mode(
     constant, linear = h * one * drive, h * s * h * (2.0 * three - two) * drive
     mean_constant, mean_linear = h * two * drive, h * (2.0 * three - two) * drive
     # y and y' from displacement Im z and velocity Im(s z), so from Re z and Im z.
-    by_y = y * np.array([
-        [6.0 * omega_c / math.pi, 1.0],
-        [-3.0 * omega_c**2, (6.0 / math.pi - 0.5 * math.pi) * omega_c],
-    ])  # fmt: skip
+    by_y = y * np.array(
+        [
+            [6.0 * omega_c / math.pi, 1.0],
+            [-3.0 * omega_c**2, (6.0 / math.pi - 0.5 * math.pi) * omega_c],
+        ]
+    )
     to_y = np.linalg.solve(by_y, np.array([[0.0, 1.0], [b, -a]]))
-    held = y * np.array([
-        [9.0 / math.pi * omega_c**3, 1.5 * omega_c**2],
-        [1.5 * omega_c**2, (3.0 / math.pi + 0.25 * math.pi) * omega_c],
-    ])  # fmt: skip
+    held = y * np.array(
+        [
+            [9.0 / math.pi * omega_c**3, 1.5 * omega_c**2],
+            [1.5 * omega_c**2, (3.0 / math.pi + 0.25 * math.pi) * omega_c],
+        ]
+    )
     energy = to_y.T @ held @ to_y
     residual_mode = ResidualMode(
         turn_re=turn.real,
@@ -242,9 +246,14 @@ def _of_contact(spec: PlantSpec) -> dict[str, Any]:
 
 
 def _probe(
-    modes: Oscillators, same: bool, rho: float | np.ndarray, drive_c: np.ndarray,
-    drive_a: np.ndarray, constant: np.ndarray, linear: np.ndarray,
-) -> collocation_kernels.Probe | None:  # fmt: skip
+    modes: Oscillators,
+    same: bool,
+    rho: float | np.ndarray,
+    drive_c: np.ndarray,
+    drive_a: np.ndarray,
+    constant: np.ndarray,
+    linear: np.ndarray,
+) -> collocation_kernels.Probe | None:
     """How a sensor elsewhere sees the oscillators, None of one at the contact; `constant` and
     `linear`: change of z by unit forces."""
     if modes.sensor is None:
@@ -255,15 +264,22 @@ def _probe(
         return float(np.sum(weight * drive * (z.real - rho * z.imag)))
 
     return collocation_kernels.Probe(
-        aligned(weight), by(drive_c, constant), by(drive_c, linear), by(drive_a, constant),
+        aligned(weight),
+        by(drive_c, constant),
+        by(drive_c, linear),
+        by(drive_a, constant),
         by(drive_a, linear),
-    )  # fmt: skip
+    )
 
 
 def _air(
-    spec: PlantSpec, modes: Oscillators, gains: np.ndarray, table: np.ndarray,
-    columns: dict[int, np.ndarray], sums: dict[int, np.ndarray],
-) -> collocation_kernels.Air | None:  # fmt: skip
+    spec: PlantSpec,
+    modes: Oscillators,
+    gains: np.ndarray,
+    table: np.ndarray,
+    columns: dict[int, np.ndarray],
+    sums: dict[int, np.ndarray],
+) -> collocation_kernels.Air | None:
     """The share of the losses that goes into air, None where no face radiates."""
     if not spec.radiating_faces:
         return None
@@ -332,9 +348,14 @@ _NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a 
 
 @on_one_thread
 def _losses(
-    s: np.ndarray, rho: float | np.ndarray, h: float, scale: float, energy: np.ndarray,
-    drive_c: np.ndarray, drive_a: np.ndarray,
-) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:  # fmt: skip
+    s: np.ndarray,
+    rho: float | np.ndarray,
+    h: float,
+    scale: float,
+    energy: np.ndarray,
+    drive_c: np.ndarray,
+    drive_a: np.ndarray,
+) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
     """Energy that damped oscillators lose in a step, 2 delta m times the integral of v^2: columns
     of the table, and terms that are summed into gains, by their indices.
 
@@ -357,9 +378,11 @@ def _losses(
         return np.asarray((tilt * z).real * np.atleast_1d(drive)[:, None])
 
     moves = {
-        "R": speed(back), "I": speed(1j * back), "0": speed(constant, drive_c),
+        "R": speed(back),
+        "I": speed(1j * back),
+        "0": speed(constant, drive_c),
         "1": speed(linear, drive_c),
-    }  # fmt: skip
+    }
     alike = {"A": "0", "B": "1"} if drive_a is drive_c else {}  # both forces at one point
     if not alike:
         moves |= {"A": speed(constant, drive_a), "B": speed(linear, drive_a)}

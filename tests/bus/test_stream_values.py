@@ -78,10 +78,13 @@ def test_an_event_after_the_runs_end():
         ("hello", {"steps": 2**63}, f"announced a run of {2**63} steps of 1000 ns"),
         ("hello", {"scene_toml": ""}, "the plant announced a run without a scene"),
         ("hello", {"run_id": 0}, "stream 'hello' sequence 0 belongs to run 0"),
-        ("end/plant", {"role": "controller"},
-         "stream 'end/plant' carries the end of 'controller', not of the plant"),
+        (
+            "end/plant",
+            {"role": "controller"},
+            "stream 'end/plant' carries the end of 'controller', not of the plant",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_field_that_cannot_be(stream, change, words):
     sent = plant_says()
     [place] = places(sent, stream)

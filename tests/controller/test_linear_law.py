@@ -29,18 +29,23 @@ def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
 
 
 SHORT = ["run.duration_s=0.0015", "controller.latency_us=2"]
-CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
-              "controller.full_scale_n=100"]  # fmt: skip
+CONVERTERS = [
+    "sensors.bits=10",
+    "sensors.noise_rms=1e-4",
+    "controller.bits=12",
+    "controller.full_scale_n=100",
+]
 
 
 @pytest.mark.parametrize(
     ("law", "more"),
     [
-        ("velocity_feedback", []), ("velocity_feedback", CONVERTERS),
+        ("velocity_feedback", []),
+        ("velocity_feedback", CONVERTERS),
         ("acceleration_feedback", ["controller.leak_hz=20"]),
         ("acceleration_feedback", ["controller.leak_hz=0"]),
     ],
-)  # fmt: skip
+)
 def test_a_filter_gives_the_run_of_the_law_that_it_is(law, more):
     other = load("aluminium-3mm", [*SHORT, *more, f"controller.law={law}"])
     known, keys = law_context(other), other.scene.controller.keys
@@ -49,8 +54,12 @@ def test_a_filter_gives_the_run_of_the_law_that_it_is(law, more):
         linear = [*more, f"controller.numerator=[{gain!r}]"]
     else:
         keep = float(np.exp(-2.0 * np.pi * keys.leak_hz * known.sample_s))
-        rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
-                [gain, 0, 0, 1, 0, 0]]  # fmt: skip
+        rows = [
+            [known.sample_s, 0, 0, 1, 0, 0],
+            [1, 0, 0, 1, -keep, 0],
+            [keep, 0, 0, 1, 0, 0],
+            [gain, 0, 0, 1, 0, 0],
+        ]
         linear = ["sensors.quantity=acceleration", f"controller.sections={rows}"]
     one = simulate(other)
     two = simulate(load("aluminium-3mm", [*SHORT, "controller.law=linear", *linear]))
@@ -108,20 +117,27 @@ def test_a_file_is_read(tmp_path, ending, form):
     b, a = sg.sos2tf(sos)
     late = sg.TransferFunction([2.0], [1.0, -0.5, 0.2], dt=1e-6)  # 2/(z^2 - 0.5 z + 0.2)
     arrays: dict[str, Any] = {
-        "sos": {"sos": sos}, "ba": {"b": b, "a": a, "dt": 1e-6},
+        "sos": {"sos": sos},
+        "ba": {"b": b, "a": a, "dt": 1e-6},
         "num": {"num": late.num, "den": late.den, "dt": 1e-6},
-    }[form]  # fmt: skip
+    }[form]
     path = tmp_path / f"filter{ending}"
     if ending == ".npz":
         np.savez(path, **arrays)
     else:
         scipy.io.savemat(path, arrays)
     scene = tmp_path / "mine.toml"
-    scene.write_text(to_toml(setup_of("numerator=[1.0]").scene).replace("filter_file = \"\"",
-                     f"filter_file = \"{path.name}\""))  # fmt: skip
+    scene.write_text(
+        to_toml(setup_of("numerator=[1.0]").scene).replace(
+            'filter_file = ""', f'filter_file = "{path.name}"'
+        )
+    )
     samples = np.random.default_rng(6).standard_normal(2000)
-    expected = sg.lfilter([0.0, 0.0, 2.0], late.den, samples) if form == "num" else (
-        sg.lfilter(b, a, samples))  # fmt: skip
+    expected = (
+        sg.lfilter([0.0, 0.0, 2.0], late.den, samples)
+        if form == "num"
+        else (sg.lfilter(b, a, samples))
+    )
     by_setting = setup_of(f"filter_file={path}")
     for setup in (by_setting, load(str(scene)), load(str(scene)).vary({"controller.gain": 1.0})):
         assert np.abs(forces(setup, samples) - expected).max() <= 3e-12 * np.abs(expected).max()
@@ -139,14 +155,20 @@ LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.
     [
         *(({"b": [1.0, 0.5], "a": [1.0], "dt": dt}, "designed_us", 0.0) for dt in (True, None, -1)),
         (LENGTHS, "numerator", (-40.0, 0.0)),
-        ({"sos": [[1.0, 2.0, 3.0, 1.0, 0.0, 0.0]], "g": 0.5}, "sections",
-         ((0.5, 1.0, 1.5, 1.0, 0.0, 0.0),)),
-        ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * 2, "g": [2.0, 3.0, 0.5]}, "sections",
-         ((3.0, 0.0, 0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))),
+        (
+            {"sos": [[1.0, 2.0, 3.0, 1.0, 0.0, 0.0]], "g": 0.5},
+            "sections",
+            ((0.5, 1.0, 1.5, 1.0, 0.0, 0.0),),
+        ),
+        (
+            {"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * 2, "g": [2.0, 3.0, 0.5]},
+            "sections",
+            ((3.0, 0.0, 0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)),
+        ),
         ({"num": [[[2.0, 1.0]]], "den": [[[1.0, 0.5]]]}, "numerator", (2.0, 1.0)),
         ({"b": [1.0 + 0.0j, 0.5], "a": [1.0]}, "numerator", (1.0, 0.5)),
     ],
-)  # fmt: skip
+)
 def test_files_of_other_tools_are_read(tmp_path, arrays, key, value):
     np.savez(tmp_path / "filter.npz", **arrays)
     assert (

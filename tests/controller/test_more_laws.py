@@ -17,9 +17,14 @@ from tests.controller.specs import LawSpec
 STIFFNESS, MASS_KG, IMPEDANCE, SPEED = 1.1e10, 8.8e-4, 308.0, 1.0
 STEP_S = 1e-6
 IMPACT = LawSpec(
-    "predicted", STIFFNESS, 0.8, -0.25, mass_kg=MASS_KG, impedance_n_s_m=IMPEDANCE,
+    "predicted",
+    STIFFNESS,
+    0.8,
+    -0.25,
+    mass_kg=MASS_KG,
+    impedance_n_s_m=IMPEDANCE,
     watch_level=1e-3,
-)  # fmt: skip
+)
 
 
 def gap(impedance: float = IMPEDANCE, lead_in_s: float = 20e-6, steps: int = 80) -> np.ndarray:

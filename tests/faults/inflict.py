@@ -20,10 +20,14 @@ from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_
 
 LAUNCHER = "launcher"
 SIGNALS = {
-    "kill": signal.SIGKILL, "crash": signal.SIGSEGV, "stop": signal.SIGSTOP,
-    "pause": signal.SIGSTOP, "long pause": signal.SIGSTOP,
-    "terminate": signal.SIGTERM, "interrupt": signal.SIGINT,
-}  # fmt: skip
+    "kill": signal.SIGKILL,
+    "crash": signal.SIGSEGV,
+    "stop": signal.SIGSTOP,
+    "pause": signal.SIGSTOP,
+    "long pause": signal.SIGSTOP,
+    "terminate": signal.SIGTERM,
+    "interrupt": signal.SIGINT,
+}
 CLOSED = {"hang up": signal.SIGHUP}  # of a terminal; not drawn
 TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
@@ -91,12 +95,16 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
         "crash": [f"{fault.victim} was killed by {name}"],
         "stop": [f"{fault.victim} does not respond"],
         # Awake again, it says that it lost the others, or hears that they lost it.
-        "long pause": [f"{fault.victim} does not respond", f"from {fault.victim}:",
-                       f"from the {fault.victim}:", f"{fault.victim} accepted no message",
-                       f"{fault.victim} left the run"],
+        "long pause": [
+            f"{fault.victim} does not respond",
+            f"from {fault.victim}:",
+            f"from the {fault.victim}:",
+            f"{fault.victim} accepted no message",
+            f"{fault.victim} left the run",
+        ],
         "terminate": [f"{fault.victim} was interrupted", f"killed by {name}"],
         "interrupt": [f"{fault.victim} was interrupted"],
-    }[fault.how]  # fmt: skip
+    }[fault.how]
     if code != 1:
         return f"exit code {code}"
     if said.count("error:") > 1:

@@ -32,9 +32,13 @@ MOST_LOST_MS = 100.0
 LANES = ("lane", "no lane")
 # A word of the sentence on a mistake, and the heading of its column.
 WRONG = {
-    "it hangs": "hangs", "processes left": "processes left", "unreadable": "unreadable",
-    "cause": "wrong cause", "exit code": "wrong exit code", "other": "otherwise wrong",
-}  # fmt: skip
+    "it hangs": "hangs",
+    "processes left": "processes left",
+    "unreadable": "unreadable",
+    "cause": "wrong cause",
+    "exit code": "wrong exit code",
+    "other": "otherwise wrong",
+}
 
 Tried = dict[int, Outcome | None]  # by number; None: over, or not under way in time
 
@@ -73,16 +77,25 @@ def table(faults: list[Fault], tried: Tried) -> str:
             found[faults[number].victim].append((faults[number].lane, outcome))
     everything = [one for outcomes in found.values() for _, one in outcomes]
     counted = [word for word in WRONG if _count(everything, word)]
-    head = ("process", *(f"tries, {lane}" for lane in LANES),
-            *(WRONG[word] for word in counted), "most lost, ms", "longest, s")  # fmt: skip
+    head = (
+        "process",
+        *(f"tries, {lane}" for lane in LANES),
+        *(WRONG[word] for word in counted),
+        "most lost, ms",
+        "longest, s",
+    )
     rows = []
     for process, outcomes in sorted(found.items()):
         mine = [one for _, one in outcomes]
-        rows.append([
-            process, *(sum(used == lane for used, _ in outcomes) for lane in LANES),
-            *(_count(mine, word) for word in counted),
-            f"{max(one.lost_ms for one in mine):.0f}", f"{max(one.seconds for one in mine):.0f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                process,
+                *(sum(used == lane for used, _ in outcomes) for lane in LANES),
+                *(_count(mine, word) for word in counted),
+                f"{max(one.lost_ms for one in mine):.0f}",
+                f"{max(one.seconds for one in mine):.0f}",
+            ]
+        )
     never = ", ".join(WRONG[word] for word in WRONG if word not in counted)
     wrong = sum(bool(one.wrong) for one in everything)
     lost = sum(one.lost_ms > MOST_LOST_MS for one in everything)

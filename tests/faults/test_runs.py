@@ -54,11 +54,16 @@ def test_faults(fault):
         ("plant", "kill", 1, "error: recorder was killed by SIGKILL", "another cause"),
         ("plant", "stop", 1, "controller does not respond", "another cause"),
         ("plant", "kill", 1, "Traceback plant was killed by SIGKILL", "a traceback"),
-        ("controller", "long pause", 1,
-         "plant waited 4 s for the force from the controller: nothing came", ""),
+        (
+            "controller",
+            "long pause",
+            1,
+            "plant waited 4 s for the force from the controller: nothing came",
+            "",
+        ),
         (LAUNCHER, "terminate", -15, "", "exit code -15"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
     assert wrong_words(Fault(victim, how, "lane", False, 0.0), code, said) == wrong
 

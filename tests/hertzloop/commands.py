@@ -34,8 +34,11 @@ def python(*words: object, code: int = 0, **more: object) -> subprocess.Complete
     """Run Python with these arguments to its end, which must have an exit code."""
     done = subprocess.run(
         [sys.executable, *map(str, words)],
-        capture_output=True, text=True, timeout=2 * EVENTUALLY_S, **more,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=2 * EVENTUALLY_S,
+        **more,
+    )
     assert done.returncode == code, done.stdout + done.stderr
     return done
 

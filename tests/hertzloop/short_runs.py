@@ -10,18 +10,26 @@ SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 SCENES = {
     "law": [],
     "converters": [
-        "sensors.bits=10", "sensors.every_steps=3", "controller.latency_us=4",
-        "controller.jitter_us=5", "controller.drop_out_probability=0.1", "controller.bits=8",
-        "controller.full_scale_n=60", "controller.slew_n_s=2e7",
+        "sensors.bits=10",
+        "sensors.every_steps=3",
+        "controller.latency_us=4",
+        "controller.jitter_us=5",
+        "controller.drop_out_probability=0.1",
+        "controller.bits=8",
+        "controller.full_scale_n=60",
+        "controller.slew_n_s=2e7",
     ],
     "watching": ["controller.law=predicted", "controller.latency_us=15"],
     "late": ["controller.latency_us=300"],
     "rising": ["controller.latency_us=200"],
     "constant": [
-        "controller.law=constant", "controller.force_n=-20", "controller.delay_us=7",
-        "controller.duration_us=900", "controller.latency_us=2",
+        "controller.law=constant",
+        "controller.force_n=-20",
+        "controller.delay_us=7",
+        "controller.duration_us=900",
+        "controller.latency_us=2",
     ],
-}  # fmt: skip
+}
 
 
 @cache

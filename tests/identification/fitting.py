@@ -21,9 +21,12 @@ def scene(*changes: str) -> Setup:
 
 
 def record(
-    setup: Setup, quantity: str = "contact_force", duration_s: float = 80e-6, seed: int = 3,
+    setup: Setup,
+    quantity: str = "contact_force",
+    duration_s: float = 80e-6,
+    seed: int = 3,
     **spoilt: float,
-) -> Record:  # fmt: skip
+) -> Record:
     return measured(truth(setup, quantity, duration_s, accuracy=1e-4), Spoilt(**spoilt), seed)
 
 
@@ -41,6 +44,12 @@ def assert_holds(found: FitResult, *true: float) -> None:
 def write_csv(path: Path, one: Record, name: str = "contact_force_n") -> str:
     """Write a record, and return its path."""
     path.parent.mkdir(exist_ok=True)
-    np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",",
-               header=f"time_s,{name}", comments="", fmt="%.12g")  # fmt: skip
+    np.savetxt(
+        path,
+        np.stack([one.time_s, one.value], 1),
+        delimiter=",",
+        header=f"time_s,{name}",
+        comments="",
+        fmt="%.12g",
+    )
     return str(path)

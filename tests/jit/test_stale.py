@@ -66,8 +66,12 @@ def run(script: str, folder: Path, **more: str) -> str:
     }
     done = subprocess.run(
         [sys.executable, "-B", "-c", script],
-        cwd=folder, env=os.environ | own | more, capture_output=True, text=True, timeout=200,
-    )  # fmt: skip
+        cwd=folder,
+        env=os.environ | own | more,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -83,11 +87,15 @@ def edit(path: Path, pattern: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("script", "file", "pattern", "new"),
     [
-        (SLOPES, "benchmarks/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
-         "out[i] = y[n + i] + 7.0"),
+        (
+            SLOPES,
+            "benchmarks/integrator_kernels.py",
+            r"out\[i\] = y\[n \+ i\]",
+            "out[i] = y[n + i] + 7.0",
+        ),
         (STEPS, "plant/schemes/registry.py", r"step = by_module\(.*\)", PUSHED),
     ],
-)  # fmt: skip
+)
 def test_an_edited_callee_in_another_file_runs(tmp_path, script, file, pattern, new):
     folder = copy_to(tmp_path)
     before = run(script, folder).splitlines()[0]

@@ -65,9 +65,13 @@ def try_one(copy: Copy, mutation: Mutation) -> Row:
     )
     said = "" if outcome == "survived" else copy.output()
     return {
-        **asdict(mutation), "outcome": outcome, "diff": "\n".join(diff), "tests": files,
-        "said": said, "of": digest(text),
-    }  # fmt: skip
+        **asdict(mutation),
+        "outcome": outcome,
+        "diff": "\n".join(diff),
+        "tests": files,
+        "said": said,
+        "of": digest(text),
+    }
 
 
 def digest(text: str) -> str:

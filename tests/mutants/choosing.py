@@ -45,9 +45,13 @@ def ranks(root: Path, module: str) -> dict[str, int]:
 
 
 def chosen(
-    root: Path, module: str, near: bool, seconds: dict[str, float | None],
-    measure: Callable[[str], float | None], most_s: float,
-) -> list[str]:  # fmt: skip
+    root: Path,
+    module: str,
+    near: bool,
+    seconds: dict[str, float | None],
+    measure: Callable[[str], float | None],
+    most_s: float,
+) -> list[str]:
     """The tests for a mutant of `module`, in order, that take `most_s` seconds together: those
     that are `near`, or the others.
 

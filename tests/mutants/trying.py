@@ -104,10 +104,15 @@ class Copy:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         with self._log.open("w") as log:
             process = subprocess.Popen(
-                words, cwd=tree, env=os.environ | own, stdin=subprocess.DEVNULL, stdout=log,
-                stderr=subprocess.STDOUT, start_new_session=True,
+                words,
+                cwd=tree,
+                env=os.environ | own,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, most),
-            )  # fmt: skip
+            )
             code = None
             try:
                 code = process.wait(limit_s)

@@ -26,12 +26,21 @@ from tests.tiers import default
 CLOSED = 1e-10
 
 MASSES = [
-    "plate.contact_point_m=[0.21,0.13]", "plate.actuator_point_m=[0.12,0.31]",
-    "sensors.point_m=[0.31,0.22]", "sensors.quantity=v_p", "sensors.mass_kg=0.004",
-    "actuator.mass_kg=0.006", "controller.law=velocity_feedback", "run.duration_s=0.003",
-]  # fmt: skip
-HAMMER = ["controller.law=off", "run.duration_s=0.012", "hammer.mass_kg=0.1",
-          "hammer.speed_m_s=0.5"]  # fmt: skip
+    "plate.contact_point_m=[0.21,0.13]",
+    "plate.actuator_point_m=[0.12,0.31]",
+    "sensors.point_m=[0.31,0.22]",
+    "sensors.quantity=v_p",
+    "sensors.mass_kg=0.004",
+    "actuator.mass_kg=0.006",
+    "controller.law=velocity_feedback",
+    "run.duration_s=0.003",
+]
+HAMMER = [
+    "controller.law=off",
+    "run.duration_s=0.012",
+    "hammer.mass_kg=0.1",
+    "hammer.speed_m_s=0.5",
+]
 DAMPED = ["contact.damping=hunt_crossley", "contact.restitution=0.6"]
 SCENES = {
     "default, many bounces": ("aluminium-3mm", ["run.duration_s=0.5"]),

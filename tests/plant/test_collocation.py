@@ -25,9 +25,11 @@ HUNT_CROSSLEY = Contact(
 )
 VISCOUS = Contact(ALUMINIUM, Damping.VISCOUS, viscous_n_s_m=2.0)
 BESIDE = {
-    "size_m": (0.3, 0.2), "contact_point_m": (0.11, 0.07), "actuator_point_m": (0.13, 0.07),
+    "size_m": (0.3, 0.2),
+    "contact_point_m": (0.11, 0.07),
+    "actuator_point_m": (0.13, 0.07),
     "loss_factor": 0.02,
-}  # fmt: skip
+}
 CASES: dict[str, tuple[dict, float]] = {
     "undamped": ({"loss_factor": 0.0}, 0.0),
     "damped plate and contact": ({"loss_factor": 0.1, "contact": HUNT_CROSSLEY}, 0.0),

@@ -134,8 +134,12 @@ def test_a_contact_within_one_step_is_one():
 @pytest.mark.parametrize(("step_ns", "scheme"), [(200_000, "modal"), (1_000_000, "thesis2008")])
 def test_a_contact_shorter_than_a_step_is_refused(step_ns, scheme):
     scene = "thesis-aluminium" if scheme == "thesis2008" else "aluminium-3mm"
-    keys = ["sphere.radius_m=0.003", "controller.law=off", f"run.step_ns={step_ns}",
-            f"run.scheme={scheme}"]  # fmt: skip
+    keys = [
+        "sphere.radius_m=0.003",
+        "controller.law=off",
+        f"run.step_ns={step_ns}",
+        f"run.scheme={scheme}",
+    ]
     with pytest.raises(SceneError, match=f"run.step_ns = {step_ns}: is longer than a contact"):
         simulate(load(scene, keys))
 

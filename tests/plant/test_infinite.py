@@ -37,9 +37,7 @@ def run(plant, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     found = np.empty((3, len(force)))
     for i, f_a in enumerate(force):
         step(plant.model, plant.state, f_a)
-        found[:, i] = (
-            plant.state.body[XI], plant.sphere_speed_m_s(), plant.state.body[V_P]
-        )  # fmt: skip
+        found[:, i] = (plant.state.body[XI], plant.sphere_speed_m_s(), plant.state.body[V_P])
     return found[0], found[1], found[2]
 
 
@@ -59,9 +57,15 @@ def zener(what: PlantSpec, push_n: float, times: np.ndarray) -> tuple[np.ndarray
 
     start = [0.0, -what.sphere.impact_speed_m_s, 0.0]
     done = solve_ivp(
-        slope, (0.0, times[-1] * (1.0 + 1e-12)), start, "DOP853", times,
-        rtol=1e-12, atol=1e-18, max_step=2e-7,
-    )  # fmt: skip
+        slope,
+        (0.0, times[-1] * (1.0 + 1e-12)),
+        start,
+        "DOP853",
+        times,
+        rtol=1e-12,
+        atol=1e-18,
+        max_step=2e-7,
+    )
     return done.y[0] - done.y[2], done.y[1]
 
 

@@ -53,8 +53,11 @@ def test_peak_of_the_default_scene():
 @pytest.mark.parametrize(("pressure_gpa", "newtons"), [(1.05, 74.26), (0.77, 65.60), (0.44, 51.82)])
 def test_peak_of_a_contact_that_yields(pressure_gpa, newtons):
     # The actuator, which never acts, makes it a kind of plant that is compiled already.
-    keys = ("contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_gpa}e9",
-            "actuator.bandwidth_hz=20000")  # fmt: skip
+    keys = (
+        "contact.plasticity=thornton",
+        f"contact.limiting_pressure_pa={pressure_gpa}e9",
+        "actuator.bandwidth_hz=20000",
+    )
     assert peak("aluminium-3mm", FREE, *keys) == pytest.approx(newtons, abs=0.006)
 
 

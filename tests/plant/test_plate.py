@@ -118,11 +118,16 @@ def test_all_modes_ring_down_in_closed_form(apart):
     plant = flying(
         CollocationPlant(
             spec(
-                material="oak", size_m=plate.size_m, thickness_m=plate.thickness_m,
-                contact_point_m=contact, actuator_point_m=actuator, step_s=h, limit_hz=limit,
+                material="oak",
+                size_m=plate.size_m,
+                thickness_m=plate.thickness_m,
+                contact_point_m=contact,
+                actuator_point_m=actuator,
+                step_s=h,
+                limit_hz=limit,
             )
         )
-    )  # fmt: skip
+    )
     force = np.zeros(steps)
     force[0] = 3.0
     rows = run(plant, steps, force)

@@ -107,9 +107,12 @@ def test_air_takes_its_share_of_every_mode():
     """A pulse, then a long silence: the sum over modes of E eta_rad/(eta + eta_rad)."""
     high = replace(spec().sphere, drop_height_m=5.0)  # in flight for a second
     what = radiating(
-        plate=replace(SMALL, loss_factor=2e-2), lead_in_s=1.0, sphere=high, step_s=1e-4,
+        plate=replace(SMALL, loss_factor=2e-2),
+        lead_in_s=1.0,
+        sphere=high,
+        step_s=1e-4,
         frequency_limit_hz=4e3,
-    )  # fmt: skip
+    )
     plant = CollocationPlant(replace(what, residual_flexibility=False))
     force = np.zeros(9_000)
     force[0] = 1.0

@@ -39,11 +39,13 @@ def seen(setup: Setup, forces: np.ndarray) -> np.ndarray:
 
 def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
     """The velocity at the contact of a plate that is struck where the sensor was."""
-    turned = setup.vary({
-        "plate.contact_point_m": setup.scene.sensors.point_m,
-        "plate.actuator_point_m": setup.scene.plate.points_m[1],
-        "sensors.point_m": None,
-    })  # fmt: skip
+    turned = setup.vary(
+        {
+            "plate.contact_point_m": setup.scene.sensors.point_m,
+            "plate.actuator_point_m": setup.scene.plate.points_m[1],
+            "sensors.point_m": None,
+        }
+    )
     return after_steps(build_plant(turned, flight=True), forces, V_P)
 
 
@@ -53,9 +55,13 @@ FORCES = np.random.default_rng(4).standard_normal(300)
 @pytest.mark.full
 @pytest.mark.parametrize(
     "settings",
-    [(), (f"plate.actuator_point_m={THIRD}",), ("plate.edges=cfcs",),
-     ("actuator.bandwidth_hz=30000",)],
-)  # fmt: skip
+    [
+        (),
+        (f"plate.actuator_point_m={THIRD}",),
+        ("plate.edges=cfcs",),
+        ("actuator.bandwidth_hz=30000",),
+    ],
+)
 def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(settings):
     """Contact and sensor change places, and the actuator stays."""
     setup = plate(SENSOR, *settings)
@@ -68,8 +74,16 @@ def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(settings):
 
 @pytest.mark.full
 def test_the_contact_force_moves_the_sensor_as_the_modes_say():
-    setup = load("aluminium-3mm", [f"plate.contact_point_m={AT}", SENSOR, "controller.law=off",
-                                   "sensors.quantity=v_p", "run.duration_s=0.0016"])  # fmt: skip
+    setup = load(
+        "aluminium-3mm",
+        [
+            f"plate.contact_point_m={AT}",
+            SENSOR,
+            "controller.law=off",
+            "sensors.quantity=v_p",
+            "run.duration_s=0.0016",
+        ],
+    )
     done = simulate(setup)
     modes = modes_of(setup.plant)
     theta = modes.omega * np.sqrt(1.0 - modes.eta**2 / 4.0)
@@ -109,8 +123,13 @@ def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass():
 
 @pytest.mark.parametrize("size", ["[0.5,0.5]", "[0.5,0.41]"])  # equal frequencies, and none
 def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size):
-    setup = plate(SENSOR, "sensors.mass_kg=0.004", f"plate.actuator_point_m={THIRD}",
-                  "actuator.mass_kg=0.006", f"plate.size_m={size}")  # fmt: skip
+    setup = plate(
+        SENSOR,
+        "sensors.mass_kg=0.004",
+        f"plate.actuator_point_m={THIRD}",
+        "actuator.mass_kg=0.006",
+        f"plate.size_m={size}",
+    )
     spec, limit = without_springs(setup, 2e4), 2.0 * np.pi * 2e4
     contact, actuator = setup.scene.plate.points_m
     sensor = setup.scene.sensors.point_m
@@ -140,11 +159,14 @@ def table(with_sensor: bool) -> ModeTable:
     contact, sensor = setup.scene.plate.points_m
     modes = setup.structure.modes(limit, contact, sensor)
     return ModeTable(
-        modes.omega, np.full(len(modes.omega), setup.structure.local_plate.eta),
-        np.full(len(modes.omega), modes.scale_per_kg), modes.at_contact, modes.at_contact,
+        modes.omega,
+        np.full(len(modes.omega), setup.structure.local_plate.eta),
+        np.full(len(modes.omega), modes.scale_per_kg),
+        modes.at_contact,
+        modes.at_contact,
         setup.structure.residual_flexibility_m_n(limit, contact),
         shape_sensor=modes.at_actuator if with_sensor else None,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.full
@@ -196,8 +218,13 @@ def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path):
 @pytest.mark.parametrize("by_file", [False, True])
 def test_a_frozen_model_has_the_motion_of_the_sensor(by_file, tmp_path):
     """What a fit compares records with, against the state where the sensor is."""
-    settings = ["controller.law=off", "sensors.quantity=v_p", f"plate.contact_point_m={AT}",
-                "run.duration_s=0.0015", "plate.tail=spring"]  # fmt: skip
+    settings = [
+        "controller.law=off",
+        "sensors.quantity=v_p",
+        f"plate.contact_point_m={AT}",
+        "run.duration_s=0.0015",
+        "plate.tail=spring",
+    ]
     if by_file:
         (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
         setup = load("aluminium-3mm", [*settings, f"plate.modes={tmp_path / 'modes.npz'}"])
@@ -224,11 +251,17 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations():
     assert [one for one in checks if not one.agrees] == []
 
 
-@pytest.mark.parametrize(("settings", "words"), [
-    (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
-    (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
-    (["plate.edges=ffff", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001 is not supported for"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
+        (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
+        (
+            ["plate.edges=ffff", "sensors.mass_kg=0.001"],
+            "sensors.mass_kg = 0.001 is not supported for",
+        ),
+    ],
+)
 def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings, words):
     with pytest.raises(SceneError, match=words):
         check_buildable(plate(SENSOR, *settings))

@@ -101,9 +101,12 @@ def test_uncompiled_kernels_give_the_same_values():
     def lines(**more: str) -> list:
         done = subprocess.run(
             [sys.executable, "-c", SHORT],
-            env=os.environ | more, capture_output=True, text=True, check=True,
+            env=os.environ | more,
+            capture_output=True,
+            text=True,
+            check=True,
             cwd=Path(__file__).parents[2],
-        )  # fmt: skip
+        )
         return [json.loads(line) for line in done.stdout.splitlines()]
 
     for compiled, plain in zip(lines(), lines(NUMBA_DISABLE_JIT="1"), strict=True):

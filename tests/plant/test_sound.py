@@ -29,11 +29,15 @@ def first_mode(shape: np.ndarray | None = None) -> tuple[Radiator, Products]:
     shapes = np.outer(along, along) if shape is None else shape
     xx, yy = np.meshgrid(NODES, NODES, indexing="ij")
     radiator = Radiator(
-        omega=np.array([2.0 * math.pi * HZ]), eta=np.array([ETA]), scale_per_kg=1.0,
-        at_contact=np.array([1.0]), at_actuator=np.array([0.0]), shapes=shapes.reshape(1, -1),
+        omega=np.array([2.0 * math.pi * HZ]),
+        eta=np.array([ETA]),
+        scale_per_kg=1.0,
+        at_contact=np.array([1.0]),
+        at_actuator=np.array([0.0]),
+        shapes=shapes.reshape(1, -1),
         places_m=np.stack([xx.ravel(), yy.ravel()], axis=1),
         area_m2=np.full(xx.size, (SIDE / 24) ** 2),
-    )  # fmt: skip
+    )
     return radiator, Products(along[None, :], NODES, along[None, :], NODES)
 
 
@@ -91,8 +95,10 @@ def test_the_sound_of_five_modes_is_the_sum_of_each():
     one, _ = first_mode()
     ratios = 1.0 + np.arange(5) / 3.0
     parts = ("omega", "eta", "at_contact", "at_actuator", "shapes")
-    modes = [replace(one, omega=one.omega * ratio, at_contact=1.0 / ratio * one.at_contact)
-             for ratio in ratios]  # fmt: skip
+    modes = [
+        replace(one, omega=one.omega * ratio, at_contact=1.0 / ratio * one.at_contact)
+        for ratio in ratios
+    ]
     five = replace(
         one, **{name: np.concatenate([getattr(mode, name) for mode in modes]) for name in parts}
     )

@@ -61,9 +61,9 @@ def plain_run(spec: PlantSpec, f_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     weight = spec.plate.modal_scale_per_kg * modes.contact**2
     turn, decay = np.outer(theta, t), np.exp(-np.outer(delta, t))
     g_a = weight @ (
-        decay * (-(theta - delta**2 / theta)[:, None] * np.sin(turn)
-                 - 2 * delta[:, None] * np.cos(turn))
-    )  # fmt: skip
+        decay
+        * (-(theta - delta**2 / theta)[:, None] * np.sin(turn) - 2 * delta[:, None] * np.cos(turn))
+    )
     g_a[0] = 0.0
     alpha = -1 / 3
     gamma, beta = (1 - 2 * alpha) / 2, (1 - alpha) ** 2 / 4
@@ -148,9 +148,12 @@ def test_calibrated_relaxation_gives_its_restitution():
     spec = published("oak")
     s_tau = calibrate_relaxation(spec, 0.6, 0.5)
     contact = Contact(
-        spec.contact.stiffness, Damping.RELAXATION,
-        relaxation_stiffness=s_tau, relaxation_s=0.5, extra_state=True,
-    )  # fmt: skip
+        spec.contact.stiffness,
+        Damping.RELAXATION,
+        relaxation_stiffness=s_tau,
+        relaxation_s=0.5,
+        extra_state=True,
+    )
     assert restitution(replace(spec, contact=contact)) == pytest.approx(0.6, abs=2e-3)
     with pytest.raises(ValueError, match=r"restitution is 1\.2; it must be above 0"):
         calibrate_relaxation(spec, 1.2, 0.5)

@@ -60,8 +60,13 @@ class Tally:
     def table(self) -> str:
         """A line a kind of damage."""
         head = (
-            "damage", "copies", "no recording", "chunks in those", "undamaged chunks", "recovered",
-        )  # fmt: skip
+            "damage",
+            "copies",
+            "no recording",
+            "chunks in those",
+            "undamaged chunks",
+            "recovered",
+        )
         rows = [
             (kind, *(c[kind] for c in (
                 self.tries, self.unreadable, self.sceneless_chunks, self.whole_chunks,

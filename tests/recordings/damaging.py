@@ -73,17 +73,33 @@ def appended(content: bytearray, rng: np.random.Generator) -> bytearray:
 
 
 DAMAGES: tuple[Change, ...] = (
-    cut, flipped, zeroed, scrambled, inserted, deleted, duplicated, swapped, appended,
-)  # fmt: skip
+    cut,
+    flipped,
+    zeroed,
+    scrambled,
+    inserted,
+    deleted,
+    duplicated,
+    swapped,
+    appended,
+)
 
 
 _NUMBERS = (0, 1, 2, 7, 2**31 - 1, 2**31, 2**32 - 1, 2**53, 2**63 - 1, 2**63, 2**64 - 1)
 _REALS = (0.0, -0.0, 1.0, -1e308, 1e308, 5e-324, float("inf"), float("-inf"), float("nan"))
 _TEXTS = ("", "plant", "controller", "[red]", "x" * 5000, "9" * 5000, "a\nb", "\x00", "é" * 50)
 _SCENES = (
-    "", "= =", "[run]\nduration_s = 1e999", "a = " + "[" * 3000, "x = " + "9" * 5000, "[run]",
-    "shows = 5", "run = 3", "[controller]\nlaw = 'none'", "run = [1]\nsphere = 'x'",
-)  # fmt: skip
+    "",
+    "= =",
+    "[run]\nduration_s = 1e999",
+    "a = " + "[" * 3000,
+    "x = " + "9" * 5000,
+    "[run]",
+    "shows = 5",
+    "run = 3",
+    "[controller]\nlaw = 'none'",
+    "run = [1]\nsphere = 'x'",
+)
 
 
 def _value(field: FieldDescriptor, rng: np.random.Generator) -> Any:
@@ -138,10 +154,15 @@ def lying(original: list[Sent], source: Path, path: Path, rng: np.random.Generat
     recording = read(source)
     scene, metadata, result = recording.scene_toml, recording.metadata, dict(recording.result)
     sent = [
-        Sent(m.stream, m.number, m.time_ns, type(m.header).FromString(
-            m.header.SerializeToString()), {n: a.copy() for n, a in m.arrays.items()})
+        Sent(
+            m.stream,
+            m.number,
+            m.time_ns,
+            type(m.header).FromString(m.header.SerializeToString()),
+            {n: a.copy() for n, a in m.arrays.items()},
+        )
         for m in original
-    ]  # fmt: skip
+    ]
     for _ in range(int(rng.integers(1, 4))):
         at = int(rng.integers(len(sent)))
         kind = int(rng.integers(10))

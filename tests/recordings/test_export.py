@@ -62,9 +62,12 @@ def from_parquet(path: Path) -> Columns:
     names = [name for name in table.column_names if name not in ("step", "time_ns")]
     present = {name: ~table[name].is_null().to_numpy() for name in names}
     columns = {
-        name: table[name].fill_null(0).to_numpy().astype(
-            table.schema.field(name).type.to_pandas_dtype()) for name in names
-    }  # fmt: skip
+        name: table[name]
+        .fill_null(0)
+        .to_numpy()
+        .astype(table.schema.field(name).type.to_pandas_dtype())
+        for name in names
+    }
     return by_stream(columns, table["time_ns"].to_numpy(), present)
 
 
@@ -109,8 +112,9 @@ def from_mcap(path: Path) -> Columns:
         list(StreamReader(handle, validate_crcs=True).records)
     fields = {
         (topic, key): (stream, column)
-        for topic, (stream, keys) in TOPICS.items() for key, column in keys.items()
-    } | {("/measured", "position"): ("daq", "daq_value")}  # fmt: skip
+        for topic, (stream, keys) in TOPICS.items()
+        for key, column in keys.items()
+    } | {("/measured", "position"): ("daq", "daq_value")}
     found: dict[str, list[float]] = {}
     with path.open("rb") as handle:
         reader = make_reader(handle, decoder_factories=[DecoderFactory()])
@@ -133,8 +137,12 @@ def from_mcap(path: Path) -> Columns:
 
 
 READERS: dict[str, Callable[[Path], Columns]] = {
-    "parquet": from_parquet, "csv": from_csv, "npz": from_npz, "h5": from_hdf5, "mcap": from_mcap,
-}  # fmt: skip
+    "parquet": from_parquet,
+    "csv": from_csv,
+    "npz": from_npz,
+    "h5": from_hdf5,
+    "mcap": from_mcap,
+}
 each_format = pytest.mark.parametrize(
     "ending", default(READERS, [name for name in READERS if name != "h5"])
 )

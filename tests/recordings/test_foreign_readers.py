@@ -51,8 +51,10 @@ def by_typescript(file, tmp_path_factory):
     (folder / "package.json").write_text('{"private": true}')
     installed = subprocess.run(
         ["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", *PACKAGES],
-        cwd=folder, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
     if installed.returncode:
         pytest.skip(f"npm cannot install {PACKAGES[0]}: {installed.stderr[-300:]}")
     shutil.copy(SCRIPT, folder)

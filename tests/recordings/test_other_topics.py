@@ -34,9 +34,12 @@ def with_temperatures(original: Path, path: Path, count: int, **options: bool) -
                     channel.topic, channel.message_encoding, kind
                 )
             writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time,
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
                 message.sequence,
-            )  # fmt: skip
+            )
         writer.finish()
     return path
 

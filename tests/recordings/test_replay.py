@@ -72,10 +72,17 @@ FROM_LABELS = {
 REFERENCE = {
     "/spectrum/line_1",
     # By names that come first, since the viewer draws later ones over them.
-    *(f"/{part}/{plot}/0_{curve}_reference" for part in ("overview", "zoom")
-      for plot, curve in (("gap", "xi"), ("force", "F_c"), ("velocity", "v_p"),
-                          ("energy", "plate"))),
-}  # fmt: skip
+    *(
+        f"/{part}/{plot}/0_{curve}_reference"
+        for part in ("overview", "zoom")
+        for plot, curve in (
+            ("gap", "xi"),
+            ("force", "F_c"),
+            ("velocity", "v_p"),
+            ("energy", "plate"),
+        )
+    ),
+}
 
 
 # The .rrd file
@@ -148,8 +155,10 @@ def test_times_are_exact_to_the_nanosecond(tmp_path):
     as_rerun.save(shown, tmp_path / "a.rrd")
     printed = rerun("rrd", "print", "-vvv", "--entity", "/states/contact", tmp_path / "a.rrd")
     assert re.findall(r"(PT?[\d.]+[SD]) .*\[(apart|in contact)\]", printed) == [
-        ("P0D", "apart"), ("PT0.333333337S", "in contact"), ("PT0.666666674S", "apart"),
-    ]  # fmt: skip
+        ("P0D", "apart"),
+        ("PT0.333333337S", "in contact"),
+        ("PT0.666666674S", "apart"),
+    ]
 
 
 def test_a_recording_without_a_step_says_so(file, tmp_path):
@@ -172,9 +181,10 @@ def test_what_is_missing_is_left_out(file, tmp_path, missing):
     as_rerun.save(shown, tmp_path / "a.rrd")
     rerun("rrd", "verify", tmp_path / "a.rrd")
     gone = {
-        "daq": {"/overview/gap/measured", "/zoom/gap/measured"}, "events": {"/events"},
+        "daq": {"/overview/gap/measured", "/zoom/gap/measured"},
+        "events": {"/events"},
         "contact": {"/contacts"},
-    }.get(missing, set())  # fmt: skip
+    }.get(missing, set())
     assert set(entities(tmp_path / "a.rrd")) == ENTITIES - SCALE - gone
 
 

@@ -114,9 +114,7 @@ def test_contacts_are_found_across_the_seams_of_pieces():
     rng = np.random.default_rng(4)
     xi = np.repeat(rng.choice([-1.0, 1.0], 40), 5) * rng.uniform(0.1, 1.0, 200)
     force = np.where(xi < 0.0, rng.uniform(1.0, 2.0, 200), 0.0)
-    expected = [
-        ContactSpan(a, b, force[a:b].max(), -xi[a:b].min()) for a, b in contact_spans(xi)
-    ]  # fmt: skip
+    expected = [ContactSpan(a, b, force[a:b].max(), -xi[a:b].min()) for a, b in contact_spans(xi)]
     for length in (1, 3, 7, 200):
         pieces = [
             (at, {"xi_m": xi[at : at + length], "f_c_n": force[at : at + length]})
@@ -164,8 +162,10 @@ def test_states_of_the_law_come_from_its_events():
     ]
     recording = Recording(Path("a.mcap"), events=events)
     assert law_states(recording) == [
-        (0, "idle"), (1_000, "watching"), (2_000, "acting"),
-    ]  # fmt: skip
+        (0, "idle"),
+        (1_000, "watching"),
+        (2_000, "acting"),
+    ]
     off = Recording(Path("a.mcap"), scene_toml="[controller]\nlaw = 'off'")
     assert law_states(off, controlled=False) == [(0, "off")]
     foreign = dataclasses.replace(
@@ -176,9 +176,13 @@ def test_states_of_the_law_come_from_its_events():
 
 @pytest.mark.parametrize(
     ("quantity", "plot", "factor"),
-    [("xi", "gap", 1e6), ("v_p", "velocity", 1.0), ("acceleration", "acceleration", 1.0),
-     ("contact_force", "force", 1.0)],
-)  # fmt: skip
+    [
+        ("xi", "gap", 1e6),
+        ("v_p", "velocity", 1.0),
+        ("acceleration", "acceleration", 1.0),
+        ("contact_force", "force", 1.0),
+    ],
+)
 def test_what_was_measured_is_plotted_where_it_belongs(quantity, plot, factor):
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     truth = JoinedStream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})

@@ -204,14 +204,19 @@ def evil(whole, tmp_path_factory):
 def test_no_text_of_a_recording_controls_the_terminal(evil, whole, tmp_path):
     controlling = set(EVIL) - set(map(chr, range(32, 127)))
     for words in (
-        ["inspect", evil], ["inspect", evil, "--details"], ["compare", evil, whole],
+        ["inspect", evil],
+        ["inspect", evil, "--details"],
+        ["compare", evil, whole],
         ["replay", evil, "--save", tmp_path / "a.rrd"],
         ["replay", evil, whole, "--save", tmp_path / "b.rrd"],
         ["export", evil, "--out", tmp_path / "c.csv"],
         ["report", evil, "--out", tmp_path / "d.html"],
-        ["repair", evil, "--out", tmp_path / "e.mcap"], ["law", "replay", EVIL, evil],
-        ["run", EVIL], ["scene", "show", evil], ["inspect", tmp_path / EVIL.replace("/", "")],
-    ):  # fmt: skip
+        ["repair", evil, "--out", tmp_path / "e.mcap"],
+        ["law", "replay", EVIL, evil],
+        ["run", EVIL],
+        ["scene", "show", evil],
+        ["inspect", tmp_path / EVIL.replace("/", "")],
+    ):
         done = call(*words)
         assert not controlling & set(done.output), (words, done.output)
         assert done.exception is None or isinstance(done.exception, SystemExit), words

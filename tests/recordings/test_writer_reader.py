@@ -140,9 +140,14 @@ def test_our_reader_agrees(whole, decoded):
 
 @pytest.mark.parametrize(
     ("stream", "place"),
-    [*product(("daq", "truth"), (1, -1)), ("hello", -1), ("balance", -1), ("events/plant", -1),
-     ("events/controller", -1)],
-)  # fmt: skip
+    [
+        *product(("daq", "truth"), (1, -1)),
+        ("hello", -1),
+        ("balance", -1),
+        ("events/plant", -1),
+        ("events/controller", -1),
+    ],
+)
 def test_a_missing_message_is_named(whole, tmp_path, stream, place):
     """In a file that is whole otherwise: nothing but numbers and counts can tell."""
     all_of = [m for m in messages(whole) if m.stream == stream]

@@ -97,8 +97,12 @@ def test_a_sample_says_its_time(folder):
 def test_the_age_of_the_force_under_jitter_is_printed(folder):
     said = python(folder, "jitter_age.py").stdout.splitlines()
     ages = [float(re.search(r"mean ([\d.]+)", line).group(1)) - 1.0 for line in said]
-    keys = [(), ("controller.jitter_us=20",), ("controller.latency_trace=[0, 20]",),
-            (f"controller.latency_trace={[0.0] * 9 + [20.0]}",)]  # fmt: skip
+    keys = [
+        (),
+        ("controller.jitter_us=20",),
+        ("controller.latency_trace=[0, 20]",),
+        (f"controller.latency_trace={[0.0] * 9 + [20.0]}",),
+    ]
     for age, words in zip(ages, keys, strict=True):
         sets = [
             x

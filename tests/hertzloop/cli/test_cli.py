@@ -33,8 +33,14 @@ def test_first_run_of_a_new_user(here):
     assert not recording.problems
     assert recording.truth.samples == recording.force.samples == recording.daq.samples == 20_000
     data = json_in(here / "a.json")
-    expected = {"scene": "aluminium-20mm", "law": "slope_threshold", "seed": 1, "steps": 20_000,
-                "scene_law": "slope_threshold", "transport": "zenoh"}  # fmt: skip
+    expected = {
+        "scene": "aluminium-20mm",
+        "law": "slope_threshold",
+        "seed": 1,
+        "steps": 20_000,
+        "scene_law": "slope_threshold",
+        "transport": "zenoh",
+    }
     assert expected.items() <= data.items()
     assert data["real_time_factor"] == pytest.approx(0.02 / data["wall_s"])
     assert data["exchanges"] > 0
@@ -43,9 +49,14 @@ def test_first_run_of_a_new_user(here):
     assert len(data["uncontrolled"]["impacts"]) == 6
     for impact in data["impacts"] + data["uncontrolled"]["impacts"]:
         assert set(impact) == {
-            "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
-            "plate_energy_j", "plate_speed_max_m_s",
-        }  # fmt: skip
+            "start_s",
+            "duration_s",
+            "impact_speed_m_s",
+            "rebound_speed_m_s",
+            "peak_force_n",
+            "plate_energy_j",
+            "plate_speed_max_m_s",
+        }
     assert "--overwrite" in refused("aluminium-20mm.mcap exists", "run")
 
 
@@ -72,8 +83,16 @@ def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
 
 
 def test_a_run_on_an_infinite_plate(here):
-    run = ["run", "aluminium-3mm", "--details", "--transport", "compiled", "--overwrite",
-           "--set", "controller.law=off"]  # fmt: skip
+    run = [
+        "run",
+        "aluminium-3mm",
+        "--details",
+        "--transport",
+        "compiled",
+        "--overwrite",
+        "--set",
+        "controller.law=off",
+    ]
     told = succeed(*run, "--set", "run.duration_s=0.00114", "--verify", "--json", "a.json")
     assert "infinite plate, a dashpot of 308.2 N s/m; missing reflections may cost" in told
     assert "missed" not in told
@@ -117,8 +136,12 @@ def test_the_scene_of_a_recording_runs_again(here):
 
 
 def test_compare_shows_metrics_of_two_laws(here):
-    run = ["run", "--transport", "compiled",
-           *as_options(["run.duration_s=0.0016", "run.accuracy=0.05"])]  # fmt: skip
+    run = [
+        "run",
+        "--transport",
+        "compiled",
+        *as_options(["run.duration_s=0.0016", "run.accuracy=0.05"]),
+    ]
     for name, law in (("a", "slope_threshold"), ("b", "force_feedback")):
         law_of = as_options([f"controller.law={law}", "controller.kappa=0.4"])
         succeed(*run, *law_of, "--out", f"{name}.mcap", "--json", f"{name}.json")

@@ -30,8 +30,12 @@ FEATURES = {
     "modes from a file": "plate.modes=MODES sensors.quantity=v_p controller.law=velocity_feedback",
 }
 # Of a short span a sweep takes the infinite plate, which is right within the accuracy only.
-SHORT = ("run.duration_s=0.003", "run.accuracy=0.01", "run.lead_in_s=0.001",
-         "run.plate_model=modal")  # fmt: skip
+SHORT = (
+    "run.duration_s=0.003",
+    "run.accuracy=0.01",
+    "run.lead_in_s=0.001",
+    "run.plate_model=modal",
+)
 LATENCIES = "0,4"
 
 
@@ -42,10 +46,14 @@ def modes(tmp_path_factory):
     rng, count = np.random.default_rng(2), len(table.omega)
     path = tmp_path_factory.mktemp("modes") / "modes.csv"
     own = ModeTable(
-        np.asarray(table.omega), np.full(count, 1e-3), np.full(count, table.scale_per_kg),
-        np.asarray(table.contact), rng.normal(0.0, 1.0, count), 1e-8,
+        np.asarray(table.omega),
+        np.full(count, 1e-3),
+        np.full(count, table.scale_per_kg),
+        np.asarray(table.contact),
+        rng.normal(0.0, 1.0, count),
+        1e-8,
         shape_sensor=rng.normal(0.0, 1.0, count),
-    )  # fmt: skip
+    )
     path.write_bytes(write_modes(".csv", own))
     return path
 

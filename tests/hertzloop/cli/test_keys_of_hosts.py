@@ -30,8 +30,14 @@ def test_what_is_written(tmp_path):
         assert made[role]["access_control"] == access_control(role)
     keys = {one["transport"]["link"]["tls"]["listen_private_key_base64"] for one in made.values()}
     assert len(keys) == 3
-    refused("the folder is not empty, and keys are never replaced", "node", "keys", folder,
-            "--hosts", HOSTS)  # fmt: skip
+    refused(
+        "the folder is not empty, and keys are never replaced",
+        "node",
+        "keys",
+        folder,
+        "--hosts",
+        HOSTS,
+    )
 
 
 @pytest.mark.parametrize(

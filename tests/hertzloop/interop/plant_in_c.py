@@ -13,10 +13,17 @@ from hertzloop.scene.setup import Setup
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.
 NOISY = (
-    *SHORT, "sensors.noise_rms=1e-7", "sensors.bits=12", "sensors.every_steps=2",
-    "run.touch_phase=random", "run.seed=77", "sensors.low_pass_hz=400000",
-    "sensors.low_pass=bessel", "sensors.low_pass_order=5", "sensors.ac_coupling_hz=1",
-)  # fmt: skip
+    *SHORT,
+    "sensors.noise_rms=1e-7",
+    "sensors.bits=12",
+    "sensors.every_steps=2",
+    "run.touch_phase=random",
+    "run.seed=77",
+    "sensors.low_pass_hz=400000",
+    "sensors.low_pass=bessel",
+    "sensors.low_pass_order=5",
+    "sensors.ac_coupling_hz=1",
+)
 
 
 def exported(folder: Path, scene: Setup) -> Path:
@@ -29,11 +36,16 @@ class About(ctypes.Structure):
     """hertzloop_about."""
 
     _fields_ = (
-        ("scene", ctypes.c_char_p), ("processor", ctypes.c_char_p), ("quantity", ctypes.c_char_p),
-        ("step_s", ctypes.c_double), ("every_steps", ctypes.c_int64), ("steps", ctypes.c_int64),
-        ("drop_height_m", ctypes.c_double), ("seed", ctypes.c_int64),
+        ("scene", ctypes.c_char_p),
+        ("processor", ctypes.c_char_p),
+        ("quantity", ctypes.c_char_p),
+        ("step_s", ctypes.c_double),
+        ("every_steps", ctypes.c_int64),
+        ("steps", ctypes.c_int64),
+        ("drop_height_m", ctypes.c_double),
+        ("seed", ctypes.c_int64),
         ("state_bytes", ctypes.c_size_t),
-    )  # fmt: skip
+    )
 
 
 class InC:
@@ -41,8 +53,12 @@ class InC:
 
     def __init__(self, library: Path) -> None:
         self.c = ctypes.CDLL(str(library))
-        kinds = {"about": ctypes.POINTER(About), "new": ctypes.c_void_p, "said": ctypes.c_char_p,
-                 "refused": ctypes.c_char_p}  # fmt: skip
+        kinds = {
+            "about": ctypes.POINTER(About),
+            "new": ctypes.c_void_p,
+            "said": ctypes.c_char_p,
+            "refused": ctypes.c_char_p,
+        }
         for name, kind in kinds.items():
             getattr(self.c, f"hertzloop_plant_{name}").restype = kind
         self.about: About = self.c.hertzloop_plant_about().contents

@@ -55,8 +55,15 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(kind, tmp_path):
     driven = drive(build(exported(tmp_path, scene)), loop.forces)
     assert same_bytes(loop, driven)
     balance = loop.balance
-    for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",
-                 "modal_dissipated_j", "contact_dissipated_j"):  # fmt: skip
+    for what in (
+        "kinetic_j",
+        "gravity_j",
+        "modal_j",
+        "contact_j",
+        "injected_j",
+        "modal_dissipated_j",
+        "contact_dissipated_j",
+    ):
         assert driven.energies[what] == getattr(balance, what), what
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
 
@@ -133,13 +140,19 @@ def test_another_seed_is_that_of_another_run(noisy):
     ("call", "status", "sentence"),
     [
         (lambda p: p.step(math.nan), 1, "the command is nan; a force is a number"),
-        (lambda p: p.step(0.0, 2001), 2, "the exported run ends at 0.002 s; export a scene with a "
-         "longer run.duration_s"),
+        (
+            lambda p: p.step(0.0, 2001),
+            2,
+            "the exported run ends at 0.002 s; export a scene with a longer run.duration_s",
+        ),
         (lambda p: p.reset(0.0, 1), 1, "a drop height is 1e-7 to 100 m, not 0"),
-        (lambda p: p.set_state(bytes(p.about.state_bytes)), 1,
-         "the state is not one of this plant"),
+        (
+            lambda p: p.set_state(bytes(p.about.state_bytes)),
+            1,
+            "the state is not one of this plant",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence):
     plant.run(np.full(700, 2.0))
     kept = plant.state()

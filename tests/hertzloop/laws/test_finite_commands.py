@@ -105,16 +105,22 @@ def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name
     ("name", "every", "ahead"), [("oak-20mm", 1, 10_000), ("aluminium-3mm", 100, 3)]
 )
 def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(name, every, ahead):
-    scene = load(name, ["controller.law=predicted", f"sensors.every_steps={every}",
-                        "controller.window_samples=2"])  # fmt: skip
+    scene = load(
+        name,
+        ["controller.law=predicted", f"sensors.every_steps={every}", "controller.window_samples=2"],
+    )
     p = loaded_law(scene).constants(scene.scene.controller.keys, known(scene)[1])
     speed = -known(scene)[1].impact_speed_m_s
     xi = speed * -2e-6  # the contact begins 2 us later
     samples = np.array([xi - 0.5 * speed * p.sample_s, xi + 0.5 * speed * p.sample_s])
     solved = solve_ivp(
-        lambda t, y: [y[1], acceleration(p, y[0], y[1])], (0.0, (ahead + 0.5) * p.sample_s),
-        [xi, speed], method="LSODA", rtol=1e-9, atol=1e-16,
-    )  # fmt: skip
+        lambda t, y: [y[1], acceleration(p, y[0], y[1])],
+        (0.0, (ahead + 0.5) * p.sample_s),
+        [xi, speed],
+        method="LSODA",
+        rtol=1e-9,
+        atol=1e-16,
+    )
     found, slope, touches, _ = look_ahead(p, samples, 1, float(ahead))
     assert math.isclose(touches, 2e-6 / p.sample_s - 0.5, rel_tol=1e-6)
     deepest = -solved.y[0].min()
@@ -127,8 +133,11 @@ def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(name, every, a
 
 @pytest.mark.parametrize("law", shipped())
 def test_no_law_reads_a_sample_that_it_is_not_given(law):
-    own = {"constant": ["controller.duration_us=9"], "profile": ["controller.profile_n=[1.0]"],
-           "linear": ["controller.sections=[[1.0, 0.5, 0.2, 1.0, -0.5, 0.1]]"]}  # fmt: skip
+    own = {
+        "constant": ["controller.duration_us=9"],
+        "profile": ["controller.profile_n=[1.0]"],
+        "linear": ["controller.sections=[[1.0, 0.5, 0.2, 1.0, -0.5, 0.1]]"],
+    }
     scene = aluminium_3mm(*own.get(law, []), f"controller.law={law}", "controller.latency_us=10")
     bound = loaded_law(scene).bind(scene.scene.controller.keys, known(scene)[1])
     assert bound.reads_unknown(samples_of(scene, 1.0, 0.0, 0)[:300]) == ""

@@ -205,10 +205,14 @@ def test_what_would_be_misread_is_refused(unit, tmp_path, given, made, texts, se
 
 def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit, tmp_path):
     said = 'canHandleVariableCommunicationStepSize="true"'
-    fixed = changed(unit, tmp_path, **{
-        said: said.replace("true", "false"),
-        "<ModelVariables>": '<DefaultExperiment stepSize="5e-6"/><ModelVariables>',
-    })  # fmt: skip
+    fixed = changed(
+        unit,
+        tmp_path,
+        **{
+            said: said.replace("true", "false"),
+            "<ModelVariables>": '<DefaultExperiment stepSize="5e-6"/><ModelVariables>',
+        },
+    )
     with pytest.raises(SceneError, match="has a fixed step of 5 us, but the scene samples every 1"):
         bound_law(scene_of(fixed))
     assert bound_law(scene_of(fixed, "sensors.every_steps=5"))

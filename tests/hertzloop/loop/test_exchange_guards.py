@@ -149,8 +149,11 @@ def ends_early(envelope: Envelope) -> list[Envelope]:
     header = decoded(envelope).header
     if header.first_step:
         return [envelope]
-    counts = [StreamCount(stream="hello", messages=1, samples=1),
-              StreamCount(stream="daq"), StreamCount(stream="scene")]  # fmt: skip
+    counts = [
+        StreamCount(stream="hello", messages=1, samples=1),
+        StreamCount(stream="daq"),
+        StreamCount(stream="scene"),
+    ]
     end = RunEnd(run_id=header.run_id, role="plant", count=counts)
     return [Envelope("end/plant", end.SerializeToString(), 0), envelope]
 

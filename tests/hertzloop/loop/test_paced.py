@@ -243,8 +243,11 @@ def test_what_is_no_histogram(tmp_path):
     assert responses_of(recording) is not None
     header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
     wrong: list[tuple[str, Any]] = [
-        ("pace", float("nan")), ("pace", 0.0), ("classes_an_octave", 0), ("step_ns", 0),
-    ]  # fmt: skip
+        ("pace", float("nan")),
+        ("pace", 0.0),
+        ("classes_an_octave", 0),
+        ("step_ns", 0),
+    ]
     for field, value in wrong:
         spoiled = type(header)()
         spoiled.CopyFrom(header)
@@ -253,7 +256,12 @@ def test_what_is_no_histogram(tmp_path):
         found = pacing_of(recording)
         assert found is not None
         assert found.clock is None
-    for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
-                   np.ones(10**6)):  # fmt: skip
+    for values in (
+        np.empty(0),
+        np.zeros(9),
+        np.array([1.0, -1.0]),
+        np.array([np.inf]),
+        np.ones(10**6),
+    ):
         recording.pacing = DecodedBlock(header, {"answers": values})
         assert responses_of(recording) is None

@@ -18,12 +18,18 @@ from tests.hertzloop.lanes import Pair
 from tests.tiers import default
 
 CONVERTERS = [
-    "sensors.bits=10", "sensors.every_steps=3", "sensors.low_pass_hz=2e5",
-    "sensors.low_pass_order=6", "sensors.noise_rms=2e-8", "controller.latency_us=4",
+    "sensors.bits=10",
+    "sensors.every_steps=3",
+    "sensors.low_pass_hz=2e5",
+    "sensors.low_pass_order=6",
+    "sensors.noise_rms=2e-8",
+    "controller.latency_us=4",
     "controller.jitter_us=5",
-    "controller.drop_out_probability=0.1", "controller.bits=8", "controller.full_scale_n=60",
+    "controller.drop_out_probability=0.1",
+    "controller.bits=8",
+    "controller.full_scale_n=60",
     "controller.slew_n_s=2e7",
-]  # fmt: skip
+]
 VARIANTS: dict[str, tuple[str, list[str]]] = {
     "default": ("aluminium-3mm", ["run.duration_s=0.003"]),
     "several contacts": ("aluminium-20mm", ["run.duration_s=0.006", "controller.latency_us=20"]),
@@ -104,9 +110,14 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
 }  # fmt: skip
 # Of the two kinds of plant that most scenes have: every other kind is compiled for half a minute.
 QUICK = set(VARIANTS) - {
-    "two points", "published scheme", "pre-computed force", "force feedback", "actuator",
-    "preload", "yielding",
-}  # fmt: skip
+    "two points",
+    "published scheme",
+    "pre-computed force",
+    "force feedback",
+    "actuator",
+    "preload",
+    "yielding",
+}
 SOME = ["default", "converters", "two points", "actuator"]
 
 
@@ -169,8 +180,14 @@ def checked(recording: Recording, scene: Setup) -> Recording:
 
 
 # A way to run a scene, variants that it is tried with, and those of the default tier.
-IN_THREADS = {"default", "own clock", "converters", "velocity feedback", "predicted",
-              "a single step"}  # fmt: skip
+IN_THREADS = {
+    "default",
+    "own clock",
+    "converters",
+    "velocity feedback",
+    "predicted",
+    "a single step",
+}
 WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
     "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
     "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, SOME, set()),
@@ -180,8 +197,11 @@ WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str],
     "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),
     "threads": (in_threads, {}, sorted(IN_THREADS), IN_THREADS),
 }
-CASES = {(variant, way): variant in quick for way, (*_, tried, quick) in WAYS.items()
-         for variant in tried}  # fmt: skip
+CASES = {
+    (variant, way): variant in quick
+    for way, (*_, tried, quick) in WAYS.items()
+    for variant in tried
+}
 
 
 @pytest.mark.parametrize("case", default(CASES, [c for c in CASES if CASES[c]]), ids="-".join)

@@ -7,9 +7,16 @@ import pytest
 from tests.hertzloop.commands import HERTZLOOP
 
 # In a mount namespace of its own; nobody else's is touched.
-FULL = ["unshare", "--mount", "--map-root-user", "sh", "-c",
-        "mount -t tmpfs -o size=4k tmpfs /dev/shm && { head -c 8192 /dev/zero > /dev/shm/full; "
-        'exec "$@"; } 2>&1', "sh"]  # fmt: skip
+FULL = [
+    "unshare",
+    "--mount",
+    "--map-root-user",
+    "sh",
+    "-c",
+    "mount -t tmpfs -o size=4k tmpfs /dev/shm && { head -c 8192 /dev/zero > /dev/shm/full; "
+    'exec "$@"; } 2>&1',
+    "sh",
+]
 
 
 def in_full(*words: str) -> tuple[int, str]:

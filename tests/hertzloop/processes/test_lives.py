@@ -73,15 +73,23 @@ MISSED = "recorder (left the run|accepted no message for 20 s)"
     ("victim", "sent", "timeout_s", "said"),
     [
         # By itself, or told by the controller, which sends to the recorder, too.
-        ("recorder", signal.SIGSTOP, 5.0,
-         {"plant": (1, "recorder accepted no message for 5 s"), "controller": (1, "")}),
+        (
+            "recorder",
+            signal.SIGSTOP,
+            5.0,
+            {"plant": (1, "recorder accepted no message for 5 s"), "controller": (1, "")},
+        ),
         # Much was sent to it, and it has not closed its file. As a rule that is heard at once, at
         # the latest when the patience with a message to it is over: see bus/zenoh_config.py.
         ("recorder", signal.SIGKILL, 20.0, {"plant": (1, MISSED), "controller": (1, MISSED)}),
-        ("plant", signal.SIGINT, EVENTUALLY_S,
-         {"plant": (130, "interrupted"), "controller": (1, TOLD), "recorder": (1, "")}),
+        (
+            "plant",
+            signal.SIGINT,
+            EVENTUALLY_S,
+            {"plant": (130, "interrupted"), "controller": (1, TOLD), "recorder": (1, "")},
+        ),
     ],
-)  # fmt: skip
+)
 def test_all_are_told(recording, victim, sent, timeout_s, said):
     with terminals(recording, *LONG, timeout_s=timeout_s) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))

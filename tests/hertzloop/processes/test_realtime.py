@@ -67,12 +67,18 @@ print(taken)
     ("text", "words"),
     [
         (AUTO, ["OTHER 0\noff, because the loops would take all 2 cores"]),
-        (REFUSED, ["not granted: SCHED_FIFO (allow it with rtprio in", "CAP_SYS_NICE",
-                   "locked memory (allow it with memlock in"]),
+        (
+            REFUSED,
+            [
+                "not granted: SCHED_FIFO (allow it with rtprio in",
+                "CAP_SYS_NICE",
+                "locked memory (allow it with memlock in",
+            ],
+        ),
         (FOUR_CORES, ["[[0, 1], [0, 1], [2, 3]]"]),
     ],
     ids=["a core for others", "not permitted", "more cores than loops"],
-)  # fmt: skip
+)
 def test_what_is_set_and_said(text, words):
     said = child(text)
     assert all(word in said for word in words), said

@@ -103,8 +103,12 @@ def test_a_delay_of_zero_is_a_delay():
 def test_the_digest_tells_every_bit_apart():
     generator = np.random.default_rng(1)
     truth, codes = generator.random((10, 31)), generator.integers(-9, 9, 31)
-    others = [(truth, codes), (truth, codes + np.eye(31, dtype=int)[30]), (truth[:, :30], codes),
-              (truth[::-1].copy(), codes)]  # fmt: skip
+    others = [
+        (truth, codes),
+        (truth, codes + np.eye(31, dtype=int)[30]),
+        (truth[:, :30], codes),
+        (truth[::-1].copy(), codes),
+    ]
     for place in ((row, step) for row in range(10) for step in (0, 1, 29, 30)):
         other = truth.copy()
         other[place] = np.nextafter(other[place], 2.0)

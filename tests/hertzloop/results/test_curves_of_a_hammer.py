@@ -9,12 +9,19 @@ from hertzloop.scene.setup import load
 
 
 def test_a_hammer_that_was_withdrawn_keeps_its_energy():
-    setup = load("aluminium-3mm", [
-        "hammer.mass_kg=0.1", "hammer.speed_m_s=0.5", "hammer.tip_stiffness=1e7",
-        "hammer.tip_exponent=1", "controller.law=off", "run.duration_s=0.0025",
-        # A kind of plant that tests/plant/test_hammer.py compiles, too.
-        "plate.tail=spring",
-    ])  # fmt: skip
+    setup = load(
+        "aluminium-3mm",
+        [
+            "hammer.mass_kg=0.1",
+            "hammer.speed_m_s=0.5",
+            "hammer.tip_stiffness=1e7",
+            "hammer.tip_exponent=1",
+            "controller.law=off",
+            "run.duration_s=0.0025",
+            # A kind of plant that tests/plant/test_hammer.py compiles, too.
+            "plate.tail=spring",
+        ],
+    )
     rows = np.concatenate([block for _, block in free_series(setup)], axis=1)
     blocks = [(i, rows[:, i : i + 100]) for i in range(0, rows.shape[1], 100)]
     parts = [energies for _, _, energies in energy_histories(setup, blocks)]

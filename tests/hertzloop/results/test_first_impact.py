@@ -203,8 +203,12 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
     """Laws whose case ends when the sphere is on its way back, or long before; the report page."""
     ahead = tmp_path / "ahead.py"
     ahead.write_text(AHEAD, encoding="utf-8")
-    short = ["run.accuracy=0.05", "run.duration_s=0.06", "run.plate_model=modal",
-             "sphere.drop_height_m=0.005"]  # fmt: skip
+    short = [
+        "run.accuracy=0.05",
+        "run.duration_s=0.06",
+        "run.plate_model=modal",
+        "sphere.drop_height_m=0.005",
+    ]
     for law in (["force_feedback", "controller.kappa=0.4"], [ahead]):
         it = reports(tmp_path, aluminium_3mm(*short, f"controller.law={law[0]}", *law[1:]))
         assert it.run["whole_run"]["contacts"] > 1

@@ -14,11 +14,17 @@ from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
 NEAR = [
-    "sphere.radius_m=0.01118", "sphere.drop_height_m=0.06053", "plate.size_m=[0.2332, 0.2846]",
-    "plate.thickness_m=0.001976", "plate.contact_point_m=[0.1741, 0.1999]",
-    "contact.plasticity=thornton", "contact.limiting_pressure_pa=1.035e9",
-    "controller.kappa=0.626", "run.duration_s=0.0015", "run.lead_in_s=1e-5",
-]  # fmt: skip
+    "sphere.radius_m=0.01118",
+    "sphere.drop_height_m=0.06053",
+    "plate.size_m=[0.2332, 0.2846]",
+    "plate.thickness_m=0.001976",
+    "plate.contact_point_m=[0.1741, 0.1999]",
+    "contact.plasticity=thornton",
+    "contact.limiting_pressure_pa=1.035e9",
+    "controller.kappa=0.626",
+    "run.duration_s=0.0015",
+    "run.lead_in_s=1e-5",
+]
 
 
 @pytest.mark.full

@@ -12,8 +12,12 @@ from hertzloop.scene.setup import load
 from tests.commands import refused, succeed
 from tests.hertzloop.scenes import aluminium_3mm, json_in
 
-SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
-         "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
+SHORT = [
+    "run.duration_s=0.004",
+    "run.accuracy=0.05",
+    "plate.size_m=[0.2, 0.16]",
+    "plate.contact_point_m=[0.09, 0.07]",
+]
 
 
 def samples_of(path: str) -> tuple[int, np.ndarray]:

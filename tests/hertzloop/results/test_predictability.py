@@ -87,11 +87,17 @@ def test_the_error_of_the_second_impact_is_what_more_modes_change():
     ("value", "error", "shown"),
     [
         (-1e-9, 0.0, "0.0000"),
-        (0.69876, 3e-4, "0.699"), (0.69876, 0.7, "unknown"), (0.69876, np.inf, "unknown"),
-        (248.79, 30.0, "about 200"), (0.69876, np.nan, "unknown"), (248.79, 3.0, "about 250"),
-        (248.79, 0.3, "249"), (-32.9, 3.0, "about -30"), (2.5e9, 3e8, "about 2e+09"),
+        (0.69876, 3e-4, "0.699"),
+        (0.69876, 0.7, "unknown"),
+        (0.69876, np.inf, "unknown"),
+        (248.79, 30.0, "about 200"),
+        (0.69876, np.nan, "unknown"),
+        (248.79, 3.0, "about 250"),
+        (248.79, 0.3, "249"),
+        (-32.9, 3.0, "about -30"),
+        (2.5e9, 3e8, "about 2e+09"),
     ],
-)  # fmt: skip
+)
 def test_digits(value, error, shown):
     assert known_digits(value, ".4f", error) == shown
 

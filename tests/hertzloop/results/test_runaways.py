@@ -55,8 +55,12 @@ def test_events_that_are_too_many_are_counted(tmp_path, monkeypatch):
 @pytest.mark.parametrize("force_n", [-50.0, 50.0])
 def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n):
     """Its metrics stand however much energy it puts in; it has no kappa to change."""
-    keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
-            "controller.duration_us=2500"]  # fmt: skip
+    keys = [
+        *RUN,
+        "controller.law=constant",
+        f"controller.force_n={force_n}",
+        "controller.duration_us=2500",
+    ]
     found = metrics_of_case(aluminium_3mm(*keys), "run")
     assert found.plate_energy_db > 10.0
     assert not found.pumps

@@ -15,8 +15,13 @@ from tests.hertzloop.results.test_impact_windows import in_blocks
 from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = "run.duration_s=0.0015"
-EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
-            "--set", "controller.kappa=0.4"]  # fmt: skip
+EXPLODES = [
+    "aluminium-20mm",
+    "--set",
+    "controller.law=velocity_feedback",
+    "--set",
+    "controller.kappa=0.4",
+]
 
 
 def stability_of(scene: Setup, rows: np.ndarray, size: int = 1 << 30) -> Stability:

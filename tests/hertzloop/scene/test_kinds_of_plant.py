@@ -17,13 +17,16 @@ KINDS = {
     "damped": (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
     "solid": (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost", "theory"),
     "actuator": (
-        ["actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"], "its bandwidth adds 2.23", "demand",
+        ["actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"],
+        "its bandwidth adds 2.23",
+        "demand",
     ),
     "yields": (
         ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"],
-        "a dent of", "yield",
+        "a dent of",
+        "yield",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", default(KINDS, ["damped", "solid"]))

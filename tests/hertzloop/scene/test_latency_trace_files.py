@@ -31,11 +31,17 @@ def latencies(folder: Path, content: str, use: str | None = None, **table: Any) 
         (TWO_THREADS, {"thread": 0}, [3.0, 4.0]),
         (" 0: 0: 82469\n 0: 1: 76145\n", {"unit": "ns"}, [82.469, 76.145]),
         (STAMPS, {}, [0.5]),
-        ("callback_start;callback_end\n5000;7500\n",
-         {"sample": "callback_start", "command": "callback_end", "unit": "ns"}, [2.5]),
+        (
+            "callback_start;callback_end\n5000;7500\n",
+            {"sample": "callback_start", "command": "callback_end", "unit": "ns"},
+            [2.5],
+        ),
         ("sample_us,command_us\n10,8\n20,19\n", {"offset_us": 4.0}, [2.0, 3.0]),
-        ("t,/arm.stats/execution_time/current_value\n0,12\n1,14\n",
-         {"column": "/arm.stats/execution_time/current_value", "unit": "us"}, [12.0, 14.0]),
+        (
+            "t,/arm.stats/execution_time/current_value\n0,12\n1,14\n",
+            {"column": "/arm.stats/execution_time/current_value", "unit": "us"},
+            [12.0, 14.0],
+        ),
         ("callback_start_timestamp [ns],latency [ms]\n7,0.25\n", {}, [250.0]),
         ("latency_us\n4\n5,8\n2,6\n", {}, [4.0, 5.8, 2.6]),
         ("n;latency (ns)\n1;4000\n2;5800\n3;2600\n", {}, [4.0, 5.8, 2.6]),
@@ -43,7 +49,7 @@ def latencies(folder: Path, content: str, use: str | None = None, **table: Any) 
         ("4\n5.8\n2.6\n", {}, [4.0, 5.8, 2.6]),
         ("force [N],latency\n9.1,4\n9.2,5.8\n9.3,2.6\n", {}, [4.0, 5.8, 2.6]),
     ],
-)  # fmt: skip
+)
 def test_formats(tmp_path, content, table, expected):
     assert latencies(tmp_path, content, **table) == pytest.approx(expected, abs=1e-9)
 

@@ -38,9 +38,13 @@ def test_the_scenes_that_come_with_it():
 @pytest.mark.parametrize("name", shipped())
 def test_what_is_recorded_is_the_same_scene(name):
     settings = [
-        "sensors.noise_rms=1.25e-7", "controller.bits=12", "run.seed=77",
-        "controller.full_scale_n=100", "controller.law=profile", "controller.profile_n=[1.5, -2.0]",
-    ]  # fmt: skip
+        "sensors.noise_rms=1.25e-7",
+        "controller.bits=12",
+        "run.seed=77",
+        "controller.full_scale_n=100",
+        "controller.law=profile",
+        "controller.profile_n=[1.5, -2.0]",
+    ]
     scene = load(name, settings)
     assert scene.controller.profile_n == (1.5, -2.0)
     assert parse(to_toml(scene)) == scene
@@ -122,11 +126,16 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter():
     assert model_error.expected_error(setup) <= setup.accuracy
     assert setup.step_s < setup.infinite_plate.lasts_s() - 140e-6 < 100e-6
     for changed in (
-        "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
-        "run.accuracy=1e-5", "run.plate_model=modal",
-        "plate.contact_point_m=[0.1, 0.25]", "plate.actuator_point_m=[0.2, 0.25]",
-        "controller.kappa=1.5", "controller.drop_out_probability=0.1",
-    ):  # fmt: skip
+        "run.duration_s=0.0012",
+        "run.duration_s=0.00101",
+        "run.duration_s=0.0009",
+        "run.accuracy=1e-5",
+        "run.plate_model=modal",
+        "plate.contact_point_m=[0.1, 0.25]",
+        "plate.actuator_point_m=[0.2, 0.25]",
+        "controller.kappa=1.5",
+        "controller.drop_out_probability=0.1",
+    ):
         assert aluminium_3mm(until, changed).plate_model == "modal", changed
     asked = aluminium_3mm("run.duration_s=0.0012", "run.plate_model=infinite")
     assert asked.plate_model == "infinite"

@@ -76,8 +76,12 @@ def test_any_text_makes_a_scene_or_a_sentence(text, setting):
 def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
     """The bounds of a key, and what lies between; or its words."""
     field = TABLES[table].model_fields[key]
-    words = [word for kind in (field.annotation, *get_args(field.annotation))
-             for word in get_args(kind) if isinstance(word, str)]  # fmt: skip
+    words = [
+        word
+        for kind in (field.annotation, *get_args(field.annotation))
+        for word in get_args(kind)
+        if isinstance(word, str)
+    ]
     limits = dict(_limits(field))
     numbers = []
     if limits:

@@ -87,9 +87,13 @@ WITH: dict[str, dict[str, Any]] = {
     "hammer.tip_exponent": {**_HAMMER, "hammer.tip_stiffness": 2e6},
 }
 NOT_TRIED = {
-    "name", "shows", "materials", "controller.law_digest", "plate.residual_flexibility_m_n",
+    "name",
+    "shows",
+    "materials",
+    "controller.law_digest",
+    "plate.residual_flexibility_m_n",
     "plate.modes",
-}  # fmt: skip
+}
 
 
 def values_of(key: keys.Key, now: Any) -> list[Any]:

@@ -41,10 +41,14 @@ NOISE = {
     "radiated to 20 kHz, eq. 3.13": "sound_maidanik_j",
 }
 IMPACT = {
-    "start": "start_s", "duration": "duration_s", "impact": "impact_speed_m_s",
-    "rebound": "rebound_speed_m_s", "peak force": "peak_force_n",
-    "plate energy": "plate_energy_j", "plate speed": "plate_speed_max_m_s",
-}  # fmt: skip
+    "start": "start_s",
+    "duration": "duration_s",
+    "impact": "impact_speed_m_s",
+    "rebound": "rebound_speed_m_s",
+    "peak force": "peak_force_n",
+    "plate energy": "plate_energy_j",
+    "plate speed": "plate_speed_max_m_s",
+}
 
 
 @pytest.fixture(scope="module")
@@ -153,13 +157,17 @@ def test_the_run(ran, report):
     demand, limit = report["demand"], report["limiting_pressure"]
     expected = {
         "wall time": [report["wall_s"], report["steps"] / report["wall_s"]],
-        "actuator demand": [demand["force_n"], demand["slew_n_s"], demand["power_w"],
-                                   demand["delay_s"]],
+        "actuator demand": [
+            demand["force_n"],
+            demand["slew_n_s"],
+            demand["power_w"],
+            demand["delay_s"],
+        ],
         "yield": [report["yield"]["dent_m"], report["yield"]["dissipated_j"]],
         "radiation": [report["radiation"]["dissipated_j"]],
         "limiting pressure": [limit["pressure_pa"], limit["by"]["value_pa"]],
         "truncated modes": [report["truncated_modes"]["lost_j"]],
-    }  # fmt: skip
+    }
     assert demand["delay_s"] > 0.0
     for label, values in expected.items():
         assert printed[label] == pytest.approx(values, rel=6e-3), label

@@ -7,8 +7,12 @@ from hertzloop.bus.messages_pb2 import EventKind as Kind
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 
 LATE = {
-    "from_step": 5, "to_step": 5, "late_sequences": 1, "longest_sequence": 1, "oldest_steps": 3,
-}  # fmt: skip
+    "from_step": 5,
+    "to_step": 5,
+    "late_sequences": 1,
+    "longest_sequence": 1,
+    "oldest_steps": 3,
+}
 EVENTS: list[tuple[dict[str, Any], str]] = [
     ({"kind": Kind.TEXT, "message": "of another controller"}, "of another controller"),
     ({"kind": Kind.CONTACT_BEGAN, "number": 7}, "contact 7 began"),

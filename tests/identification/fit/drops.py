@@ -128,18 +128,25 @@ def scene_of(drop: Drop) -> Setup:
     bodies = ("sphere", drop.of_ball), ("plate", drop.of_plate)
     middle = f"[{drop.size / 2},{drop.size / 2}]"
     settings = [
-        "controller.law=off", "plate.theory=kirchhoff", f"plate.thickness_m={drop.thickness}",
-        f"plate.size_m=[{drop.size},{drop.size}]", f"plate.contact_point_m={middle}",
-        f"plate.actuator_point_m={middle}", f"plate.loss_factor={drop.loss_factor}",
-        f"sphere.radius_m={drop.radius}", f"sphere.drop_height_m={drop.height}",
-    ]  # fmt: skip
+        "controller.law=off",
+        "plate.theory=kirchhoff",
+        f"plate.thickness_m={drop.thickness}",
+        f"plate.size_m=[{drop.size},{drop.size}]",
+        f"plate.contact_point_m={middle}",
+        f"plate.actuator_point_m={middle}",
+        f"plate.loss_factor={drop.loss_factor}",
+        f"sphere.radius_m={drop.radius}",
+        f"sphere.drop_height_m={drop.height}",
+    ]
     for body, (young_pa, density_kg_m3, poisson) in bodies:
         settings += [
-            f"{body}.material.young_pa={young_pa}", f"{body}.material.poisson={poisson}",
+            f"{body}.material.young_pa={young_pa}",
+            f"{body}.material.poisson={poisson}",
             f"{body}.material.density_kg_m3={density_kg_m3}",
-        ]  # fmt: skip
+        ]
     if drop.pressure:
         settings += [
-            "contact.plasticity=thornton", f"contact.limiting_pressure_pa={drop.pressure}",
-        ]  # fmt: skip
+            "contact.plasticity=thornton",
+            f"contact.limiting_pressure_pa={drop.pressure}",
+        ]
     return load("aluminium-3mm", settings)

@@ -27,16 +27,21 @@ from tests.identification.fit.drops import BALLS, GRAVITY, PLATES, Drop, scene_o
 from tests.identification.fitting import HEIGHT, PRESSURE, RADIUS, THICKNESS
 
 COLUMNS = {
-    "contact_force": "contact_force_n", "v_p": "v_p_m_s", "acceleration": "acceleration_m_s2",
-    "xi_p": "xi_p_m", "xi": "xi_m", "xi_s": "xi_s_m",
-}  # fmt: skip
+    "contact_force": "contact_force_n",
+    "v_p": "v_p_m_s",
+    "acceleration": "acceleration_m_s2",
+    "xi_p": "xi_p_m",
+    "xi": "xi_m",
+    "xi_s": "xi_s_m",
+}
 KEYS = {
     "contact_force": [(RADIUS, HEIGHT), (PRESSURE, HEIGHT), (PRESSURE, RADIUS)],
     "v_p": [(THICKNESS, RADIUS), (THICKNESS,), (THICKNESS, PRESSURE), (RADIUS, HEIGHT)],
     "acceleration": [(THICKNESS, RADIUS), (THICKNESS,)],
-    "xi_p": [(THICKNESS, RADIUS), (THICKNESS,)], "xi": [(THICKNESS,), (RADIUS,)],
+    "xi_p": [(THICKNESS, RADIUS), (THICKNESS,)],
+    "xi": [(THICKNESS,), (RADIUS,)],
     "xi_s": [(THICKNESS,), (RADIUS,)],
-}  # fmt: skip
+}
 LEAD_S = 5e-6
 
 
@@ -55,8 +60,12 @@ def _signals(drop: Drop, duration_s: float, mass_kg: float) -> tuple[np.ndarray,
     fall -= math.sqrt(2 * GRAVITY * drop.height)
     ball = scipy.integrate.cumulative_simpson(fall, dx=step_s, initial=0.0)
     return time_s, {
-        "contact_force": force, "v_p": speed, "xi_p": plate, "xi_s": ball, "xi": ball - plate
-    }  # fmt: skip
+        "contact_force": force,
+        "v_p": speed,
+        "xi_p": plate,
+        "xi_s": ball,
+        "xi": ball - plate,
+    }
 
 
 def written(number: int, folder: Path) -> tuple[str, Path, Setup, dict[str, float]]:
@@ -74,8 +83,16 @@ def written(number: int, folder: Path) -> tuple[str, Path, Setup, dict[str, floa
     choices = KEYS[quantity]
     keys = choices[g.integers(len(choices))]
     pressure = float(g.uniform(5e8, 2e9)) if PRESSURE in keys else None
-    drop = Drop(radius, height, thickness, loss_factor, pressure, size,
-                of_ball=BALLS[ball], of_plate=PLATES[plate])  # fmt: skip
+    drop = Drop(
+        radius,
+        height,
+        thickness,
+        loss_factor,
+        pressure,
+        size,
+        of_ball=BALLS[ball],
+        of_plate=PLATES[plate],
+    )
     setup = scene_of(drop)
     contact_s = rigid_contact_time_s(
         setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
@@ -108,8 +125,11 @@ def written(number: int, folder: Path) -> tuple[str, Path, Setup, dict[str, floa
         clean = np.where(tau < 0.0, -tau * speed - 0.5 * GRAVITY * tau**2, clean)
     elif quantity == "contact_force" and not table:
         clean = np.maximum(clean, 0.0)
-    peak = float(np.max(np.abs(clean[tau > 0.0]))) if quantity in ("xi", "xi_s") else float(
-        np.max(np.abs(clean)))  # fmt: skip
+    peak = (
+        float(np.max(np.abs(clean[tau > 0.0])))
+        if quantity in ("xi", "xi_s")
+        else float(np.max(np.abs(clean)))
+    )
     gain = 1.0 + 0.01 * float(g.standard_normal())
     ppm, zero_s = 30.0 * float(g.standard_normal()), float(g.uniform(-0.02, 0.1))
     offset = 0.0 if quantity in ("xi", "xi_s") else 0.02 * peak * float(g.standard_normal())
@@ -124,8 +144,9 @@ def written(number: int, folder: Path) -> tuple[str, Path, Setup, dict[str, floa
     rows = zip(zero_s + tau * (1.0 + 1e-6 * ppm), value, strict=True)
     path.write_text("\n".join([*lines, *(f"{t:.11g},{v:.9g}" for t, v in rows)]) + "\n")
     true = {RADIUS: radius, HEIGHT: height, PRESSURE: pressure or 0.0, THICKNESS: thickness}
-    start = setup.vary({key: true[key] * float(g.uniform(1.0, 1.2)) ** float(g.choice([-1, 1]))
-                        for key in keys})  # fmt: skip
+    start = setup.vary(
+        {key: true[key] * float(g.uniform(1.0, 1.2)) ** float(g.choice([-1, 1])) for key in keys}
+    )
     said = f"{number}: {ball} on {plate}, {quantity}, {', '.join(table) or 'no filter'}"
     return said, path, start, {key: true[key] for key in keys}
 

@@ -17,16 +17,22 @@ def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) ->
     return replace(one, value=value, time_s=one.time_s if time_s is None else time_s)
 
 
-@pytest.mark.parametrize(("value", "scale_s", "words"), [
-    (lambda v: v, 1e6, "that time_s is in seconds"),
-    (lambda v: v, 1e-3, "that time_s is in seconds"),
-    (lambda v: 1000.0 * v, 1.0, "times the simulation"),
-    (lambda v: -v, 1.0, "opposite sign"),
-    (lambda v: 0.2 * np.random.default_rng(1).standard_normal(len(v)), 1.0, "no impact"),
-    (lambda v: np.zeros(len(v)), 1.0, "with an impact"),
-    (lambda v: np.where(v == v.max(), v, np.sin(np.arange(len(v)) ** 2)), 1.0,
-     "impact is shorter"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "scale_s", "words"),
+    [
+        (lambda v: v, 1e6, "that time_s is in seconds"),
+        (lambda v: v, 1e-3, "that time_s is in seconds"),
+        (lambda v: 1000.0 * v, 1.0, "times the simulation"),
+        (lambda v: -v, 1.0, "opposite sign"),
+        (lambda v: 0.2 * np.random.default_rng(1).standard_normal(len(v)), 1.0, "no impact"),
+        (lambda v: np.zeros(len(v)), 1.0, "with an impact"),
+        (
+            lambda v: np.where(v == v.max(), v, np.sin(np.arange(len(v)) ** 2)),
+            1.0,
+            "impact is shorter",
+        ),
+    ],
+)
 def test_a_record_that_cannot_be_right_is_refused(value, scale_s, words):
     one = record(scene())
     with pytest.raises(RecordError, match=words):
@@ -59,10 +65,13 @@ def spoilt(kind: str) -> Record:
     return changed(one, value, np.append(one.time_s, late_s))
 
 
-@pytest.mark.parametrize("kind", default(
-    ["clipped", "not numbers", "a sparse start", "no start", "coarse", "ten million samples"],
-    ["clipped", "not numbers", "a sparse start", "no start", "coarse"],
-))  # fmt: skip
+@pytest.mark.parametrize(
+    "kind",
+    default(
+        ["clipped", "not numbers", "a sparse start", "no start", "coarse", "ten million samples"],
+        ["clipped", "not numbers", "a sparse start", "no start", "coarse"],
+    ),
+)
 def test_a_spoilt_record_gives_the_right_answer(kind):
     found = fitted(scene(), spoilt(kind), RADIUS)
     off = 1e-2 if kind == "no start" else 5e-3

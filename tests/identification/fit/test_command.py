@@ -30,9 +30,13 @@ from tests.identification.fitting import (
 )
 
 
-@pytest.mark.parametrize(("bounds", "end", "value"), [
-    ("0.002:0.0029", "high", 0.0029), ("0.0032:0.005±50%", "low", 0.0032),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("bounds", "end", "value"),
+    [
+        ("0.002:0.0029", "high", 0.0029),
+        ("0.0032:0.005±50%", "low", 0.0032),
+    ],
+)
 def test_a_key_at_its_bound_is_not_identified(tmp_path, bounds, end, value):
     drop, data, page = (tmp_path / name for name in ("drop.csv", "f.json", "f.html"))
     ended = invoke([
@@ -127,8 +131,10 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path):
     one = write_csv(tmp_path / "a" / "drop.csv", elastic)
     same_name = write_csv(tmp_path / "b" / "drop.csv", record(scene(), seed=8))
     bad = write_csv(tmp_path / "yields.csv", yields)
-    late = write_csv(tmp_path / "late.csv", replace(
-        elastic, time_s=elastic.time_s[450:], value=elastic.value[450:]))  # fmt: skip
+    late = write_csv(
+        tmp_path / "late.csv",
+        replace(elastic, time_s=elastic.time_s[450:], value=elastic.value[450:]),
+    )
     free = ["--free", RADIUS]
     for words, code, model in (
         ([one, *free], 0, "fits"),
@@ -164,10 +170,11 @@ def test_exit_codes_of_the_command(tmp_path):
     path = write_csv(tmp_path / "drop.csv", record(scene(*YIELDS)))
     out = ["--out", str(tmp_path / "o.toml"), "--overwrite"]
     for words, code in (
-        ([path, *out, "--free", HEIGHT, "--exact"], 1), ([path, *out], 2),
+        ([path, *out, "--free", HEIGHT, "--exact"], 1),
+        ([path, *out], 2),
         ([path, *out, "--free", "plate.loss_factor"], 2),
         ([str(tmp_path / "no.csv"), "--free", RADIUS], 2),
-    ):  # fmt: skip
+    ):
         assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
 
 
@@ -208,10 +215,15 @@ def test_inputs_of_a_fit_are_not_replaced(tmp_path):
             refused(f"{option} = {file}: is an input", *words, option, file)
 
 
-@pytest.mark.parametrize("text", [
-    "contact_force:80us:0.3%:0MHz", "contact_force:1e12us:0.3%", "contact_force:80us:0.3%:1e9MHz",
-    "contact_force:1e1e1us:0.3%",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "contact_force:80us:0.3%:0MHz",
+        "contact_force:1e12us:0.3%",
+        "contact_force:80us:0.3%:1e9MHz",
+        "contact_force:1e1e1us:0.3%",
+    ],
+)
 def test_an_expected_record_that_no_instrument_makes_is_refused(text):
     with pytest.raises((FitError, RecordError), match=f"--expect {text}:"):
         expected_record(scene(), text)

@@ -30,8 +30,14 @@ def scene(*changes: str, law: str = "slope_threshold") -> Setup:
     return load("aluminium-3mm", [f"controller.law={law}", *changes])
 
 
-def record(setup: Setup, quantity: str = FORCE, duration_s: float = 90e-6, seed: int = 3,
-           phase: float = 0.3, **table: object) -> Record:  # fmt: skip
+def record(
+    setup: Setup,
+    quantity: str = FORCE,
+    duration_s: float = 90e-6,
+    seed: int = 3,
+    phase: float = 0.3,
+    **table: object,
+) -> Record:
     seen = truth(setup, quantity, duration_s, accuracy=1e-4, phase=phase)
     said = Measurement(quantity=quantity, **table)
     return measured(seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002)
@@ -40,14 +46,19 @@ def record(setup: Setup, quantity: str = FORCE, duration_s: float = 90e-6, seed:
 def holds(found: FitResult, **true: float) -> bool:
     return all(
         (e.low or 0.0) <= true[name] <= (e.high or np.inf)
-        for e in found.estimates if (name := e.key.partition(".")[2]) in true
-    )  # fmt: skip
+        for e in found.estimates
+        if (name := e.key.partition(".")[2]) in true
+    )
 
 
-@pytest.mark.parametrize("changes", [
-    (), pytest.param(("actuator.bandwidth_hz=5e4",), marks=pytest.mark.full),
-    ("sensors.every_steps=3", "controller.latency_us=6"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        pytest.param(("actuator.bandwidth_hz=5e4",), marks=pytest.mark.full),
+        ("sensors.every_steps=3", "controller.latency_us=6"),
+    ],
+)
 def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes):
     setup = scene(*changes)
     coarse, fine = LoopSimulator(setup, 90e-6, 1e-4), LoopSimulator(setup, 90e-6, 1e-4, 50)
@@ -67,8 +78,14 @@ def test_the_loop_of_a_fit_has_the_force_of_a_run():
     """With one step of the plant in each of the scene, it is the loop of a run."""
     from hertzloop.loop.simulate import simulate
 
-    setup = scene("controller.latency_us=4", "run.plate_model=modal", "run.accuracy=1e-4",
-                  "run.duration_s=2e-4", "run.lead_in_s=1e-4", "run.touch_phase=0.3")  # fmt: skip
+    setup = scene(
+        "controller.latency_us=4",
+        "run.plate_model=modal",
+        "run.accuracy=1e-4",
+        "run.duration_s=2e-4",
+        "run.lead_in_s=1e-4",
+        "run.touch_phase=0.3",
+    )
     run = simulate(setup).truth
     ours = LoopSimulator(setup, 90e-6, 1e-4, 1000).run({}, 90e-6, 0.3).truth
     first, other = (int(np.flatnonzero(rows[0] <= 0.0)[0]) for rows in (run, ours))
@@ -181,7 +198,7 @@ def test_a_force_that_jumps_needs_a_bandwidth():
         (setup, record(behind, "v_p"), KAPPA, "v_p that is recorded jumps"),
         (setup.without_control(), push, RADIUS, "law = off: a record is under control"),
         (behind, record(behind, PUSH, control=False), KAPPA, "holds the force of the actuator"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(RecordError, match=words):
             fitted(start, [one], key)
 

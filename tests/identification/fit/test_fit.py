@@ -85,11 +85,14 @@ def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class():
     assert sum(one.model is ModelVerdict.FITS for one in found) >= 18
 
 
-@pytest.mark.parametrize("keys", [
-    ("sphere.material.young_pa", "contact.stiffness_factor"),
-    ("plate.material.density_kg_m3", "plate.thickness_m"),
-    ("plate.loss_factor",),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ("sphere.material.young_pa", "contact.stiffness_factor"),
+        ("plate.material.density_kg_m3", "plate.thickness_m"),
+        ("plate.loss_factor",),
+    ],
+)
 def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys):
     found = fitted(scene(*YIELDS), record(scene(*YIELDS)), *keys)
     assert not found.identifiable
@@ -117,8 +120,10 @@ def test_every_key_that_a_record_cannot_tell_is_named():
     keys = (PRESSURE, THICKNESS, "plate.loss_factor")
     found = check(setup, [supposed], [parse_free_key(setup, key) for key in keys])
     assert [e.verdict for e in found.estimates] == [
-        KeyVerdict.IDENTIFIED, KeyVerdict.NOT_IDENTIFIABLE, KeyVerdict.NOT_IDENTIFIABLE,
-    ]  # fmt: skip
+        KeyVerdict.IDENTIFIED,
+        KeyVerdict.NOT_IDENTIFIABLE,
+        KeyVerdict.NOT_IDENTIFIABLE,
+    ]
     said = sentences(found)
     assert "Not identifiable from these records: plate.loss_factor; plate.thickness_m." in said
     assert any(s.startswith(f"{THICKNESS}: ") and "other keys are known" in s for s in said)
@@ -212,11 +217,14 @@ def test_a_hold_out_at_another_height_finds_the_wrong_class():
     """A stiffness can stand in for yielding at one height, not at two."""
     one = record(scene(*YIELDS), noise=0.05)
     other = replace(
-        record(scene(*YIELDS, f"{HEIGHT}=0.2"), noise=0.005), name="higher",
+        record(scene(*YIELDS, f"{HEIGHT}=0.2"), noise=0.005),
+        name="higher",
         measurement=Measurement(quantity="contact_force", set={HEIGHT: 0.2}),
-    )  # fmt: skip
-    for fits, setup, key in ((True, scene(*YIELDS), PRESSURE),
-                             (False, scene(), "contact.stiffness_factor")):  # fmt: skip
+    )
+    for fits, setup, key in (
+        (True, scene(*YIELDS), PRESSURE),
+        (False, scene(), "contact.stiffness_factor"),
+    ):
         found = fit(setup, [one], [parse_free_key(setup, key)], [other])
         assert (found.hold_out["residual_over_noise"] < 1.5) == fits
 
@@ -280,9 +288,11 @@ def test_a_fit_says_how_far_it_is():
     one, told = record(scene(*YIELDS)), []
     start = scene(YIELDS[0], "contact.limiting_pressure_pa=1.1e9")
     found = fit(
-        start, [one], [parse_free_key(start, PRESSURE)],
+        start,
+        [one],
+        [parse_free_key(start, PRESSURE)],
         on_progress=lambda done, expected: told.append((done, expected)),
-    )  # fmt: skip
+    )
     done = [d for d, _ in told]
     assert done == sorted(done)
     assert all(d < expected < 20 * found.evaluations for d, expected in told)

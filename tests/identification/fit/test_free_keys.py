@@ -27,20 +27,26 @@ def test_free_keys_are_read_from_their_text():
     one = parse_free_key(setup, "sphere.drop_height_m=0.04:0.06±2%")
     assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
     assert parse_free_key(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
-    refused(setup, (
-        ("plate.size_m", "one positive number"),
-        ("plate.thicknes_m", "Did you mean plate.thickness_m"),
-        (PRESSURE, "does not yield"),
-        ("contact.restitution", "no effect with contact.damping = 'none'.*'hunt_crossley'"),
-        ("controller.latency_us", "law is off.*without control.*--set controller.law"),
-        ("actuator.bandwidth_hz", "law is off.*without control"),
-        ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
-        ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
-        ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
-        ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-05"),
-        ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
-        ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
-    ))  # fmt: skip
+    refused(
+        setup,
+        (
+            ("plate.size_m", "one positive number"),
+            ("plate.thicknes_m", "Did you mean plate.thickness_m"),
+            (PRESSURE, "does not yield"),
+            ("contact.restitution", "no effect with contact.damping = 'none'.*'hunt_crossley'"),
+            ("controller.latency_us", "law is off.*without control.*--set controller.law"),
+            ("actuator.bandwidth_hz", "law is off.*without control"),
+            ("run.duration_s", "choice of the simulation"),
+            ("sensors.noise_rms", "low_pass_hz"),
+            ("sphere.radius_m=2:1", "rise"),
+            ("sphere.radius_m=a:b", "not a range"),
+            ("sphere.radius_m±x", "not a prior"),
+            ("=1:2", "names no key"),
+            ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-05"),
+            ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
+            ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
+        ),
+    )
 
 
 def test_free_keys_of_a_law_are_read_from_their_text():
@@ -50,13 +56,18 @@ def test_free_keys_of_a_law_are_read_from_their_text():
     assert parse_free_key(setup, f"{LATENCY}=0:40").start == 2.0
     assert parse_free_key(setup, "actuator.dead_time_us").start == 0.0
     assert parse_free_key(setup, "controller.kappa±5%").prior == pytest.approx(0.05)
-    refused(setup, (
-        (f"{LATENCY}±1", "has no prior"), ("controller.jitter_us", "one run cannot tell"),
-        ("controller.clock_phase", "one run cannot tell"),
-        ("controller.v_thr_m_s", "one positive number"), ("controller.law", "one positive"),
-        ("controller.kapa", "Did you mean controller.kappa"),
-        ("actuator.stuck_from_s", "of the actuator only"),
-    ))  # fmt: skip
+    refused(
+        setup,
+        (
+            (f"{LATENCY}±1", "has no prior"),
+            ("controller.jitter_us", "one run cannot tell"),
+            ("controller.clock_phase", "one run cannot tell"),
+            ("controller.v_thr_m_s", "one positive number"),
+            ("controller.law", "one positive"),
+            ("controller.kapa", "Did you mean controller.kappa"),
+            ("actuator.stuck_from_s", "of the actuator only"),
+        ),
+    )
 
 
 def test_a_default_range_ends_where_the_scene_does():

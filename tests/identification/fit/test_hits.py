@@ -27,10 +27,17 @@ STIFFNESS, SPEED = "hammer.tip_stiffness", "hammer.speed_m_s"
 
 
 def rig(*changes: str) -> Setup:
-    return load("aluminium-20mm", [
-        "controller.law=off", "hammer.mass_kg=0.1", "hammer.speed_m_s=0.5",
-        "hammer.tip_stiffness=2e6", "hammer.tip_exponent=1", *changes,
-    ])  # fmt: skip
+    return load(
+        "aluminium-20mm",
+        [
+            "controller.law=off",
+            "hammer.mass_kg=0.1",
+            "hammer.speed_m_s=0.5",
+            "hammer.tip_stiffness=2e6",
+            "hammer.tip_exponent=1",
+            *changes,
+        ],
+    )
 
 
 def of_speeds(*speeds_m_s: float) -> Record:

@@ -35,9 +35,13 @@ def test_stiffness_factor_is_a_factor_on_the_contact():
     assert twice.contact.stiffness == 2.0 * plain.contact.stiffness
 
 
-@pytest.mark.parametrize(("quantity", "filters"), [
-    ("v_p", {}), ("acceleration", {"low_pass_hz": 60e3}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("quantity", "filters"),
+    [
+        ("v_p", {}),
+        ("acceleration", {"low_pass_hz": 60e3}),
+    ],
+)
 def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise(quantity, filters):
     """With the modes that the gap needs, the record is wrong by half the noise and more."""
     start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")

@@ -33,11 +33,19 @@ def of_drop(drop: Drop, quantity: str, duration_s: float, seed: int) -> Record:
     return Record("drop", 0.0123 + tau * (1.0 + 3e-5), 1.01 * clean + noise, quantity)
 
 
-@pytest.mark.parametrize(("drop", "quantity", "duration_s", "changes", "true"), [
-    (Drop(pressure=9e8, height=0.06), "contact_force", 80e-6, (YIELDS[0],),
-     {PRESSURE: 9e8, HEIGHT: 0.06}),
-    (Drop(thickness=3.2e-3), "v_p", 6e-4, (), {THICKNESS: 3.2e-3, RADIUS: 3e-3}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("drop", "quantity", "duration_s", "changes", "true"),
+    [
+        (
+            Drop(pressure=9e8, height=0.06),
+            "contact_force",
+            80e-6,
+            (YIELDS[0],),
+            {PRESSURE: 9e8, HEIGHT: 0.06},
+        ),
+        (Drop(thickness=3.2e-3), "v_p", 6e-4, (), {THICKNESS: 3.2e-3, RADIUS: 3e-3}),
+    ],
+)
 def test_records_of_another_solver_are_fitted(drop, quantity, duration_s, changes, true):
     start = scene("plate.loss_factor=1e-3", *changes)
     found = fitted(start, of_drop(drop, quantity, duration_s, 77), *true)
@@ -52,9 +60,13 @@ OTHER_PLATES = [  # ball, plate; radius, height, thickness; duration; start over
 ]
 
 
-@pytest.mark.parametrize(("ball", "plate", "sizes", "duration_s", "off"), [
-    OTHER_PLATES[0], *(pytest.param(*one, marks=pytest.mark.full) for one in OTHER_PLATES[1:]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("ball", "plate", "sizes", "duration_s", "off"),
+    [
+        OTHER_PLATES[0],
+        *(pytest.param(*one, marks=pytest.mark.full) for one in OTHER_PLATES[1:]),
+    ],
+)
 def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
     ball, plate, sizes, duration_s, off
 ):
@@ -73,8 +85,9 @@ def test_a_record_without_noise_is_as_exact_as_the_simulation():
     time_s, force, _ = drop.simulate(80e-6)
     tau = np.arange(-250e-6, 80e-6, 0.5e-6)
     clean = np.interp(tau, time_s, force)
-    found = fitted(scene("plate.loss_factor=1e-3"), Record("r", tau, clean, "contact_force"),
-                   RADIUS)  # fmt: skip
+    found = fitted(
+        scene("plate.loss_factor=1e-3"), Record("r", tau, clean, "contact_force"), RADIUS
+    )
     assert found.estimates[0].value == pytest.approx(3.1e-3, rel=1e-4)
     assert found.model is ModelVerdict.FITS
 

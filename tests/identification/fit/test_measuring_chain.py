@@ -78,11 +78,18 @@ def test_a_filtered_record_gives_the_true_radius(kind, order):
 def test_the_chain_agrees_with_the_sensor_of_a_run():
     """Both take straight lines, the scene's sensor between steps, the chain on a finer grid."""
     changes = (
-        "sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.ac_coupling_hz=2e3",
-        "sensors.resonance_hz=150e3", "sensors.resonance_damping=0.1", "run.step_ns=100",
+        "sensors.quantity=v_p",
+        "sensors.low_pass_hz=80e3",
+        "sensors.ac_coupling_hz=2e3",
+        "sensors.resonance_hz=150e3",
+        "sensors.resonance_damping=0.1",
+        "run.step_ns=100",
         "sensors.low_pass_order=4",
-        "run.duration_s=3e-4", "run.lead_in_s=1e-4", "run.plate_model=modal", "run.accuracy=1e-4",
-    )  # fmt: skip
+        "run.duration_s=3e-4",
+        "run.lead_in_s=1e-4",
+        "run.plate_model=modal",
+        "run.accuracy=1e-4",
+    )
     setup = scene(*changes)
     values = simulate(setup).values
     # The touch lies in the middle of a step.

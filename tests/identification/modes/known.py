@@ -18,8 +18,13 @@ def response(table: ModeTable, hz: np.ndarray, shape: np.ndarray, order: int) ->
     """Response at a point to a force at the contact point, from the definition of the modes."""
     w = 2 * np.pi * hz
     found = np.zeros(len(hz), complex)
-    parts = (table.omega_rad_s, table.loss_factor + 0 * table.omega_rad_s, table.shape_contact,
-             shape, table.per_modal_mass_1_kg)  # fmt: skip
+    parts = (
+        table.omega_rad_s,
+        table.loss_factor + 0 * table.omega_rad_s,
+        table.shape_contact,
+        shape,
+        table.per_modal_mass_1_kg,
+    )
     for omega, loss, contact, there, per_mass in zip(*parts, strict=True):
         found += contact * there * per_mass / (omega**2 - w**2 + 1j * loss * omega * w)
     if shape is table.shape_contact:

@@ -86,8 +86,15 @@ def test_kinds_units_and_signs():
     units = units_given("mm,N")
     assert np.allclose(taken([in_mm], points, units=units).values, straight.values, rtol=1e-12)
     receptance = response(KNOWN, hz, CONTACT, 0)
-    unsaid = data_set(1, receptance, hz, ordinate_spec_data_type=0, orddenom_spec_data_type=0,
-                      ordinate_axis_units_lab="", orddenom_axis_units_lab="")  # fmt: skip
+    unsaid = data_set(
+        1,
+        receptance,
+        hz,
+        ordinate_spec_data_type=0,
+        orddenom_spec_data_type=0,
+        ordinate_axis_units_lab="",
+        orddenom_axis_units_lab="",
+    )
     known = taken([unsaid], points, units=SI, kind="receptance")
     assert known.order == 0
     assert np.allclose(known.values[0], receptance)
@@ -116,18 +123,22 @@ def test_units_of_labels_are_those_of_records():
 @pytest.mark.parametrize(
     ("change", "points", "sentence"),
     [
-        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, Points(1),
-         "does not say whether .* Give --kind receptance, mobility, accelerance"),
-        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, Points(1),
-         "no data set 164 and no labels .* Give --units m,N"),
-        ({"ordinate_axis_units_lab": "m/s"}, Points(1),
-         "of accelerance by its type, but"),
+        (
+            {"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""},
+            Points(1),
+            "does not say whether .* Give --kind receptance, mobility, accelerance",
+        ),
+        (
+            {"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""},
+            Points(1),
+            "no data set 164 and no labels .* Give --units m,N",
+        ),
+        ({"ordinate_axis_units_lab": "m/s"}, Points(1), "of accelerance by its type, but"),
         ({"rsp_dir": 4}, Points(1), "no response along the direction of its force"),
         ({}, Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
-        ({"ref_node": 9}, Points(1),
-         "--reference = 9: .* no response of this node itself"),
+        ({"ref_node": 9}, Points(1), "--reference = 9: .* no response of this node itself"),
     ],
-)  # fmt: skip
+)
 def test_responses_that_are_refused(change, points, sentence):
     with pytest.raises(ModalDataError, match=sentence):
         taken(two_sets(**change), points)
@@ -154,8 +165,9 @@ def test_what_a_file_leaves_open_is_refused_with_the_choices():
 
 
 def test_everything_that_is_missing_is_named_at_once():
-    unsaid = two_sets(ordinate_axis_units_lab="", orddenom_axis_units_lab="",
-                      ordinate_spec_data_type=0)  # fmt: skip
+    unsaid = two_sets(
+        ordinate_axis_units_lab="", orddenom_axis_units_lab="", ordinate_spec_data_type=0
+    )
     along_x = data_set(1, unsaid[0]["data"], unsaid[0]["x"], rsp_dir=1, ref_dir=1)
     other = data_set(2, unsaid[1]["data"], unsaid[1]["x"], ref_node=2)
     for some, parts in [
@@ -176,9 +188,16 @@ def test_responses_of_a_shipped_scene_by_pyuff(order, tmp_path):
     known = modes_of_scene(load("offcentre-6mm"))
     hz, rng = np.arange(5.0, 6000.0, 0.5), np.random.default_rng(order)
     sets = [
-        pyuff.prepare_164(units_code=5, units_description="mm, mN", temp_mode=1, length=1e3,
-                          force=1e3, temp=1.0, temp_offset=273.15)
-    ]  # fmt: skip
+        pyuff.prepare_164(
+            units_code=5,
+            units_description="mm, mN",
+            temp_mode=1,
+            length=1e3,
+            force=1e3,
+            temp=1.0,
+            temp_offset=273.15,
+        )
+    ]
     for node, shape in ((1, known.shape_contact), (2, known.shape_actuator)):
         values = response(known, hz, shape, order)
         noise = rng.standard_normal((2, len(hz))) / np.sqrt(2)

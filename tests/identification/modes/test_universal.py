@@ -28,10 +28,18 @@ def normal(mode: int, **changes: Any) -> dict[str, Any]:
     """A data set 55 of a mode that moves along z."""
     flat = np.zeros(3)
     return {
-        "type": 55, "analysis_type": 2, "spec_data_type": 8, "freq": HZ[mode],
-        "modal_m": MASS[mode], "modal_damp_vis": LOSS / 2, "modal_damp_his": 0.0,
-        "node_nums": np.array([7.0, 9.0, 12.0]), "r1": flat, "r2": flat, "r3": SHAPES[mode],
-    } | changes  # fmt: skip
+        "type": 55,
+        "analysis_type": 2,
+        "spec_data_type": 8,
+        "freq": HZ[mode],
+        "modal_m": MASS[mode],
+        "modal_damp_vis": LOSS / 2,
+        "modal_damp_his": 0.0,
+        "node_nums": np.array([7.0, 9.0, 12.0]),
+        "r1": flat,
+        "r2": flat,
+        "r3": SHAPES[mode],
+    } | changes
 
 
 def modes(sets: list[dict[str, Any]], points: Points = POINTS, **options: Any) -> Any:
@@ -85,11 +93,14 @@ def test_complex_modes_are_those_normal_modes():
     poles = omega * (-LOSS / 2 + 1j * np.sqrt(1 - LOSS**2 / 4))
     sets = [
         normal(
-            i, analysis_type=7, eig=poles[i], modal_a=2j * poles[i].imag * MASS[i] * turn**2,
+            i,
+            analysis_type=7,
+            eig=poles[i],
+            modal_a=2j * poles[i].imag * MASS[i] * turn**2,
             r3=SHAPES[i] * turn,
         )
         for i, turn in enumerate(np.exp([0.3j, 2j, -1j]))
-    ]  # fmt: skip
+    ]
     found = modes(sets)
     table = found.table
     assert found.most_complex < 1e-12
@@ -114,11 +125,17 @@ def test_how_near_to_real_is_told_and_far_is_refused():
 def test_modes_of_a_finite_element_program():
     """Data set 2414, as pyuff reads it."""
     one = {
-        "type": 2414, "analysis_type": 2, "dataset_location": 1, "result_type": 8, "data_type": 2,
-        "node_nums": np.array([7, 9]), "data_at_node": [np.array([0, 0, 0.5, 0, 0, 0]),
-                                                        np.array([0, 0, 0.3, 0, 0, 0])],
-        "record12_field2": 120.0, "record12_field4": 0.2, "record12_field6": LOSS,
-    }  # fmt: skip
+        "type": 2414,
+        "analysis_type": 2,
+        "dataset_location": 1,
+        "result_type": 8,
+        "data_type": 2,
+        "node_nums": np.array([7, 9]),
+        "data_at_node": [np.array([0, 0, 0.5, 0, 0, 0]), np.array([0, 0, 0.3, 0, 0, 0])],
+        "record12_field2": 120.0,
+        "record12_field4": 0.2,
+        "record12_field6": LOSS,
+    }
     table = modes([one], Points(7, 9)).table
     assert table.shape_contact[0] == 0.5
     assert table.shape_actuator[0] == 0.3
@@ -177,9 +194,16 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path):
         "shape_actuator": six_digits(known.shape_actuator),
     }
     sets = [
-        pyuff.prepare_164(units_code=9, units_description="mm, N", temp_mode=1, length=1e3,
-                          force=1.0, temp=1.0, temp_offset=273.15)
-    ]  # fmt: skip
+        pyuff.prepare_164(
+            units_code=9,
+            units_description="mm, N",
+            temp_mode=1,
+            length=1e3,
+            force=1.0,
+            temp=1.0,
+            temp_offset=273.15,
+        )
+    ]
     flat = np.zeros(2)
     for i, (hz, loss, mass, *shape) in enumerate(zip(*columns.values(), strict=True)):
         sets.append(
@@ -191,8 +215,9 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path):
             )
         )  # fmt: skip
     pyuff.UFF(str(tmp_path / "modes.uff")).write_sets(sets, "overwrite")
-    np.savez(tmp_path / "direct.npz", residual_flexibility_m_n=known.residual_flexibility_m_n,
-             **columns)  # fmt: skip
+    np.savez(
+        tmp_path / "direct.npz", residual_flexibility_m_n=known.residual_flexibility_m_n, **columns
+    )
     short = ["run.duration_s=0.004", "run.accuracy=0.01"]
     settings = [*short, f"plate.residual_flexibility_m_n={known.residual_flexibility_m_n!r}"]
     done = invoke(
@@ -228,10 +253,12 @@ def test_the_command_refuses_what_it_cannot_mean():
         (["--from", "none.uff"], "--contact: is missing"),
         (["--from", "none.uff", "--contact", "a"], "--contact = a: is not the number of a node"),
         (["--from", "none.uff", "--grid", "--contact", "1"], "--grid: measured modes have no"),
-        (["--from", "none.uff", "--contact", "1"],
-         "there is no such file" if find_spec("pyuff") else "this needs pyuff"),
+        (
+            ["--from", "none.uff", "--contact", "1"],
+            "there is no such file" if find_spec("pyuff") else "this needs pyuff",
+        ),
         (["aluminium-3mm", "oak-20mm"], "is more than one scene"),
-    ]:  # fmt: skip
+    ]:
         done = invoke(["scene", "modes", *words])
         assert done.exit_code == 2, done.output
         assert sentence in done.output

@@ -94,12 +94,18 @@ ANSWERS = {
 def asked(name: str, out: Path, folder: Path = FOLDER) -> tuple[int, str]:
     """Run the command of a file. Returns exit code and text."""
     words = ANSWERS[name].words or (
-        "fit {d}/rig.toml {f} " + " ".join(f"--free {key}" for key in _PULSE)
+        "fit {d}/rig.toml {f} "
+        + " ".join(f"--free {key}" for key in _PULSE)
         + " --out {t} --json {j} --overwrite"
-    )  # fmt: skip
+    )
     (out / "o.json").unlink(missing_ok=True)
-    places = {"f": folder / name, "d": folder, "o": out / "o.mcap", "t": out / "o.toml",
-              "j": out / "o.json"}  # fmt: skip
+    places = {
+        "f": folder / name,
+        "d": folder,
+        "o": out / "o.mcap",
+        "t": out / "o.toml",
+        "j": out / "o.json",
+    }
     extra = ["--overwrite"] if "{o}" in words else []
     done = invoke([w.format(**places) for w in words.split()] + extra)
     text = " ".join(done.output.split())

@@ -24,8 +24,13 @@ def test_times_and_values_of_a_record_are_in_si_units(name):
 @pytest.mark.full
 @pytest.mark.parametrize("name", ANSWERS)
 def test_a_file_gives_the_right_answer(name, tmp_path):
-    for package in {".tdms": ["nptdms"], ".h5": ["h5py"], ".mf4": ["asammdf"], ".uff": ["pyuff"],
-                    ".fmu": ["fmpy"]}.get(Path(name).suffix, []):  # fmt: skip
+    for package in {
+        ".tdms": ["nptdms"],
+        ".h5": ["h5py"],
+        ".mf4": ["asammdf"],
+        ".uff": ["pyuff"],
+        ".fmu": ["fmpy"],
+    }.get(Path(name).suffix, []):
         pytest.importorskip(package)
     code, text = asked(name, tmp_path)
     assert right(name, code, text, tmp_path), text
@@ -33,7 +38,14 @@ def test_a_file_gives_the_right_answer(name, tmp_path):
 
 @pytest.mark.full
 def test_every_file_has_an_answer():
-    beside = {"README.md", "fmu.c", "fmu_make.py", "gym_seed_and_close.py", "laws",
-              "own-times_a.csv", "requirements.toml.other-tool"}  # fmt: skip
+    beside = {
+        "README.md",
+        "fmu.c",
+        "fmu_make.py",
+        "gym_seed_and_close.py",
+        "laws",
+        "own-times_a.csv",
+        "requirements.toml.other-tool",
+    }
     found = {path.name for path in FOLDER.iterdir() if path.suffix != ".toml"}
     assert found - beside == set(ANSWERS)

@@ -37,9 +37,15 @@ def test_array_files_hold_records(tmp_path):
         read_record(tmp_path / "b.npy", of)
     sound = {"quantity": "contact_force", "sensitivity": 0.5}
     cases: list[tuple[str, dict[str, Any]]] = [
-        ("a.npy", of), ("b.npy", {**of, "channel": 1}), ("c.npz", {}), ("d.mat", {}), ("e.mat", {}),
-        ("f.npy", {}), ("g.parquet", {}), ("h.wav", sound),
-    ]  # fmt: skip
+        ("a.npy", of),
+        ("b.npy", {**of, "channel": 1}),
+        ("c.npz", {}),
+        ("d.mat", {}),
+        ("e.mat", {}),
+        ("f.npy", {}),
+        ("g.parquet", {}),
+        ("h.wav", sound),
+    ]
     for name, given in cases:
         one = read_record(tmp_path / name, given)
         np.testing.assert_allclose(one.value, FORCE, atol=1e-7 if name == "h.wav" else 1e-12)
@@ -70,9 +76,15 @@ def test_times_of_other_kinds_are_seconds(tmp_path, kind):
     np.testing.assert_allclose(one.time_s - one.time_s[0], 1e-6 * np.arange(20), atol=1e-12)
 
 
-@pytest.mark.parametrize("facts", [
-    {"fs_khz": 2000.0}, {"dt_us": 0.5}, {"sampling_frequency": 2e6}, {"Tinterval": 5e-7},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"fs_khz": 2000.0},
+        {"dt_us": 0.5},
+        {"sampling_frequency": 2e6},
+        {"Tinterval": 5e-7},
+    ],
+)
 def test_arrays_state_their_rate_in_any_unit(tmp_path, facts):
     path = tmp_path / "r.npz"
     np.savez(path, force=FORCE, **facts)
@@ -125,11 +137,19 @@ def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path):
 
     def written(starts: dict[str, Any]) -> Path:
         channels = [
-            nptdms.ChannelObject("hits", name, FORCE, properties={
-                "wf_increment": 5e-7, "wf_start_offset": 1e-6, "unit_string": unit,
-            } | ({} if start is None else {"wf_start_time": start}))
+            nptdms.ChannelObject(
+                "hits",
+                name,
+                FORCE,
+                properties={
+                    "wf_increment": 5e-7,
+                    "wf_start_offset": 1e-6,
+                    "unit_string": unit,
+                }
+                | ({} if start is None else {"wf_start_time": start}),
+            )
             for (name, start), unit in zip(starts.items(), ("N", "m/s^2", "m/s"), strict=False)
-        ]  # fmt: skip
+        ]
         with nptdms.TdmsWriter(tmp_path / "r.tdms") as writer:
             writer.write_segment(channels)
         return tmp_path / "r.tdms"
@@ -146,12 +166,16 @@ def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path):
 
 @pytest.mark.full
 def test_lvm_and_scope_files_are_read(tmp_path):
-    head = ("LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
-            "X_Columns\tOne\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t30\t30\n"
-            "Y_Unit_Label\tkN\tm/s^2\nDelta_X\t5,0E-7\t5,0E-7\nX0\t0,0E+0\t0,0E+0\n"
-            "***End_of_Header***\t\t\nX_Value\tForce\tAccel\tComment\n")  # fmt: skip
-    rows = "\n".join(f"{t:.9e}\t{v:.9e}\t{2 * v:.9e}\t".replace(".", ",")
-                     for t, v in zip(TIME, FORCE, strict=True))  # fmt: skip
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
+        "X_Columns\tOne\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t30\t30\n"
+        "Y_Unit_Label\tkN\tm/s^2\nDelta_X\t5,0E-7\t5,0E-7\nX0\t0,0E+0\t0,0E+0\n"
+        "***End_of_Header***\t\t\nX_Value\tForce\tAccel\tComment\n"
+    )
+    rows = "\n".join(
+        f"{t:.9e}\t{v:.9e}\t{2 * v:.9e}\t".replace(".", ",")
+        for t, v in zip(TIME, FORCE, strict=True)
+    )
     (tmp_path / "h.lvm").write_text(head + rows)
     one = read_record(tmp_path / "h.lvm", {"channel": "Force"})
     np.testing.assert_allclose(one.value, 1e3 * FORCE, rtol=1e-8)
@@ -202,9 +226,15 @@ def test_recordings_of_runs_are_records(tmp_path):
     path = tmp_path / "r.mcap"
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "run.lead_in_s=3e-4",
            "--transport", "inprocess", "--overwrite", "--out", str(path)]  # fmt: skip
-    sensor = ["sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.noise_rms=1e-3",
-              "sensors.low_pass=bessel", "sensors.low_pass_order=4",
-              "run.accuracy=1e-4", "controller.law=off"]  # fmt: skip
+    sensor = [
+        "sensors.quantity=v_p",
+        "sensors.low_pass_hz=80e3",
+        "sensors.noise_rms=1e-3",
+        "sensors.low_pass=bessel",
+        "sensors.low_pass_order=4",
+        "run.accuracy=1e-4",
+        "controller.law=off",
+    ]
     assert invoke([*run, *as_options(sensor)]).exit_code == 0
     one = read_record(path)
     found = one.measurement
@@ -256,10 +286,12 @@ def test_a_chosen_column_keeps_what_its_table_says(tmp_path, given):
 def _tdms(path, columns):
     nptdms = pytest.importorskip("nptdms")
     with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([
-            nptdms.ChannelObject("g", name, values, properties={"wf_increment": 5e-7})
-            for name, values in columns.items()
-        ])  # fmt: skip
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("g", name, values, properties={"wf_increment": 5e-7})
+                for name, values in columns.items()
+            ]
+        )
 
 
 def _parquet(path, columns):
@@ -280,21 +312,35 @@ def _uff(path, columns):
     plain = {"type": 58, "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3,
              "ordinate_spec_data_type": 9, "orddenom_spec_data_type": 0,
              "ordinate_axis_units_lab": "N", "abscissa_spec_data_type": 17, "x": TIME}  # fmt: skip
-    pyuff.UFF(str(path)).write_sets([
-        plain | ({"func_type": 4, "data": FORCE + 1j} if name == "note" else
-                 {"func_type": 1, "data": values}) | {"id1": name}
-        for name, values in columns.items()
-    ], "overwrite")  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(
+        [
+            plain
+            | (
+                {"func_type": 4, "data": FORCE + 1j}
+                if name == "note"
+                else {"func_type": 1, "data": values}
+            )
+            | {"id1": name}
+            for name, values in columns.items()
+        ],
+        "overwrite",
+    )
 
 
 def _mdf(path, columns):
     asammdf = pytest.importorskip("asammdf")
     with asammdf.MDF() as file:
-        file.append([
-            asammdf.Signal(np.array(values, "S4" if name == "note" else "f8"), TIME, name=name,
-                           encoding="utf-8")
-            for name, values in columns.items()
-        ])  # fmt: skip
+        file.append(
+            [
+                asammdf.Signal(
+                    np.array(values, "S4" if name == "note" else "f8"),
+                    TIME,
+                    name=name,
+                    encoding="utf-8",
+                )
+                for name, values in columns.items()
+            ]
+        )
         file.save(path)
 
 

@@ -30,10 +30,17 @@ def test_a_wrong_value_is_refused(key, value, wanted):
 
 def test_right_values_are_kept():
     table = {
-        "bits": 12, "range": [-5, 5.0], "point_m": (0.1, 0.2), "sensitivity": -0.01,
-        "sensitivity_uncertainty": math.inf, "clock_tolerance_ppm": 0, "set": {"a": 1},
-        "quantity": "v_p", "column": 2, "group": "a",
-    }  # fmt: skip
+        "bits": 12,
+        "range": [-5, 5.0],
+        "point_m": (0.1, 0.2),
+        "sensitivity": -0.01,
+        "sensitivity_uncertainty": math.inf,
+        "clock_tolerance_ppm": 0,
+        "set": {"a": 1},
+        "quantity": "v_p",
+        "column": 2,
+        "group": "a",
+    }
     found = parse_record_table(table, "drop.csv")
     assert vars(found) | table | {"range": (-5.0, 5.0)} == vars(found)
 

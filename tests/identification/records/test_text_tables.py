@@ -104,9 +104,13 @@ def layouts() -> Iterator[tuple[str, str]]:
         text = table(f"time_s{cell}contact_force_n", f"{{s}}{cell}{{n}}")
         yield f"{name} and decimal commas", text.replace(".", ",")
     facts = ['"Points",40', f'"Sample Interval",{STEP_S}', '"Trigger Time",0.01']
-    yield "Tektronix, facts beside the rows", "".join(
-        f'{facts[i]},"s",{t},{v}\n' if i < 3 else f",,,{t},{v}\n"
-        for i, (t, v) in enumerate(zip(TIME, FORCE, strict=True)))  # fmt: skip
+    yield (
+        "Tektronix, facts beside the rows",
+        "".join(
+            f'{facts[i]},"s",{t},{v}\n' if i < 3 else f",,,{t},{v}\n"
+            for i, (t, v) in enumerate(zip(TIME, FORCE, strict=True))
+        ),
+    )
 
 
 @pytest.mark.parametrize(("layout", "text"), list(layouts()))
@@ -248,8 +252,13 @@ def test_a_table_below_a_long_preamble_says_what_it_is(tmp_path):
 
 
 def test_dates_count_from_the_first_one(tmp_path):
-    for form in ("2024-05-06 23:59:59.{:06d}", "06.05.2024 23:59:59.{:06d}", "23:59:59.{:06d}",
-                 "2024-05-06T23:59:59.{:06d}Z", "11:59:59.{:06d} PM"):  # fmt: skip
+    for form in (
+        "2024-05-06 23:59:59.{:06d}",
+        "06.05.2024 23:59:59.{:06d}",
+        "23:59:59.{:06d}",
+        "2024-05-06T23:59:59.{:06d}Z",
+        "11:59:59.{:06d} PM",
+    ):
         one = read(
             tmp_path, f"Timestamp,Force\n{rows(range(0, 400, 10), FORCE, form=form + ',{}')}"
         )
@@ -290,8 +299,10 @@ def test_the_documentation_lists_every_format(tmp_path, monkeypatch):
         encoding="utf-8"
     )
     rows = re.findall(r"^\| ([\w .]+) \| ((?:`\.\w+`(?:, )?)+) \| (.*?) \|$", page, re.MULTILINE)
-    listed = [(name, tuple(re.findall(r"`(\.\w+)`", endings)), extra.strip("`"))
-              for name, endings, extra in rows]  # fmt: skip
+    listed = [
+        (name, tuple(re.findall(r"`(\.\w+)`", endings)), extra.strip("`"))
+        for name, endings, extra in rows
+    ]
     for name in {*EXTRAS, *(one for one in sys.modules if one.partition(".")[0] in EXTRAS)}:
         monkeypatch.setitem(sys.modules, name, None)
 

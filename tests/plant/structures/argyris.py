@@ -9,9 +9,13 @@ _NEAR = 1e-9
 
 
 def plate_squared(
-    edges: str, size_m: tuple[float, float], nu: float, count: int, refined: int = 3,
+    edges: str,
+    size_m: tuple[float, float],
+    nu: float,
+    count: int,
+    refined: int = 3,
     rigidities: tuple[float, float, float, float] | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Lowest k^2 = w sqrt(m''/B') (1/m^2), edges "cfff" at x = 0, l_x, y = 0, l_y; of an
     orthotropic plate with D_x, D_y, D_1 and D_xy as `rigidities`: w sqrt(m'')."""
 

@@ -35,13 +35,23 @@ def test_what_is_written_is_read(suffix):
     random = np.random.default_rng(3)
     x, y = np.linspace(0.0, 1.0, 4), np.linspace(0.0, 2.0, 3)
     table = ModeTable(
-        np.sort(random.uniform(1e2, 1e6, 7)), random.uniform(0.0, 0.1, 7),
-        random.uniform(0.1, 9.0, 7), random.normal(size=7), random.normal(size=7), 1.1e-9,
+        np.sort(random.uniform(1e2, 1e6, 7)),
+        random.uniform(0.0, 0.1, 7),
+        random.uniform(0.1, 9.0, 7),
+        random.normal(size=7),
+        random.normal(size=7),
+        1.1e-9,
         (x, y, random.normal(size=(7, 4, 3))),
-    )  # fmt: skip
+    )
     found = read_modes(f"m{suffix}", write_modes(suffix, table))
-    for name in ("omega_rad_s", "loss_factor", "per_modal_mass_1_kg", "shape_contact",
-                 "shape_actuator", "residual_flexibility_m_n"):  # fmt: skip
+    for name in (
+        "omega_rad_s",
+        "loss_factor",
+        "per_modal_mass_1_kg",
+        "shape_contact",
+        "shape_actuator",
+        "residual_flexibility_m_n",
+    ):
         assert np.array_equal(getattr(found, name), getattr(table, name)), name
     assert (found.grid is not None) == (suffix == ".npz")
     if found.grid is not None and table.grid is not None:
@@ -74,7 +84,7 @@ def test_five_columns_are_enough():
         ("0.4,1.0,0.3", "0.4,inf,0.3", "shape_contact of mode 1 is inf"),
         ("2.5e-9", "-1", "residual_flexibility_m_n of mode 1 is -1"),
     ],
-)  # fmt: skip
+)
 def test_wrong_files_end_in_one_sentence(old, new, words):
     with pytest.raises(ModeFileError, match=r"m\.csv") as caught:
         table_of(GOOD.replace(old, new, 1))
@@ -102,8 +112,9 @@ def test_files_that_are_none(name, content, words):
 def test_columns_that_do_not_say_the_same():
     """Radians a second under Hz: the check that a second column makes possible."""
     text = GOOD.replace("frequency_hz", "omega_rad_s,frequency_hz")
-    rows = [f"{line.split(',')[0]},{line}" if line[0].isdigit() else line
-            for line in text.splitlines()]  # fmt: skip
+    rows = [
+        f"{line.split(',')[0]},{line}" if line[0].isdigit() else line for line in text.splitlines()
+    ]
     with pytest.raises(ValueError, match="has one of them the other's unit"):
         table_of("\n".join(rows))
 
@@ -111,10 +122,14 @@ def test_columns_that_do_not_say_the_same():
 def test_a_grid_must_fit():
     def of(**changed: np.ndarray) -> ModeTable:
         arrays = {
-            "frequency_hz": np.array([10.0, 20.0]), "loss_factor": np.zeros(2),
-            "modal_mass_kg": np.ones(2), "shape_contact": np.ones(2),
-            "x_m": np.arange(3.0), "y_m": np.arange(4.0), "shape_grid": np.zeros((2, 3, 4)),
-        } | changed  # fmt: skip
+            "frequency_hz": np.array([10.0, 20.0]),
+            "loss_factor": np.zeros(2),
+            "modal_mass_kg": np.ones(2),
+            "shape_contact": np.ones(2),
+            "x_m": np.arange(3.0),
+            "y_m": np.arange(4.0),
+            "shape_grid": np.zeros((2, 3, 4)),
+        } | changed
         out = io.BytesIO()
         np.savez(out, **arrays)
         return read_modes("m.npz", out.getvalue())
@@ -136,9 +151,12 @@ def of_plate(hz: float = 1.0, kg: float = 1.0) -> ModeTable:
     modes = PLATE.modes(2.0 * np.pi * 2e4, (0.2, 0.17), (0.2, 0.17))
     count = len(modes.omega)
     return ModeTable(
-        hz * modes.omega, np.zeros(count), np.full(count, modes.scale_per_kg / kg),
-        modes.at_contact, modes.at_contact,
-    )  # fmt: skip
+        hz * modes.omega,
+        np.zeros(count),
+        np.full(count, modes.scale_per_kg / kg),
+        modes.at_contact,
+        modes.at_contact,
+    )
 
 
 def test_a_plate_by_its_modes_is_as_mobile_and_as_soft_as_the_plate():

@@ -18,10 +18,16 @@ from tests.tiers import default
 SPRUCE, SIZE, THICKNESS = MATERIALS["spruce"], (0.58, 0.21), 0.0048
 POINT, OTHER = (0.17, 0.08), (0.31, 0.15)
 # Isotropic, said as an orthotropic material.
-TURNED = material_of("metal", {
-    "young_x_pa": 7.2e10, "young_y_pa": 7.2e10, "shear_pa": 7.2e10 / 2.68, "poisson_xy": 0.34,
-    "density_kg_m3": 2700.0,
-})  # fmt: skip
+TURNED = material_of(
+    "metal",
+    {
+        "young_x_pa": 7.2e10,
+        "young_y_pa": 7.2e10,
+        "shear_pa": 7.2e10 / 2.68,
+        "poisson_xy": 0.34,
+        "density_kg_m3": 2700.0,
+    },
+)
 METAL = Material(7.2e10, 2700.0, 0.34)
 
 
@@ -53,8 +59,10 @@ def test_simply_supported_modes_are_those_of_the_closed_form():
     # None is left out.
     every = np.arange(1, 400)
     a, b = np.meshgrid((every * np.pi / SIZE[0]) ** 2, (every * np.pi / SIZE[1]) ** 2)
-    all_of = np.sqrt((d_x * a * a + 2.0 * (d_1 + 2.0 * d_xy) * a * b + d_y * b * b)
-                     / (SPRUCE.density_kg_m3 * THICKNESS))  # fmt: skip
+    all_of = np.sqrt(
+        (d_x * a * a + 2.0 * (d_1 + 2.0 * d_xy) * a * b + d_y * b * b)
+        / (SPRUCE.density_kg_m3 * THICKNESS)
+    )
     assert len(omega) == np.count_nonzero(all_of <= limit)
     modes = plate.modes(limit, POINT, OTHER)
     for shape, (x, y) in ((modes.at_contact, POINT), (modes.at_actuator, OTHER)):
@@ -149,8 +157,13 @@ def test_a_turned_plate_is_the_same_plate():
     np.testing.assert_allclose(np.abs(one.at_contact), np.abs(other.at_contact), atol=1e-6)
 
 
-WOOD = ["plate.material=spruce", "plate.size_m=[0.5,0.3]", "plate.contact_point_m=[0.21,0.13]",
-        "plate.thickness_m=0.005", "run.duration_s=0.003"]  # fmt: skip
+WOOD = [
+    "plate.material=spruce",
+    "plate.size_m=[0.5,0.3]",
+    "plate.contact_point_m=[0.21,0.13]",
+    "plate.thickness_m=0.005",
+    "run.duration_s=0.003",
+]
 
 
 def test_numbers_in_a_scene_are_those_of_the_name():
@@ -164,11 +177,14 @@ def test_numbers_in_a_scene_are_those_of_the_name():
     assert named.scene.plant_tables.plate_material.youngs_modulus_pa == 0.51e9
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"young_pa": 1e10}, "young_pa is of an isotropic material, young_x_pa of an orthotropic"),
-    ({"shear_pa": None}, "shear_pa is missing"),
-    ({"poisson_xy": 4.0}, "poisson_xy = 4 must be below"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"young_pa": 1e10}, "young_pa is of an isotropic material, young_x_pa of an orthotropic"),
+        ({"shear_pa": None}, "shear_pa is missing"),
+        ({"poisson_xy": 4.0}, "poisson_xy = 4 must be below"),
+    ],
+)
 def test_numbers_that_make_no_material_are_refused(change, words):
     table = {**SHIPPED["spruce"], **change}
     with pytest.raises(ValueError, match=words):

@@ -93,10 +93,16 @@ def _impact(
     stiffness = hertz_stiffness(radius_m, STEEL, ALUMINIUM)
     plate = _plate(h_m)
     what = PlantSpec(
-        Sphere(STEEL, radius_m, 0.05), SolidPlate(plate) if solid else plate,
-        contact or Contact(stiffness), (0.25, 0.25), (0.25, 0.25), 5e-7, limit_hz, 2e-6,
+        Sphere(STEEL, radius_m, 0.05),
+        SolidPlate(plate) if solid else plate,
+        contact or Contact(stiffness),
+        (0.25, 0.25),
+        (0.25, 0.25),
+        5e-7,
+        limit_hz,
+        2e-6,
         residual_flexibility=True,
-    )  # fmt: skip
+    )
     plant = CollocationPlant(what)
     rows = series_under(plant, np.zeros(160))
     found = impacts_in(what, rows)[0]

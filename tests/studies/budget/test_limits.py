@@ -66,10 +66,14 @@ def test_a_goal_is_read_and_says_whether_a_row_meets_it():
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [("plate_energi_db <= 1", "Did you mean plate_energy_db"), ("plate_energy_db = 1", "must be"),
-     ("plate_energy_db <= x", "must be"), ("plate_energy_db <= 1.2.3", "must be"),
-     ("", "must be")],
-)  # fmt: skip
+    [
+        ("plate_energi_db <= 1", "Did you mean plate_energy_db"),
+        ("plate_energy_db = 1", "must be"),
+        ("plate_energy_db <= x", "must be"),
+        ("plate_energy_db <= 1.2.3", "must be"),
+        ("", "must be"),
+    ],
+)
 def test_a_goal_that_cannot_be_read_is_refused(text, word):
     with pytest.raises(GoalError, match=word):
         parse_goal(text)
@@ -189,12 +193,17 @@ _SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm", "oak-20mm")
 # The laws that hertzloop tunes; the others are made for a scene of their own.
 @pytest.mark.parametrize(
     ("scene", "law", "names"),
-    [("aluminium-20mm", "slope_threshold", ("latency_us", "bandwidth_hz")),
-     *(pytest.param(scene, law, QUANTITIES, marks=pytest.mark.full)
-       for scene in _SCENES for law in (LAWS if scene == _SCENES[0] else LAWS[:1])),
-     # A whole search in the mat of Sylomer takes a minute.
-     pytest.param("sylomer-20mm", LAWS[0], ("latency_us",), marks=pytest.mark.full)],
-)  # fmt: skip
+    [
+        ("aluminium-20mm", "slope_threshold", ("latency_us", "bandwidth_hz")),
+        *(
+            pytest.param(scene, law, QUANTITIES, marks=pytest.mark.full)
+            for scene in _SCENES
+            for law in (LAWS if scene == _SCENES[0] else LAWS[:1])
+        ),
+        # A whole search in the mat of Sylomer takes a minute.
+        pytest.param("sylomer-20mm", LAWS[0], ("latency_us",), marks=pytest.mark.full),
+    ],
+)
 def test_every_quantity_of_a_shipped_scene_has_an_answer(pool, scene, law, names):
     # The default tier compiles one kind of plant with an actuator: one that yields.
     default = scene == "aluminium-20mm" and names != QUANTITIES

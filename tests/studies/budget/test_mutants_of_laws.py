@@ -146,10 +146,14 @@ def written(folder, number, text):
 def truths(pool):
     """Metrics of the shipped laws in all cases."""
     return {
-        law: evaluate(pool, load("aluminium-3mm", [f"controller.law={law}"]).vary(BASE | GAIN),
-                      "impact", [dict(case) for case in CASES])
+        law: evaluate(
+            pool,
+            load("aluminium-3mm", [f"controller.law={law}"]).vary(BASE | GAIN),
+            "impact",
+            [dict(case) for case in CASES],
+        )
         for law in LAWS
-    }  # fmt: skip
+    }
 
 
 def requirements_of(truth, folder):
@@ -158,8 +162,13 @@ def requirements_of(truth, folder):
     for number, (case, row) in enumerate(zip(CASES, truth, strict=True)):
         given = ", ".join(f'"{key}" = {value}' for key, value in (BASE | GAIN | case).items())
         wanted = ", ".join(f"{metric} = {row[metric]!r}" for metric in METRICS)
-        lines += ["[[requirement]]", f'name = "case {number}"', 'scene = "aluminium-3mm"',
-                  f"set = {{ {given} }}", f"expect = {{ {wanted} }}"]  # fmt: skip
+        lines += [
+            "[[requirement]]",
+            f'name = "case {number}"',
+            'scene = "aluminium-3mm"',
+            f"set = {{ {given} }}",
+            f"expect = {{ {wanted} }}",
+        ]
     (folder / "requirements.toml").write_text("\n".join(lines))
     return read_requirements(folder / "requirements.toml")
 

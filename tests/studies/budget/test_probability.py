@@ -72,10 +72,17 @@ class _Loose:
 def test_a_correlated_normal_keeps_its_covariance():
     covariance = [[4e-6, 1.5e-6], [1.5e-6, 1e-6]]
     found = uncertain_of(
-        {"correlated": [{"keys": ["sphere.drop_height_m", "plate.thickness_m"],
-                         "mean": [0.05, 0.003], "covariance": covariance}]},
+        {
+            "correlated": [
+                {
+                    "keys": ["sphere.drop_height_m", "plate.thickness_m"],
+                    "mean": [0.05, 0.003],
+                    "covariance": covariance,
+                }
+            ]
+        },
         _Loose(),
-    )  # fmt: skip
+    )
     drawn = [found.draw(3, number) for number in range(20_000)]
     values = np.array([[one[key] for key in found.keys] for one in drawn])
     assert values.mean(axis=0) == pytest.approx([0.05, 0.003], abs=1e-4)
@@ -85,10 +92,20 @@ def test_a_correlated_normal_keeps_its_covariance():
 
 
 def test_distributions_have_their_quantiles():
-    numbers = {"uniform": (2.0, 4.0), "triangular": (0.0, 1.0, 4.0), "normal": (1.0, 2.0),
-               "log_normal": (3.0, 0.5), "values": (1.0, 5.0, 9.0)}  # fmt: skip
-    median = {"uniform": 3.0, "triangular": 4.0 - math.sqrt(6.0), "normal": 1.0,
-              "log_normal": 3.0, "values": 5.0}  # fmt: skip
+    numbers = {
+        "uniform": (2.0, 4.0),
+        "triangular": (0.0, 1.0, 4.0),
+        "normal": (1.0, 2.0),
+        "log_normal": (3.0, 0.5),
+        "values": (1.0, 5.0, 9.0),
+    }
+    median = {
+        "uniform": 3.0,
+        "triangular": 4.0 - math.sqrt(6.0),
+        "normal": 1.0,
+        "log_normal": 3.0,
+        "values": 5.0,
+    }
     for kind, given in numbers.items():
         part = UncertainInput(("a.b",), kind, given)
         assert part.at([0.5])["a.b"] == pytest.approx(median[kind])
@@ -100,10 +117,16 @@ def test_distributions_have_their_quantiles():
 def test_every_drawn_key_reaches_the_model(pool):
     setup = load("aluminium-3mm", SHORT)
     keys = {
-        "sphere.drop_height_m": 0.05, "sphere.radius_m": 0.002, "plate.thickness_m": 0.003,
-        "plate.loss_factor": 0.01, "actuator.bandwidth_hz": 2e5, "controller.latency_us": 4,
-        "controller.kappa": 0.5, "sensors.noise_rms": 0.1, "actuator.mass_kg": 0.001,
-    }  # fmt: skip
+        "sphere.drop_height_m": 0.05,
+        "sphere.radius_m": 0.002,
+        "plate.thickness_m": 0.003,
+        "plate.loss_factor": 0.01,
+        "actuator.bandwidth_hz": 2e5,
+        "controller.latency_us": 4,
+        "controller.kappa": 0.5,
+        "sensors.noise_rms": 0.1,
+        "actuator.mass_kg": 0.001,
+    }
     cases = [{key: value * share} for key, value in keys.items() for share in (0.75, 1.0)]
     digests = [one["digest"] for one in evaluate(pool, setup, "impact", cases)]
     for i, key in enumerate(keys):

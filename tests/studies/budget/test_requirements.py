@@ -61,13 +61,17 @@ def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [("x = 1\n[hertzloop]", "x is unknown"), ("[hertzloop]\nlaws = 'a.py'", "hertzloop.laws is"),
-     ("[[requirement]]\nname = 'a'", r"no table \[hertzloop\]"), ("hertzloop = 1", "no table"),
-     ("[hertzloop]", "Add at least one"),
-     ("[hertzloop]\n[[requirement]]\nname = 'a'", "scene"),
-     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
-     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a metric")],
-)  # fmt: skip
+    [
+        ("x = 1\n[hertzloop]", "x is unknown"),
+        ("[hertzloop]\nlaws = 'a.py'", "hertzloop.laws is"),
+        ("[[requirement]]\nname = 'a'", r"no table \[hertzloop\]"),
+        ("hertzloop = 1", "no table"),
+        ("[hertzloop]", "Add at least one"),
+        ("[hertzloop]\n[[requirement]]\nname = 'a'", "scene"),
+        ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
+        ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a metric"),
+    ],
+)
 def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
     path = tmp_path / "requirements.toml"
     path.write_text(text)
@@ -81,9 +85,13 @@ def _python(*words, folder):
     root = str(Path(__file__).parents[3])
     plugins["PYTHONPATH"] = os.pathsep.join([root, plugins.get("PYTHONPATH", "")])
     return subprocess.run(
-        [sys.executable, "-m", *words], cwd=folder, env=plugins, capture_output=True, text=True,
+        [sys.executable, "-m", *words],
+        cwd=folder,
+        env=plugins,
+        capture_output=True,
+        text=True,
         timeout=300,
-    )  # fmt: skip
+    )
 
 
 def test_rows_are_tests_of_pytest(requirements):

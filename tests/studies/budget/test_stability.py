@@ -72,10 +72,14 @@ UNSTABLE = {
     "velocity": ["controller.law=velocity_feedback"],
     "acceleration": ["controller.law=acceleration_feedback"],
     "linear": ["controller.law=linear", "sensors.quantity=v_p", "controller.numerator=[-20]"],
-    "integral": ["controller.law=linear", "sensors.quantity=acceleration",
-                 "controller.numerator=[-2e-5]", "controller.denominator=[1, -1]"],
+    "integral": [
+        "controller.law=linear",
+        "sensors.quantity=acceleration",
+        "controller.numerator=[-2e-5]",
+        "controller.denominator=[1, -1]",
+    ],
     "position": ["controller.law=linear", "sensors.quantity=xi", "controller.numerator=[-1e7]"],
-}  # fmt: skip
+}
 
 
 @pytest.fixture

@@ -83,8 +83,14 @@ def test_spread_points_fill_every_axis_and_are_repeatable(kind):
 
 def test_spread_points_are_values_that_their_keys_can_have():
     scene = load("aluminium-3mm", ["run.step_ns=500"])
-    over = ["sensors.bits=4:9", "controller.latency_us=1:3", "run.seed=1:4", "controller.kappa=0:2",
-            "controller.law=fade_out", "controller.fade_us=0:1"]  # fmt: skip
+    over = [
+        "sensors.bits=4:9",
+        "controller.latency_us=1:3",
+        "run.seed=1:4",
+        "controller.kappa=0:2",
+        "controller.law=fade_out",
+        "controller.fade_us=0:1",
+    ]
     cases = design_of(scene, axes_from(over), "lhs", 60, 1).cases()
     for case in cases:
         scene.vary(case)

@@ -127,9 +127,11 @@ def _counted(pool: Pool, ran: list[str]) -> Pool:
 
 @pytest.mark.parametrize(
     "words",
-    [["sweep", *SHORT, "--over", "controller.latency_us=0,1"],
-     ["budget", *SHORT, "--quick", "--no-real-plant", "--only", "latency_us"]],
-)  # fmt: skip
+    [
+        ["sweep", *SHORT, "--over", "controller.latency_us=0,1"],
+        ["budget", *SHORT, "--quick", "--no-real-plant", "--only", "latency_us"],
+    ],
+)
 def test_a_law_that_cannot_be_recognised_is_not_said_to_continue(tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)
     law = "import os\n\ndef command(p, s, samples, i):\n    return 0.0 * os.cpu_count()\n"

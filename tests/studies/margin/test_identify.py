@@ -75,9 +75,15 @@ def test_constants_of_shipped_laws_agree_with_a_probe(law, quantity):
 
 @pytest.mark.parametrize(
     "setting",
-    ["controller.jitter_us=3", "controller.clock_ppm=5", "controller.drop_out_probability=0.1",
-     "controller.latency_trace=[0,600]", "sensors.fault=stuck", "actuator.stuck_from_s=0.001"],
-)  # fmt: skip
+    [
+        "controller.jitter_us=3",
+        "controller.clock_ppm=5",
+        "controller.drop_out_probability=0.1",
+        "controller.latency_trace=[0,600]",
+        "sensors.fault=stuck",
+        "actuator.stuck_from_s=0.001",
+    ],
+)
 def test_what_the_transfer_function_does_not_hold_is_refused(setting):
     law = ["controller.law=velocity_feedback", "controller.kappa=0.1"]
     assert law_filter(load("aluminium-3mm", law)).direct < 0.0
@@ -98,11 +104,21 @@ def test_sections_have_the_response_of_their_polynomials(sos):
     theta = np.geomspace(1e-4, 3.1, 200)
     exact = np.exp(1j * theta.astype(np.longdouble))  # near z = 1 a double has too few digits
     rows = np.asarray(sos, np.longdouble)
-    expected = np.asarray(-20.0 * np.prod(
-        [np.polyval(row[:3], exact) / np.polyval(row[3:], exact) for row in rows], axis=0), complex
-    )  # fmt: skip
-    setup = load("oak-20mm", ["controller.law=linear", "controller.gain=-20",
-                              f"controller.sections={np.asarray(sos).tolist()}"])  # fmt: skip
+    expected = np.asarray(
+        -20.0
+        * np.prod(
+            [np.polyval(row[:3], exact) / np.polyval(row[3:], exact) for row in rows], axis=0
+        ),
+        complex,
+    )
+    setup = load(
+        "oak-20mm",
+        [
+            "controller.law=linear",
+            "controller.gain=-20",
+            f"controller.sections={np.asarray(sos).tolist()}",
+        ],
+    )
     found = law_filter(setup)
     z = np.asarray(exact, complex)
     assert np.abs(found.at(z) - expected).max() <= 1e-11 * np.abs(expected).max()
@@ -115,8 +131,14 @@ def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path):
     """`run` refuses it, and so does `margin`."""
     b, a = sg.butter(2, 2000.0, fs=5e4)
     np.savez(tmp_path / "filter.npz", b=-30.0 * b, a=a, dt=2e-5)
-    words = ["margin", "oak-20mm", "--set", "controller.law=linear",
-             "--set", f"controller.filter_file={tmp_path / 'filter.npz'}"]  # fmt: skip
+    words = [
+        "margin",
+        "oak-20mm",
+        "--set",
+        "controller.law=linear",
+        "--set",
+        f"controller.filter_file={tmp_path / 'filter.npz'}",
+    ]
     refused = invoke(words)
     assert refused.exit_code == 2
     assert "controller.designed_us = 20: the filter was designed for another" in refused.output
@@ -131,8 +153,14 @@ def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path):
 )
 def test_poles_at_zero_are_exact(taps, denominator):
     numerator = (-30.0 * sg.firwin(taps, 0.05)).tolist()
-    setup = load("oak-20mm", ["controller.law=linear", f"controller.numerator={numerator}",
-                              f"controller.denominator={denominator}"])  # fmt: skip
+    setup = load(
+        "oak-20mm",
+        [
+            "controller.law=linear",
+            f"controller.numerator={numerator}",
+            f"controller.denominator={denominator}",
+        ],
+    )
     found = margin_of(setup)
     assert found.stable is not None
     limit = 0 if found.latency_limit_steps is None else found.latency_limit_steps

@@ -29,8 +29,12 @@ from tests.commands import invoke
 from tests.tiers import default
 
 NONE = np.empty(0, complex)
-SCENE = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "sensors.low_pass_hz=1000",
-         "controller.kappa=0.05"]  # fmt: skip
+SCENE = [
+    "controller.law=velocity_feedback",
+    "sensors.quantity=v_p",
+    "sensors.low_pass_hz=1000",
+    "controller.kappa=0.05",
+]
 FLIGHT = {"run.lead_in_s": 1.0, "run.duration_s": 1.01, "sphere.drop_height_m": 20.0}
 
 

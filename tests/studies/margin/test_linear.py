@@ -27,11 +27,17 @@ BESIDE = [
     ("offcentre-6mm", [ELSEWHERE]),
     ("offcentre-6mm", [ELSEWHERE, "plate.actuator_point_m=[0.1,0.2]", *ACTUATOR, *FILTERS]),
     ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", *BY_ACCELERATION]),
-    ("offcentre-6mm", [
-        ELSEWHERE, "sensors.mass_kg=0.004", "plate.tail=spring", *ACTUATOR,
-    ]),
+    (
+        "offcentre-6mm",
+        [
+            ELSEWHERE,
+            "sensors.mass_kg=0.004",
+            "plate.tail=spring",
+            *ACTUATOR,
+        ],
+    ),
     ("offcentre-6mm", ["sensors.mass_kg=0.004"]),
-]  # fmt: skip
+]
 # A kind of plant that no other test of the default tier compiles.
 ALONE = [
     ("aluminium-20mm", ["plate.radiation=two_faces"]),

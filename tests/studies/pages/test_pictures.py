@@ -33,10 +33,15 @@ def rows(key: str, values: list[Any]) -> list[dict[str, Any]]:
     cases = [(latency, value) for latency in range(0, 30, 5) for value in values]
     energies = np.linspace(-2.274, 3.1, len(cases))
     return [
-        {"controller.latency_us": latency, key: value, "plate_energy_db": float(energy),
-         "radiated_db": 1e-3 * float(energy), "rebound_percent": 100.0 + 40.0 * float(energy)}
+        {
+            "controller.latency_us": latency,
+            key: value,
+            "plate_energy_db": float(energy),
+            "radiated_db": 1e-3 * float(energy),
+            "rebound_percent": 100.0 + 40.0 * float(energy),
+        }
         for (latency, value), energy in zip(cases, energies, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def test_a_row_of_maps_has_one_round_scale_around_zero(saved):

@@ -17,8 +17,12 @@ from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
-SHORT = ["run.duration_s=0.003", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
-         "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
+SHORT = [
+    "run.duration_s=0.003",
+    "run.accuracy=0.05",
+    "plate.size_m=[0.2, 0.16]",
+    "plate.contact_point_m=[0.09, 0.07]",
+]
 UNSTABLE = ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.duration_s=0.009"]
 
 
@@ -52,8 +56,15 @@ def test_a_page_needs_nothing_from_elsewhere_and_is_small(page):
     loaded = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{1,60})""", text)
     assert all(target.startswith(("data:", "#")) for target in loaded), loaded
     assert "@import" not in text
-    for word in ("with control", "without", "contact time", "sound exposure level",
-                 "slope_threshold, kappa 0.8", "plate.size_m", "hertzloop run"):  # fmt: skip
+    for word in (
+        "with control",
+        "without",
+        "contact time",
+        "sound exposure level",
+        "slope_threshold, kappa 0.8",
+        "plate.size_m",
+        "hertzloop run",
+    ):
         assert word in text
     assert text.count("data:audio/wav;base64,") == 2
     assert text.count("<svg") == 3
@@ -151,9 +162,13 @@ def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path
     path = write(tmp_path / "other.mcap", bounces, foreign())
     text = text_of(path)
     assert "hertzloop run" not in text
-    for words in ("controller outside hertzloop", "hertzloop node plant aluminium-3mm.toml",
-                  "hertzloop node recorder", "digits as recorded",
-                  "No text of the law"):  # fmt: skip
+    for words in (
+        "controller outside hertzloop",
+        "hertzloop node plant aluminium-3mm.toml",
+        "hertzloop node recorder",
+        "digits as recorded",
+        "No text of the law",
+    ):
         assert words in text
     assert read(path).law_source not in text
     refused = call("inspect", path, "--law", tmp_path / "law.py")

@@ -115,8 +115,16 @@ def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
     wait_until(lambda: len(_lines(path)) >= cases, process)
 
 
-BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
-       "controller.latency_us=0:199:1", "--over", "sensors.bits=4:15:1"]  # fmt: skip
+BIG = [
+    "sweep",
+    "aluminium-3mm",
+    "--set",
+    "run.accuracy=0.05",
+    "--over",
+    "controller.latency_us=0:199:1",
+    "--over",
+    "sensors.bits=4:15:1",
+]
 # So many that no machine is done with them before workers are there, or what ends them arrives.
 HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 
@@ -336,9 +344,16 @@ def test_a_cluster_without_workers_is_waited_for_with_a_word(tmp_path, monkeypat
 @pytest.mark.full
 def test_a_scheduler_that_is_not_there_is_named(tmp_path):
     found = subprocess.run(
-        command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
-                "--dask", "tcp://127.0.0.1:1"),
+        command(
+            "sweep",
+            "--over",
+            "sensors.bits=4,5",
+            "-o",
+            str(tmp_path / "r.csv"),
+            "--dask",
+            "tcp://127.0.0.1:1",
+        ),
         capture_output=True,
-    )  # fmt: skip
+    )
     assert found.returncode == 1
     assert b"no Dask scheduler answers at tcp://127.0.0.1:1" in found.stderr

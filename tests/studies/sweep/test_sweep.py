@@ -240,8 +240,12 @@ def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path):
     report = tmp_path / "r.json"
     words = ["sweep", "aluminium-20mm", "--workers", "1", "--span", "run", "--json", str(report),
              "-o", str(tmp_path / "r.csv"), "--over", "controller.kappa=0.2,1.2"]  # fmt: skip
-    for setting in (*COARSE, "controller.law=velocity_feedback", "controller.latency_us=20",
-                    "run.duration_s=0.01"):  # fmt: skip
+    for setting in (
+        *COARSE,
+        "controller.law=velocity_feedback",
+        "controller.latency_us=20",
+        "run.duration_s=0.01",
+    ):
         words += ["--set", setting]
     done = invoke(words)
     assert done.exit_code == 0, done.stderr
