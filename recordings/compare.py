@@ -60,10 +60,10 @@ def _streams(
             step = a.step_at(position + at)
             return f"{name}.{field} differs first at step {step}: {values_there}"
     if apart is not None:
-        step = min(int(a.step_at(apart)), int(b.step_at(apart)))
-        if until_step is not None and step >= until_step:
+        missing = min(int(a.step_at(apart)), int(b.step_at(apart)))
+        if until_step is not None and missing >= until_step:
             return None
-        return f"{name} has step {step} in one and not in the other"
+        return f"{name} has step {missing} in one and not in the other"
     return counts if a.samples != b.samples else None
 
 

@@ -188,7 +188,7 @@ def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) 
             f"{'AB'[len(metrics) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
-    comparison = compared(*metrics, *errors)
+    comparison = compared(metrics[0], metrics[1], errors[0], errors[1])
     out.print(comparison_table(comparison))
     named = {"a": str(left.path), "b": str(right.path)}
     outputs.write_json(json_file, {**named, "metrics": list(map(asdict, comparison.rows))})

@@ -370,14 +370,14 @@ def contact_metrics(columns, first_step, start, end, by, metrics):
 
 
 class ImpactSteps(NamedTuple):
-    """The steps of an impact: `count` rows after the first `lead`; some more may follow.
+    """The steps of an impact: `rows` of them after the first `lead`; some more may follow.
 
     `continued`: they continue an impact, so that rows before them do not count. `first_step`: step
     of the run in row 0; without meaning in a continued impact.
     """
 
     lead: int
-    count: int
+    rows: int
     continued: bool = False
     first_step: int = 0
 
@@ -391,7 +391,7 @@ def read_impact(columns, steps, by, spectra, metrics, work, speeds, found):
     whether there is such a contact, the steps of `work` that belong to it, how many steps begin in
     contact, and the largest speed of the plate.
     """
-    f_c, lead, count = columns.f_c, steps.lead, steps.count
+    f_c, lead, count = columns.f_c, steps.lead, steps.rows
     size, own = f_c.size, slice(lead, lead + count)
     first = lead if steps.continued else 0
     plate_work(columns, first, by, speeds, work)

@@ -208,7 +208,8 @@ def test_the_true_certificate_is_let_in(hosts, paper, tmp_path):
     config = paper.of_intruder("replayed", *paper.pairs[CONTROLLER])
     intruder = Intruder(hosts, "replayed", config, "--listen-first")
     brief = ["--wait", "20"]  # the run cannot begin, or ends at once
-    ends = end_all(begin(hosts, paper.folder, tmp_path / "run.mcap", *SHORT, patience=brief))
+    long = ["run.duration_s=15", "run.accuracy=0.1"]  # not over before the intruder is linked
+    ends = end_all(begin(hosts, paper.folder, tmp_path / "run.mcap", *long, patience=brief))
     got = intruder.result()
     assert got["tokens"]
     assert {code for code, _ in ends.values()} == {1}, ends
