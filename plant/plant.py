@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from hertzloop.common.uncompiled import plain
 from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded, sensor_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
@@ -358,4 +359,4 @@ class Plant(ABC):
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""
         stored = self.kernels.contact_energy
-        return float(getattr(stored, "py_func", stored)(self.model, self.state))
+        return float(plain(stored)(self.model, self.state))

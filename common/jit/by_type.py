@@ -13,6 +13,7 @@ from numba.core.typing.templates import infer_global
 from numba.extending import intrinsic, models, overload, register_model
 
 from hertzloop.common.jit.decorator import kernel
+from hertzloop.common.uncompiled import plain
 
 
 def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
@@ -44,7 +45,7 @@ def _function_of(kernel_of: Callable[[Any], Any]) -> Any:
 
     def uncompiled(part: Any, *arguments: Any) -> Any:
         kernel = kernel_of(type(part))
-        return getattr(kernel, "py_func", kernel)(part, *arguments)
+        return plain(kernel)(part, *arguments)
 
     chosen.uncompiled = uncompiled  # type: ignore[attr-defined]
     infer_global(chosen, _ByType(kernel_of))

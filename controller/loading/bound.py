@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.uncompiled import plain
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.law_kernels import LawModel
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading import compiled as law_code
-from hertzloop.controller.loading.compiled import plain
 from hertzloop.controller.loading.records import PackedRecord, pack, state_of
 
 

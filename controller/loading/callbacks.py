@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.controller.loading.compiled import FUNCTIONS, plain
+from hertzloop.common.uncompiled import plain
+from hertzloop.controller.loading.compiled import FUNCTIONS
 
 _RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
 

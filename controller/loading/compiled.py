@@ -127,11 +127,6 @@ def arguments_of(function: str) -> str:
     return f"p, s, {more}" if more else "p, s"
 
 
-def plain(function: Any) -> Any:
-    """The Python function behind a compiled one."""
-    return getattr(function, "py_func", function)
-
-
 def text_of(name: str, names: list[str]) -> str:
     """The module that stands between C and a law's functions `names`."""
     parts = [f'"""Between the compiled loop and the law {name}."""\n']

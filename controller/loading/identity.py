@@ -19,7 +19,8 @@ import numpy as np
 from numba import types
 from numba.core.dispatcher import Dispatcher
 
-from hertzloop.controller.loading.compiled import FUNCTIONS, plain
+from hertzloop.common.uncompiled import plain
+from hertzloop.controller.loading.compiled import FUNCTIONS
 
 # Functions that prepare a run, and what a law declares. They are never compiled.
 _PREPARING = ("prepare", "reach", "transfer_function", "tune", "note")

@@ -2,8 +2,9 @@
 
 from typing import Any
 
+from hertzloop.common.uncompiled import plain
 from hertzloop.controller.law import Keys, LawError
-from hertzloop.controller.loading.compiled import FUNCTIONS, arguments_of, plain
+from hertzloop.controller.loading.compiled import FUNCTIONS, arguments_of
 
 
 def check_home(name: str, home: Any) -> None:

@@ -8,6 +8,7 @@ from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.lane_kernels import OPEN
 from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.streams import StreamFault
+from hertzloop.common.uncompiled import plain
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.kernels import (
     FORCES_END,
@@ -21,7 +22,7 @@ from hertzloop.loop.kernels import (
 from hertzloop.scene.setup import Setup
 
 # Interpreted: once a message, compiling it for that would only lengthen the first run.
-_update_promise = getattr(loop_kernels.update_promise, "py_func", loop_kernels.update_promise)
+_update_promise = plain(loop_kernels.update_promise)
 
 
 class ForceBuffer:
