@@ -23,16 +23,16 @@ from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.common.optional_dependencies import need
-from hertzloop.identification.modes.frequency_responses import FrequencyResponses, noise_weights
-from hertzloop.identification.modes.from_hits import modes_of_hits
-from hertzloop.identification.modes.from_responses import modes_of_responses
-from hertzloop.identification.modes.hit_responses import (
+from hertzloop.fitting.modes.frequency_responses import FrequencyResponses, noise_weights
+from hertzloop.fitting.modes.from_hits import modes_of_hits
+from hertzloop.fitting.modes.from_responses import modes_of_responses
+from hertzloop.fitting.modes.hit_responses import (
     HitResponse,
     hits_of_records,
 )
-from hertzloop.identification.modes.measured_modes import prediction_errors
-from hertzloop.identification.modes.universal_file import Points
-from hertzloop.identification.records.reading import read_record
+from hertzloop.fitting.modes.measured_modes import prediction_errors
+from hertzloop.fitting.modes.universal_file import Points
+from hertzloop.fitting.records.reading import read_record
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene.setup import load

@@ -13,13 +13,13 @@ import scipy
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from hertzloop.cli.options import JsonOption
-from hertzloop.identification.fit.fit import fit
-from hertzloop.identification.fit.keys.free_key_option import parse_free_key
-from hertzloop.identification.fit.results import FitResult
-from hertzloop.identification.modes.from_hits import modes_of_hits
-from hertzloop.identification.modes.hit_responses import hits_of_records
-from hertzloop.identification.records.reading import read_record
-from hertzloop.identification.records.record import Record
+from hertzloop.fitting.fit.fit import fit
+from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
+from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.modes.from_hits import modes_of_hits
+from hertzloop.fitting.modes.hit_responses import hits_of_records
+from hertzloop.fitting.records.reading import read_record
+from hertzloop.fitting.records.record import Record
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.setup import Setup, load
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
-from hertzloop.identification.fit.simulation.loop_simulator import LoopSimulator
-from hertzloop.identification.fit.simulation.measuring_chain import MeasuringChain
-from hertzloop.identification.fit.simulation.observed_signal import ObservedSignal, observe
-from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.record import Record
+from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.fitting.fit.simulation.loop_simulator import LoopSimulator
+from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
+from hertzloop.fitting.fit.simulation.observed_signal import ObservedSignal, observe
+from hertzloop.fitting.records.measurement import Measurement
+from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _PLANT_NS = 100  # under a law

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.identification.records.quantities import QUANTITIES
+from hertzloop.fitting.records.quantities import QUANTITIES
 from hertzloop.scene.setup import load
 
 EXAMPLES = Path(__file__).parent

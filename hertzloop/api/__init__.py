@@ -19,10 +19,10 @@ from hertzloop.scene.scene import Scene
 if TYPE_CHECKING:
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.identification.fit.errors import FitError
-    from hertzloop.identification.fit.results import FitResult
-    from hertzloop.identification.records.errors import RecordError
-    from hertzloop.identification.records.record import Record
+    from hertzloop.fitting.fit.errors import FitError
+    from hertzloop.fitting.fit.results import FitResult
+    from hertzloop.fitting.records.errors import RecordError
+    from hertzloop.fitting.records.record import Record
     from hertzloop.loop.run_options import OptionError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
@@ -92,10 +92,10 @@ _NAMES_BY_MODULE = {
     "loop.run_options": ("OptionError",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
-    "identification.fit.errors": ("FitError",),
-    "identification.fit.results": ("FitResult",),
-    "identification.records.errors": ("RecordError",),
-    "identification.records.record": ("Record",),
+    "fitting.fit.errors": ("FitError",),
+    "fitting.fit.results": ("FitResult",),
+    "fitting.records.errors": ("RecordError",),
+    "fitting.records.record": ("Record",),
     "studies.budget.request": ("BudgetRequest",),
     "studies.budget.result": ("BudgetResult",),
     "studies.cases.axis": ("DesignError",),

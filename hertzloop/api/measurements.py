@@ -8,8 +8,8 @@ from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.loop.run_options import check_list
 
 if TYPE_CHECKING:
-    from hertzloop.identification.fit.results import FitResult
-    from hertzloop.identification.records.record import Record
+    from hertzloop.fitting.fit.results import FitResult
+    from hertzloop.fitting.records.record import Record
 
 
 def read_record(path: str | Path, **table: Any) -> "Record":
@@ -25,7 +25,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     Raises:
         RecordError: the file cannot be read, or the record cannot be used.
     """
-    from hertzloop.identification.records.reading import read_record
+    from hertzloop.fitting.records.reading import read_record
 
     return read_record(Path(path), table)
 
@@ -43,7 +43,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
     Raises:
         RecordError: a file cannot be read, or a record cannot be used.
     """
-    from hertzloop.identification.records.reading import read_records
+    from hertzloop.fitting.records.reading import read_records
 
     return read_records(Path(path), table)
 
@@ -75,9 +75,9 @@ def fit(
         OptionError: `free` is a text, not a list.
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.identification.fit.fit import fit as fit_records
-    from hertzloop.identification.fit.keys.free_key_option import parse_free_key
-    from hertzloop.identification.records.record import Record
+    from hertzloop.fitting.fit.fit import fit as fit_records
+    from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
+    from hertzloop.fitting.records.record import Record
 
     check_list("free", free)
     setup = resolved(scene)

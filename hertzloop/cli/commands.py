@@ -73,7 +73,7 @@ MAIN = (
     ),
     CommandEntry(
         "fit",
-        "hertzloop.identification.commands.fit:fit",
+        "hertzloop.fitting.commands.fit:fit",
         "Fit keys of a scene to measured records.",
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),
@@ -149,7 +149,7 @@ SCENE = (
     ),
     CommandEntry(
         "scene modes",
-        "hertzloop.identification.commands.modes:modes",
+        "hertzloop.fitting.commands.modes:modes",
         "Write modes as a table that a scene can read: of a plate, or measured ones.",
         "scene modes --from plate.unv --contact 12 --direction z --out modes.csv",
     ),

@@ -75,7 +75,7 @@ def chosen(
 
 
 def _mirror(root: Path, module: str) -> str:
-    """The folder of tests that mirrors a module's: as tests/identification/fit/ and tests/bus/."""
+    """The folder of tests that mirrors a module's: as tests/fitting/fit/ and tests/bus/."""
     parts = module.split("/")[:-1]
     for size in range(len(parts), 0, -1):
         inner, outer = "/".join(parts[:size]), "/".join(parts[1:size])

@@ -7,11 +7,11 @@ import pytest
 import scipy
 
 from benchmarks.margin import beside_the_contact
-from hertzloop.identification.fit.problem.problem_preparation import with_measuring_point
-from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
-from hertzloop.identification.records.errors import RecordError
-from hertzloop.identification.records.measurement import Measurement
-from hertzloop.identification.records.record import Record
+from hertzloop.fitting.fit.problem.problem_preparation import with_measuring_point
+from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.records.measurement import Measurement
+from hertzloop.fitting.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec, modes_of

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.structures.mode_file import read_modes
+from tests.fitting.records.field import FOLDER
 from tests.hertzloop.commands import hertzloop
-from tests.identification.records.field import FOLDER
 
 LAWS = FOLDER / "laws"
 pytestmark = [

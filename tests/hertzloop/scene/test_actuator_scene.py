@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.identification.fit.simulation.impact_simulator import ImpactSimulator
+from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P

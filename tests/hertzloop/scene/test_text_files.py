@@ -10,7 +10,7 @@ import pytest
 
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
-from hertzloop.identification.records.reading import read_records
+from hertzloop.fitting.records.reading import read_records
 from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import load, parse, shipped_text

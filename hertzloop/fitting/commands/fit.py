@@ -1,0 +1,204 @@
+"""The command `fit`: from measured records to a calibrated scene."""
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.fitting.commands.fit_files import FitFiles
+from hertzloop.fitting.fit.check import check as check_records
+from hertzloop.fitting.fit.errors import FitError
+from hertzloop.fitting.fit.expected_record import expected_record
+from hertzloop.fitting.fit.fit import fit as fit_records
+from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
+from hertzloop.fitting.fit.keys.free_keys import FreeKey
+from hertzloop.fitting.fit.keys.key_scope import is_control_key
+from hertzloop.fitting.fit.reports.file_description import describe_file
+from hertzloop.fitting.fit.reports.fit_text import parameter_table, sentences
+from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.fit.verdicts import ModelVerdict
+from hertzloop.fitting.records.reading import holds_records, input_files, read_records
+from hertzloop.fitting.records.record import Record
+from hertzloop.scene.setup import Setup
+from hertzloop.warmup import Work
+
+_OF_FIT = ("--exact", "--hold-out", "--out", "--replay")
+_OF_SCENE = ("--expect", "--json", "--report", "--set")
+
+
+def fit(
+    scene: options.SceneArgument,
+    records: Annotated[
+        list[Path] | None, typer.Argument(metavar="RECORD...", help="Files of measured records.")
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="KEY[=LOW:HIGH][±PRIOR]",
+            help="Fit this scene key, within a range, with a prior standard deviation in its "
+            "unit or in %.",
+        ),
+    ] = None,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="RECORD|HIT|none",
+            help="Compare this record, or the hit of this number, with the result; do not "
+            "fit it. Of several hits the last one is held out.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Report what the records can tell; do not fit. Without a scene, show what "
+            "is read of them.",
+        ),
+    ] = False,
+    expect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expect",
+            metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]",
+            help="With --check, suppose a record of this kind, before the experiment.",
+        ),
+    ] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Take the model as exact: only noise spoils a record.")
+    ] = False,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
+    ] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write an HTML page of the fit to this file.")
+    ] = None,
+    replay_file: Annotated[
+        Path | None,
+        typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
+    ] = None,
+    settings: options.SetOption = None,
+    json_file: options.JsonOption = None,
+    overwrite: options.OverwriteOption = False,
+) -> None:
+    """Fit keys of a scene to measured records.
+
+    It prints estimates with 95 % intervals, and verdicts on the keys and on the model.
+
+    Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
+    key that the records cannot identify.
+    """
+    given = {
+        "--exact": exact,
+        "--expect": expect,
+        "--hold-out": hold_out,
+        "--json": json_file,
+        "--out": out_file,
+        "--replay": replay_file,
+        "--report": report_file,
+        "--set": settings,
+    }
+    if "none" in (hold_out or []) and len(hold_out or []) > 1:
+        raise FitError("--hold-out none: cannot be combined with another --hold-out. Remove one.")
+    without_scene = check and not free and holds_records(Path(scene))
+    _refuse_unused([option for option, value in given.items() if value], check, without_scene)
+    files = list(records or [])
+    if without_scene:
+        for file in (Path(scene), *files):
+            out.say("\n".join(describe_file(file)))
+        return
+    setup = prepare.scene_from(scene, settings, None)
+    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
+    held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
+    written = FitFiles(
+        None if check else out_file or Path(f"{setup.name}-fitted.toml"),
+        report_file,
+        replay_file,
+        json_file,
+    )
+    read = outputs.files_of(setup, scene, *(settings or []))
+    read += [one for file in (*files, *held) for one in input_files(file)]
+    written.check(read, overwrite, named=out_file is not None)
+    keys = [parse_free_key(setup, text) for text in free or []]
+    if not keys:
+        raise FitError("--free: no key is free. Name at least one, --free KEY.")
+    measured = [one for path in files for one in read_records(path)]
+    compared = [one for path in held for one in read_records(path)]
+    for one in (*measured, *compared):
+        out.say(f"{one.name}: {one.source}.")
+    prepare.compile_first(setup, works=[Work.RESULTS])
+    measured += _expected_records(setup, expect or [], keys)
+    if not measured:
+        remedy = "RECORD, or --expect" if check else "RECORD"
+        raise FitError(f"RECORD: none is given. Name at least one {remedy}.")
+    if check:
+        result = check_records(setup, measured, keys)
+    else:
+        held_out: list[Record | int] | None = [*compared, *numbers] if hold_out else None
+        result = _fit_with_progress(setup, measured, keys, held_out, exact)
+    out.print(parameter_table(result))
+    for sentence in sentences(result):
+        out.say(sentence)
+    named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
+    flags = {"--check": check, "--exact": exact, "--report": True}
+    words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
+    written.write(result, shlex.join(map(str, words)))
+    if not result.identifiable:
+        raise typer.Exit(2)
+    if result.model is ModelVerdict.DOES_NOT_FIT:
+        raise typer.Exit(1)
+
+
+def _refuse_unused(given: list[str], check: bool, without_scene: bool) -> None:
+    """End the command for an option that it would not use.
+
+    Args:
+        given: names of options that are given.
+        check: whether --check is one.
+        without_scene: whether only records are given, which are described.
+    """
+    for option in given:
+        if check and option in _OF_FIT:
+            fail(f"{option}: is part of a fit, and --check makes none. Remove one of the two.")
+        if without_scene and option in _OF_SCENE:
+            fail(f"{option}: needs a scene, and only records are given. Name a scene before them.")
+        if option == "--expect" and not check:
+            fail("--expect: supposes a record, which cannot be fitted. Add --check.")
+
+
+def _expected_records(setup: Setup, texts: list[str], keys: list[FreeKey]) -> list[Record]:
+    """Return made-up records; if a key of the law is free, all are under the law."""
+    control = True if any(is_control_key(f.key) for f in keys) else None
+    return [
+        expected_record(setup, text, f"expected record {i}", control)
+        for i, text in enumerate(texts, 1)
+    ]
+
+
+def _fit_with_progress(
+    setup: Setup,
+    records: list[Record],
+    keys: list[FreeKey],
+    hold_out: list[Record | int] | None,
+    exact: bool,
+) -> FitResult:
+    """Fit keys to records, and show the number of simulations."""
+    with progress("fit", 1000, lines=True) as advance:
+
+        def show(done: int, expected: int) -> None:
+            about = f"fit: {done} of about {expected} simulations"
+            advance(round(1000 * done / expected), about)
+
+        return fit_records(setup, records, keys, hold_out, show, exact)
+
+
+def _option_words(named: Mapping[str, list[str] | None], flags: Mapping[str, bool]) -> list[str]:
+    """Return the words of options with values and of those without."""
+    words = [word for name, values in named.items() for one in values or [] for word in (name, one)]
+    return words + [name for name, on in flags.items() if on]

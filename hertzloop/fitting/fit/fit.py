@@ -1,0 +1,177 @@
+"""Fit scene keys to records."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from hertzloop.fitting.fit.assessment.assessment import assess_model
+from hertzloop.fitting.fit.assessment.residuals import impact_speeds, residual_curves
+from hertzloop.fitting.fit.assessment.summary import (
+    check_sample_count,
+    common_fields,
+    unique_names,
+)
+from hertzloop.fitting.fit.channels.sample_selection import exclude_contact
+from hertzloop.fitting.fit.errors import FitError
+from hertzloop.fitting.fit.hold_out import (
+    compare_hold_out,
+    leave_out_held,
+    split_hold_out,
+)
+from hertzloop.fitting.fit.keys.free_keys import FreeKey, refuse_duplicates
+from hertzloop.fitting.fit.keys.key_scope import is_control_key, values_for_record
+from hertzloop.fitting.fit.problem.hit_speeds import add_hit_speeds
+from hertzloop.fitting.fit.problem.iterate import Iterate
+from hertzloop.fitting.fit.problem.problem import FitProblem
+from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
+from hertzloop.fitting.fit.problem.simulators import rebuild_simulators
+from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.fit.solver.discrete_key import search_discrete_key
+from hertzloop.fitting.fit.solver.global_search import best_start, search_lower_minimum
+from hertzloop.fitting.fit.solver.minimise import minimise
+from hertzloop.fitting.fit.solver.solution import solve
+from hertzloop.fitting.fit.uncertainty.converter_draws import apply_converter_draws
+from hertzloop.fitting.fit.uncertainty.intervals import add_discrete_estimate, estimate_keys
+from hertzloop.fitting.fit.uncertainty.key_uncertainty import key_uncertainty
+from hertzloop.fitting.fit.verdicts import KeyVerdict
+from hertzloop.fitting.hits.split import split_hits
+from hertzloop.fitting.records.chain_keys import is_chain_key
+from hertzloop.fitting.records.record import Record
+from hertzloop.scene.setup import Setup
+
+_MOVED = 0.01  # change of a key's logarithm for which the modes of the plate are chosen anew
+_LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
+
+
+def fit(
+    setup: Setup,
+    records: Sequence[Record],
+    free: Sequence[FreeKey],
+    hold_out: Sequence[Record | int] | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, expected: None,
+    exact: bool = False,
+) -> FitResult:
+    """Fit scene keys to records.
+
+    Args:
+        setup: the scene to start from, in which everything else is known.
+        records: at least one; all share the keys.
+        free: the keys to find.
+        hold_out: records, or numbers of hits, that are only compared with the result, also if they
+            are among `records`; the last one of several hits if left out.
+        on_progress: is told the number of simulations done and of those expected.
+        exact: whether the model is taken as exact, so that only noise may spoil a record.
+
+    Returns:
+        Estimates with 95 % intervals, verdicts, and the fitted setup.
+
+    Raises:
+        RecordError: a record cannot be used.
+        SceneError: the scene cannot be simulated.
+        FitError: the question makes no sense.
+    """
+    if not records:
+        raise FitError("no record is given. Give at least one.")
+    if not free:
+        raise FitError("no key is free. Name at least one with --free KEY.")
+    refuse_duplicates(free)
+    began = time.perf_counter()
+    records = split_hits(unique_names(leave_out_held(records, hold_out)), setup)
+    records, held_records = split_hold_out(records, hold_out, setup)
+    free = add_hit_speeds(setup, records, free)
+    problem = prepare_problem(setup, records, free)
+    problem.counter.on_progress = on_progress
+    windows = _fit_growing_windows(problem)
+    problem = _rebuild_if_moved(setup, windows)
+    for c, simulator in zip(problem.channels, problem.simulators, strict=True):
+        exclude_contact(c, simulator.contact_s)  # only now: the early windows hold little else
+    problem.counter.expect(1, len(problem.varied_keys))
+    solution = solve(problem, windows.iterate.x, windows.shorter, exact)
+    problem, iterate = solution.problem, solution.iterate
+    check_sample_count(iterate)
+    known = key_uncertainty(problem, iterate, solution.shifts)
+    apply_converter_draws(problem, iterate, known)
+    estimates, one_sided = estimate_keys(problem, iterate, known)
+    estimates = add_discrete_estimate(problem, estimates, known, solution.profile)
+    unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
+    plain = solution.exact_iterate()
+    values = problem.key_values(iterate.x)
+    fitted = _fitted_setup(setup, values, records[0])
+    held, held_over_noise = None, 0.0
+    if held_records:
+        held = compare_hold_out(fitted, _under_same_law(held_records, free), free, exact)
+        held_over_noise = held["residual_over_noise"]
+    assessment = assess_model(problem, plain, one_sided, unsure, held_over_noise)
+    return FitResult(
+        **common_fields(problem, setup, iterate, plain, known, assessment),
+        estimates=estimates,
+        hold_out=held,
+        setup=fitted,
+        curves=residual_curves(problem, plain),
+        wall_s=time.perf_counter() - began,
+        speeds_m_s=impact_speeds(problem, values),
+        records=list(records),
+    )
+
+
+@dataclass
+class _WindowsFit:
+    """Solutions of the whole records and of shorter windows, the shortest first."""
+
+    problem: FitProblem
+    iterate: Iterate
+    shorter: list[Iterate]
+
+
+def _fit_growing_windows(problem: FitProblem) -> _WindowsFit:
+    """Fit the keys to growing parts of the records, each from the solution of the one before."""
+    counter, keys = problem.counter, len(problem.varied_keys)
+    if problem.looped:
+        problem = search_discrete_key(problem)
+    x = best_start(problem)
+    *early_ends, until_s = ends = problem.windows_s()
+    shorter = []
+    for i, end in enumerate(early_ends):
+        counter.expect(len(ends) - i + _LAST_STAGES, keys)
+        shorter.append(minimise(problem, x, end, early=True, steps=15, tolerance=1e-3))
+        x = shorter[-1].x
+    counter.expect(1 + _LAST_STAGES, keys)
+    iterate = minimise(problem, x, until_s, steps=15, tolerance=1e-3)
+    counter.expect(_LAST_STAGES, keys)
+    if not problem.looped:
+        iterate = search_lower_minimum(problem, iterate, shorter)
+    return _WindowsFit(problem, iterate, shorter)
+
+
+def _rebuild_if_moved(setup: Setup, windows: _WindowsFit) -> FitProblem:
+    """Return the problem, with new simulators if a key has moved."""
+    problem, x = windows.problem, windows.iterate.x
+    moves = [abs(math.log(f.start) - v) for f, v in zip(problem.varied_keys, x, strict=False)]
+    if max(moves, default=0.0) <= _MOVED:
+        return problem
+    return rebuild_simulators(setup, problem, problem.key_values(x))
+
+
+def _fitted_setup(setup: Setup, values: dict[str, float], first: Record) -> Setup:
+    """Return the setup with the fitted values; of the speeds of hits it takes that of the first."""
+    for of_sensor in (False, True):
+        changed = {
+            name: value
+            for key, value in values.items()
+            if is_chain_key(key) is of_sensor
+            for name in (key, *values_for_record({key: value}, first))
+            if "[" not in name
+        }
+        setup = setup.vary(changed)
+    return setup
+
+
+def _under_same_law(records: Sequence[Record], free: Sequence[FreeKey]) -> list[Record]:
+    """The records, which are under the law if a key of it is free and they do not say otherwise."""
+    if not any(is_control_key(f.key) for f in free):
+        return list(records)
+    return [
+        replace(r, measurement=replace(r.measurement, control=r.measurement.control is not False))
+        for r in records
+    ]

@@ -1,0 +1,124 @@
+"""The parameters of a fit: logarithms of the free keys, then nuisances of every channel."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hertzloop.fitting.fit.channels.channel import Channel
+from hertzloop.fitting.fit.keys.free_keys import FreeKey
+from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
+
+SHIFT_UNIT_S = 1e-6  # unit of a shift among the parameters, s
+
+
+class NuisanceIndices(NamedTuple):
+    """Places of the nuisances of a channel among the parameters; no phase without a law."""
+
+    shift: int
+    clock: int
+    gain: int
+    offset: int
+    phase: int | None = None
+
+    @property
+    def all(self) -> list[int]:
+        """Those that the channel has."""
+        return [index for index in self if index is not None]
+
+
+@dataclass(kw_only=True)
+class FitParameters:
+    """Keys and channels of a fit, and where their unknowns stand in the vector of parameters.
+
+    Attributes:
+        free: the free keys.
+        channels: the records, made ready.
+        simulators: of each channel; channels of one setup share one.
+        fixed: keys that are held at a value.
+    """
+
+    free: Sequence[FreeKey]
+    channels: Sequence[Channel]
+    simulators: Sequence[ImpactSimulator]
+    fixed: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def varied_keys(self) -> list[FreeKey]:
+        """The free keys that are not held at a value."""
+        return [f for f in self.free if f.key not in self.fixed]
+
+    @property
+    def discrete_key(self) -> FreeKey | None:
+        """The free key in whole steps, if there is one; it is held at a value all the time."""
+        return next((f for f in self.free if f.resolution is not None), None)
+
+    @property
+    def nuisance_indices(self) -> list[NuisanceIndices]:
+        """Places of the nuisances of every channel. Channels of one clock share shift, clock and
+        phase; hits share the clock, and the gain of each sensor."""
+        known: dict[tuple[str, object], int] = {}
+        found: list[NuisanceIndices] = []
+        for index, (c, simulator) in enumerate(zip(self.channels, self.simulators, strict=True)):
+            record, hit = c.record, c.record.hit > 0
+            clock = record.measurement.clock or index
+            sensor = repr(replace(record.measurement, clock=None, set={})) if hit else index
+            of = {
+                "shift": clock,
+                "clock": "of hits" if hit else clock,
+                "gain": sensor,
+                "offset": index,
+            }
+            of |= {"phase": clock} if simulator.looped else {}
+            keys = len(self.varied_keys)
+            at = [known.setdefault(one, keys + len(known)) for one in of.items()]
+            found.append(NuisanceIndices(*at))
+        return found
+
+    @property
+    def phase_periods(self) -> dict[int, int]:
+        """Where the phases stand, and the period of each in steps."""
+        return {
+            at.phase: simulator.phase_period
+            for at, simulator in zip(self.nuisance_indices, self.simulators, strict=True)
+            if at.phase is not None
+        }
+
+    @property
+    def clock_groups(self) -> list[list[int]]:
+        """Numbers of the channels that share a touch and a phase, group by group."""
+        groups: dict[int, list[int]] = {}
+        for index, at in enumerate(self.nuisance_indices):
+            groups.setdefault(at.shift, []).append(index)
+        return list(groups.values())
+
+    def start_vector(self) -> np.ndarray:
+        """Return the starting parameters."""
+        indices = self.nuisance_indices
+        found = np.zeros(max((max(at.all) for at in indices), default=-1) + 1)
+        found[: len(self.varied_keys)] = [math.log(f.start) for f in self.varied_keys]
+        for c, at in zip(self.channels, indices, strict=True):
+            found[[at.clock, at.gain, at.offset]] = c.ppm, c.gain, c.offset / c.peak
+            if at.phase is not None:
+                found[at.phase] = c.phase
+        return found
+
+    def key_values(self, x: np.ndarray) -> dict[str, float]:
+        """Return the scene keys at parameters `x`."""
+        found = dict(self.fixed)
+        for f, value in zip(self.varied_keys, x, strict=False):
+            found[f.key] = float(np.clip(math.exp(value), f.low, f.high))
+        return found
+
+    def nuisances(self, x: np.ndarray, index: int) -> tuple[float, float, float, float]:
+        """Return touch (s), clock error (ppm), gain and offset of a channel."""
+        c = self.channels[index]
+        shift, ppm, gain, offset = (float(x[i]) for i in self.nuisance_indices[index][:4])
+        return c.touch_s + shift * SHIFT_UNIT_S, ppm, gain, offset * c.peak
+
+    def phase(self, x: np.ndarray, index: int) -> float:
+        """Return the phase of a channel, in steps; without a law it has no effect."""
+        at = self.nuisance_indices[index].phase
+        return 0.5 if at is None else float(x[at])

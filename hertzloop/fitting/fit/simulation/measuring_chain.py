@@ -1,0 +1,74 @@
+"""The filters of a measuring chain."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import scipy
+
+from hertzloop.fitting.records.measurement import Measurement
+from hertzloop.fitting.records.quantities import QUANTITIES
+from hertzloop.fitting.records.record import Record
+from hertzloop.scene.setup import Setup
+from hertzloop.sensors.acquisition import Filters, SensorSpec
+
+_REACH = 12.0  # periods of the corner that a brick wall reaches on both sides
+
+
+@dataclass(frozen=True)
+class MeasuringChain(Filters):
+    """Filters of a measuring chain, which may end with the brick wall of a sigma-delta converter:
+    `low_pass` is one of `LOW_PASSES` of `records.chain_keys`."""
+
+    def filtered(self, value: np.ndarray, step_s: float) -> np.ndarray:
+        """Filter samples that are zero before the first one.
+
+        Every filter is exact for an input that is linear between samples.
+
+        Args:
+            value: input, shape (steps,).
+            step_s: distance of the samples, s.
+
+        Returns:
+            Output, shape (steps,).
+        """
+        for own_00, own_01, own_10, own_11, ramp_0, ramp_1, low in self.sections(step_s):
+            rise = np.diff(value, prepend=0.0)
+            off = scipy.signal.lfilter(
+                [ramp_0, own_01 * ramp_1 - own_11 * ramp_0],
+                [1.0, -own_00 - own_11, own_00 * own_11 - own_01 * own_10],
+                rise,
+            )
+            value = value + off if low else -off
+        if self.low_pass_hz is not None and self.before_s:
+            # The brick wall of a sigma-delta converter: a symmetric sinc in a Blackman window.
+            reach = round(self.before_s / step_s)
+            taps = np.sinc(2.0 * self.low_pass_hz * step_s * np.arange(-reach, reach + 1))
+            taps *= np.blackman(len(taps))
+            padded = np.pad(value, reach, mode="edge")
+            filtered = scipy.signal.fftconvolve(padded, taps / np.sum(taps), mode="valid")
+            return np.asarray(filtered)
+        return value
+
+    @property
+    def before_s(self) -> float:
+        """How long before its input the output begins, s: zero of causal filters."""
+        if self.low_pass_hz is None or self.low_pass != "sigma-delta":
+            return 0.0
+        return _REACH / self.low_pass_hz
+
+    def low_pass_poles(self) -> tuple[complex, ...]:
+        """Poles of the low-pass, 1/s: none of a brick wall."""
+        return () if self.before_s else super().low_pass_poles()
+
+
+def chain_of_record(record: Record, setup: Setup) -> MeasuringChain:
+    """Return the chain of a record: that of its table, else that of the scene's sensor where this
+    samples the same quantity."""
+    filters: Measurement | SensorSpec
+    if record.measurement.filtered:
+        filters = record.measurement
+    elif QUANTITIES[record.quantity].sensed == setup.quantity:
+        filters = setup.sensor
+    else:
+        return MeasuringChain()
+    return MeasuringChain(*(getattr(filters, one.name) for one in fields(Filters)))

@@ -1,0 +1,268 @@
+"""`hertzloop fit`: exit codes, files and the fields of its JSON."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hertzloop.fitting.fit.errors import FitError
+from hertzloop.fitting.fit.expected_record import expected_record
+from hertzloop.fitting.records.errors import RecordError
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import load
+from hertzloop.scene.toml import to_toml
+from tests.commands import invoke, refused
+from tests.fitting.fitting import (
+    HEIGHT,
+    PRESSURE,
+    RADIUS,
+    THICKNESS,
+    YIELDS,
+    fitted,
+    record,
+    scene,
+    write_csv,
+)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "end", "value"),
+    [
+        ("0.002:0.0029", "high", 0.0029),
+        ("0.0032:0.005±50%", "low", 0.0032),
+    ],
+)
+def test_a_key_at_its_bound_is_not_identified(tmp_path, bounds, end, value):
+    drop, data, page = (tmp_path / name for name in ("drop.csv", "f.json", "f.html"))
+    ended = invoke([
+        "fit", "aluminium-3mm", write_csv(drop, record(scene())), "--free", f"{RADIUS}={bounds}",
+        "--json", str(data), "--report", str(page), "--out", str(tmp_path / "o.toml"),
+    ])  # fmt: skip
+    assert ended.exit_code == 1, ended.output
+    said = json.loads(data.read_text())
+    estimate = said["parameters"][RADIUS]
+    assert (estimate["verdict"], estimate[end]) == ("at its bound", None)
+    assert estimate["value"] == pytest.approx(value, rel=1e-6)
+    assert estimate["high" if end == "low" else "low"] is not None
+    assert said["statistics"]["at_bound"] == [RADIUS]
+    assert said["model"] == "does not fit"
+    assert any(f"{RADIUS} is at a bound of its range, the {end} one" in r for r in said["reasons"])
+    for text in (ended.output, page.read_text()):
+        assert "identified" not in text
+
+
+def test_the_command_writes_json_scene_page_and_replay(tmp_path):
+    path = write_csv(tmp_path / "drop.csv", record(scene()))
+    data, toml, page, rrd = (tmp_path / name for name in ("f.json", "f.toml", "f.html", "f.rrd"))
+    words = ["fit", "aluminium-3mm", path, "--free", RADIUS, "--json", str(data),
+             "--out", str(toml), "--report", str(page), "--replay", str(rrd)]  # fmt: skip
+    ended = invoke(words)
+    assert ended.exit_code == 0, ended.output
+    said = json.loads(data.read_text())
+    estimate = said["parameters"][RADIUS]
+    assert estimate["low"] < 0.003 < estimate["high"]
+    assert estimate["verdict"] == "identified"
+    again = load(str(toml))
+    assert again.sphere.radius_m == estimate["value"]
+    assert again.scene.fit.sha256 == (said["records"][0]["sha256"],)
+    text = page.read_text()
+    for part in ("<svg", "Around the contact", "Whole record", "residual over noise", "contact of",
+                 "measured", "simulated", f"--free {RADIUS}", "[fit]", "identified"):  # fmt: skip
+        assert part in text, part
+    assert rrd.stat().st_size > 1000
+
+
+_PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fit-json.md"
+
+
+_TYPES: dict[str, Callable[[Any], bool]] = {
+    "text": lambda v: isinstance(v, str),
+    "integer": lambda v: type(v) is int,
+    "number": lambda v: type(v) in (int, float),
+    "number or null": lambda v: v is None or type(v) in (int, float),
+    "text or null": lambda v: v is None or isinstance(v, str),
+    "true or false": lambda v: isinstance(v, bool),
+    "object": lambda v: isinstance(v, dict),
+    "object or null": lambda v: v is None or isinstance(v, dict),
+    "object of numbers": lambda v: all(type(x) in (int, float) for x in v.values()),
+    "list": lambda v: isinstance(v, list),
+    "list of text": lambda v: all(isinstance(x, str) for x in v),
+    "list of numbers": lambda v: all(type(x) in (int, float) for x in v),
+    "list of lists": lambda v: all(x is None or type(x) is float for row in v for x in row),
+}
+
+
+def _typed(data: dict[str, Any]) -> None:
+    """Check a JSON against the page: every field is there, of its type, and none is more."""
+    types = dict(re.findall(r"^\| `([^`]+)` \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M))
+    inside = {path.rpartition(".")[0].removesuffix(".*") for path in types} - {""}
+
+    def walk(value: Any, path: str) -> None:
+        assert _TYPES[types[path]](value), (path, value)
+        if path not in inside or value is None:
+            return
+        many = any(p.startswith(f"{path}.*.") for p in types)
+        fixed = {p for p in types if p.rpartition(".")[0] == path}
+        if isinstance(value, list) or (many and not fixed):
+            for one in value if isinstance(value, list) else value.values():
+                assert {f"{path}.*.{key}" for key in one} == {
+                    p for p in types if p.rpartition(".")[0] == f"{path}.*"
+                }
+                for key, part in one.items():
+                    walk(part, f"{path}.*.{key}")
+            return
+        assert {f"{path}.{key}" for key in value} == fixed
+        for key, part in value.items():
+            walk(part, f"{path}.{key}")
+
+    assert set(data) == {p for p in types if "." not in p}
+    for key, part in data.items():
+        walk(part, key)
+
+
+@pytest.mark.full
+def test_json_has_the_fields_and_types_of_its_page(tmp_path):
+    elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
+    one = write_csv(tmp_path / "a" / "drop.csv", elastic)
+    same_name = write_csv(tmp_path / "b" / "drop.csv", record(scene(), seed=8))
+    bad = write_csv(tmp_path / "yields.csv", yields)
+    late = write_csv(
+        tmp_path / "late.csv",
+        replace(elastic, time_s=elastic.time_s[450:], value=elastic.value[450:]),
+    )
+    free = ["--free", RADIUS]
+    for words, code, model in (
+        ([one, *free], 0, "fits"),
+        ([bad, *free], 1, "does not fit"),
+        ([late, *free, "--free", f"{HEIGHT}±5%"], 0, "cannot tell"),
+        ([one, "--free", "plate.loss_factor", "--free", THICKNESS], 2, "fits"),
+        ([one, *free, "--free", PRESSURE, *(f"--set={x}" for x in YIELDS)], 0, "fits"),
+        ([one, same_name, *free, "--hold-out", same_name], 0, "fits"),
+        ([one, *free, "--check"], 0, "cannot tell"),
+        ([one, "--check", "--free", "plate.loss_factor"], 2, "cannot tell"),
+        (["--check", "--expect", "v_p:150us:0.3%", "--free", "contact.stiffness_factor",
+          "--free", "sphere.material.young_pa"], 2, "cannot tell"),
+    ):  # fmt: skip
+        path = tmp_path / "f.json"
+        if "--check" not in words:
+            words += ["--out", str(tmp_path / "o.toml")]
+        ended = invoke(["fit", "aluminium-3mm", *words, "--json", str(path), "--overwrite"])
+        assert ended.exit_code == code, ended.output
+        text = path.read_text("utf-8")
+        data = json.loads(text)
+        assert "NaN" not in text
+        assert "Infinity" not in text
+        _typed(data)
+        assert data["model"] == model
+        assert data["checked_only"] == ("--check" in words)
+        assert (data["scene"] is None) == (code == 2 or "--check" in words)
+        if same_name in words:
+            assert list(data["nuisances"]["by_record"]) == ["drop.csv"]
+            assert data["hold_out"]["records"] == ["drop.csv"]
+
+
+def test_exit_codes_of_the_command(tmp_path):
+    path = write_csv(tmp_path / "drop.csv", record(scene(*YIELDS)))
+    out = ["--out", str(tmp_path / "o.toml"), "--overwrite"]
+    for words, code in (
+        ([path, *out, "--free", HEIGHT, "--exact"], 1),
+        ([path, *out], 2),
+        ([path, *out, "--free", "plate.loss_factor"], 2),
+        ([str(tmp_path / "no.csv"), "--free", RADIUS], 2),
+    ):
+        assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
+
+
+def test_an_option_without_use_is_refused(tmp_path):
+    path = write_csv(tmp_path / "drop.csv", record(scene()))
+    with_scene, supposed = ["aluminium-3mm", path, "--free", RADIUS], "contact_force:80us:0.3%"
+    for words, option, value, why in (
+        ([*with_scene, "--check"], "--hold-out", ["1"], "is part of a fit"),
+        ([*with_scene, "--check"], "--out", [str(tmp_path / "o.toml")], "is part of a fit"),
+        ([path, "--check"], "--exact", [], "is part of a fit"),
+        ([path, "--check"], "--replay", ["f.rrd"], "is part of a fit"),
+        ([path, "--check"], "--expect", [supposed], "needs a scene"),
+        ([path, "--check"], "--json", [str(tmp_path / "f.json")], "needs a scene"),
+        ([path, "--check"], "--report", ["f.html"], "needs a scene"),
+        ([path, "--check"], "--set", ["controller.law=off"], "needs a scene"),
+        (with_scene, "--expect", [supposed], "supposes a record"),
+    ):
+        refused(f"{option}: {why}", "fit", *words, option, *value)
+
+
+def test_records_that_count_twice_or_not_at_all_are_refused(tmp_path):
+    path = write_csv(tmp_path / "drop.csv", record(scene()))
+    words = ["fit", "aluminium-3mm", path, "--free", RADIUS]
+    refused("drop.csv: is given twice", *words, path)
+    refused("--hold-out drop.csv: leaves no record to fit", *words, "--hold-out", path)
+    refused("cannot be combined with another", *words, "--hold-out", "none", "--hold-out", "2")
+
+
+def test_inputs_of_a_fit_are_not_replaced(tmp_path):
+    path, rig = write_csv(tmp_path / "drop.csv", record(scene())), tmp_path / "rig.toml"
+    rig.write_text(to_toml(scene().scene))
+    table, listed = tmp_path / "drop.toml", tmp_path / "list.toml"
+    table.write_text("[record]\nclock_tolerance_ppm = 10\n")
+    listed.write_text('[[record]]\nfile = "drop.csv"\n')
+    words = ["fit", str(rig), str(listed), "--free", RADIUS, "--overwrite"]
+    for option in ("--out", "--report", "--replay"):
+        for file in (str(rig), path, str(table), str(listed)):
+            refused(f"{option} = {file}: is an input", *words, option, file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "contact_force:80us:0.3%:0MHz",
+        "contact_force:1e12us:0.3%",
+        "contact_force:80us:0.3%:1e9MHz",
+        "contact_force:1e1e1us:0.3%",
+    ],
+)
+def test_an_expected_record_that_no_instrument_makes_is_refused(text):
+    with pytest.raises((FitError, RecordError), match=f"--expect {text}:"):
+        expected_record(scene(), text)
+
+
+def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
+    from hertzloop.fitting.fit.reports.fitted_scene import fitted_scene
+    from hertzloop.studies.cases.uncertain_file import read_uncertain
+
+    found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
+    path = tmp_path / "rig.toml"
+    path.write_text(fitted_scene(found, "rig"))
+    uncertain = read_uncertain(path, load(str(path)))
+    assert uncertain.keys == [RADIUS, HEIGHT]
+    drawn = [uncertain.draw(1, number) for number in range(4000)]
+    rows = [[one[RADIUS], one[HEIGHT]] for one in drawn]
+    np.testing.assert_allclose(np.cov(np.log(rows).T), found.covariance, rtol=0.1, atol=1e-12)
+    with pytest.raises(SceneError, match="does not hold"):
+        read_uncertain(path, load(str(path), ["sphere.radius_m=0.004"]))
+
+
+@pytest.mark.full
+def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path):
+    from hertzloop.fitting.fit.reports.fitted_scene import fitted_scene
+    from hertzloop.studies.sweep.repeat_cases import repeat_cases
+    from hertzloop.studies.sweep.results_file import read_results
+
+    found = fitted(
+        scene("run.duration_s=1.2e-3", "controller.law=slope_threshold"), record(scene()), RADIUS
+    )
+    path, results = tmp_path / "rig.toml", tmp_path / "rig.parquet"
+    path.write_text(fitted_scene(found, "rig"))
+    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", str(path),
+             "--cases", "3", "--workers", "1", "--out", str(results)]  # fmt: skip
+    ended = invoke(words)
+    assert ended.exit_code == 0, ended.output
+    assert "median (2.5 to 97.5 %)" in ended.output
+    rows, header = read_results(results)
+    assert len({row[RADIUS] for row in rows}) == 3
+    assert len(rows) == 6
+    checked = list(repeat_cases(rows, header, 2, "compiled", 1))
+    assert [one.same for one in checked] == [True, True]
