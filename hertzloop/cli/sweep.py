@@ -1,4 +1,4 @@
-"""The command `sweep`: simulate many cases of a scene, or verify earlier results."""
+"""The command `sweep`: simulate many cases of a scene."""
 
 import re
 from pathlib import Path
@@ -15,11 +15,8 @@ from hertzloop.cli.sweep_results import (
     print_results,
     report_worst,
 )
-from hertzloop.cli.sweep_verify import verify as verify_results
 from hertzloop.cli.terminal import err, fail, out, progress
-from hertzloop.cli.unused_options import check_only_used, check_unused
 from hertzloop.common.optional_dependencies import need
-from hertzloop.loop.run_options import Transport
 from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.scene.loading import DEFAULT, parse_setting
 from hertzloop.studies.sweep import sweep as sweep_study
@@ -41,7 +38,7 @@ DesignOption = Annotated[
 ]
 CasesOption = Annotated[
     int | None,
-    typer.Option(min=1, help="Run this many spread points; default: 256, with --verify 10."),
+    typer.Option(min=1, help="Run this many spread points; default: 256."),
 ]
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
@@ -77,19 +74,9 @@ OutOption = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
 ]
-VerifyOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="RESULTS",
-        help="Repeat --cases cases of these results over --transport and compare all bytes; exit "
-        "code 1 if any differ.",
-    ),
-]
-TransportOption = Annotated[Transport, typer.Option(help="Use this transport for --verify.")]
 
 
 def sweep(
-    context: typer.Context,
     over: OverOption = None,
     design: DesignOption = "grid",
     cases: CasesOption = None,
@@ -104,21 +91,12 @@ def sweep(
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
-    verify: VerifyOption = None,
-    transport: TransportOption = Transport.ZENOH,
     json_file: options.JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys.
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
-    if verify is not None:
-        used = {"verify", "cases", "transport", "seed", "json_file"}
-        check_only_used(context, used, "with --verify")
-        count = 10 if cases is None else cases
-        verify_results(verify, count, transport, 1 if seed is None else seed, json_file)
-        return
-    check_unused(context, {"transport"}, "without --verify")
     request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
     arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     study = _checked(arguments)

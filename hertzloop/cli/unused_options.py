@@ -13,7 +13,7 @@ def check_unused(context: typer.Context, unused: Collection[str], why: str) -> N
     Args:
         context: The command, as it was called.
         unused: Names of its parameters that have no effect.
-        why: Ends the sentence, for example "with --verify".
+        why: Ends the sentence, for example "with --check".
 
     Raises:
         OptionError: The user gave one of them.

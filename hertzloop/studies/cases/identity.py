@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.jit.folder import code_digest
-from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.scene.controller import law_constants
 from hertzloop.scene.errors import SceneError
@@ -81,12 +80,3 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
 def unidentified_laws(header: dict[str, Any]) -> list[str]:
     """Return the laws of a header that no later start can recognise, so that it begins anew."""
     return [law for law in header["laws"] if find(resolve(law)).identity_note()]
-
-
-def check_laws(header: dict[str, Any]) -> None:
-    """Refuse a law that has changed since results were made with it. Raises SceneError."""
-    for reference, about in header.get("laws", {}).items():
-        try:
-            find(resolve(reference), about["digest"])
-        except LawError as error:
-            raise SceneError(f"the results cannot be verified: {error}") from error
