@@ -1,14 +1,14 @@
-"""The actuator between the controller's line and the plate: bandwidth, mass, limit, preload."""
+"""The actuator between the controller's line and the plate: bandwidth, mass and limit."""
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy
 
-from hertzloop.plant.actuator_kernels import ForceLimit, Preloaded, SecondOrder, force
+from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder, force
 from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE, BODY_SIZE
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -20,20 +20,18 @@ _MOST_HALVINGS = 200
 @dataclass(frozen=True)
 class Actuator:
     """Second order up to `bandwidth_hz` with `damping` (of critical; without a bandwidth it
-    follows at once), a mass that moves with the plate, the largest commanded force (N; None: any),
-    and a constant force that is added to it from the first step on (N)."""
+    follows at once), a mass that moves with the plate, and the largest force (N; None: any)."""
 
     bandwidth_hz: float | None = None
     damping: float = 0.7
     mass_kg: float = 0.0
     force_limit_n: float | None = None
-    preload_n: float = 0.0
 
     @cached_property
     def ideal(self) -> bool:
-        """Whether every command acts on the plate unchanged, and nothing else does."""
+        """Whether every command acts on the plate unchanged."""
         follows = self.bandwidth_hz is None and self.force_limit_n is None
-        return follows and self.mass_kg == self.preload_n == 0.0
+        return follows and self.mass_kg == 0.0
 
     @cached_property
     def delay_s(self) -> float:
@@ -46,13 +44,8 @@ class Actuator:
 IDEAL = Actuator()
 
 
-def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit | Preloaded | None:
+def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit | None:
     """Coefficients of one step; the mass is part of the plate's modes, see `mass_loaded`."""
-    commanded = _build_commanded(actuator, step_s)
-    return Preloaded(commanded, float(actuator.preload_n)) if actuator.preload_n else commanded
-
-
-def _build_commanded(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit | None:
     limit = math.inf if actuator.force_limit_n is None else actuator.force_limit_n
     if actuator.bandwidth_hz is None:
         return None if actuator.force_limit_n is None else ForceLimit(float(limit))
@@ -142,15 +135,6 @@ def _asked(model: Any, inputs: np.ndarray, others: float) -> np.ndarray:
     after = body[_STATE].copy()
     body[_STATE] = others
     return np.array([*found, *after]) if np.all(body == others) else np.full(4, np.nan)
-
-
-@lru_cache(maxsize=64)
-def rest_force_n(actuator: Actuator, step_s: float) -> float:
-    """Return the force on the plate without any command, N; zero of one that does not rest."""
-    if actuator.ideal:
-        return 0.0
-    mean, rise, *state = _asked(build_model(actuator, step_s), np.zeros(3), 0.0)
-    return float(mean) if rise == 0.0 and not np.any(state) else 0.0
 
 
 def mass_loaded(

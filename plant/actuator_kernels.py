@@ -3,12 +3,12 @@
 A command is held over a step. An actuator of second order answers it with
 F'' + 2 zeta w F' + w^2 F = w^2 c, which is propagated exactly; what the plate gets is the
 projection of F on linear functions of the step, F_0 + F_1 (2 t/h - 1), as the contact force is.
-Then force is limited at both ends of the step. A preload is added last.
+Then force is limited at both ends of the step.
 
 An actuator is one of these NamedTuples, or None: ideal, every command acts as it is.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.jit.by_type import by_type, no, yes
@@ -40,13 +40,6 @@ class SecondOrder(NamedTuple):
     slope_f: float
     slope_d: float
     limit_n: float
-
-
-class Preloaded(NamedTuple):
-    """An actuator (None or one of the above) that adds a constant force (N) to its own."""
-
-    commanded: Any
-    preload_n: float
 
 
 @kernel(inline=True)
@@ -88,21 +81,5 @@ _ACTUATORS = {
     ForceLimit: (no, _limited),
     SecondOrder: (yes, _second_order),
 }
-_slopes = {kind: row[0] for kind, row in _ACTUATORS.items()}
-_forces = {kind: row[1] for kind, row in _ACTUATORS.items()}
-_commanded_has_slope, _commanded_force = by_type(_slopes), by_type(_forces)
-
-
-@kernel(inline=True)
-def _preloaded_has_slope(actuator):
-    return _commanded_has_slope(actuator.commanded)
-
-
-@kernel(inline=True)
-def _preloaded_force(actuator, body, command):
-    mean, slope = _commanded_force(actuator.commanded, body, command)
-    return actuator.preload_n + mean, slope
-
-
-has_slope = by_type(_slopes | {Preloaded: _preloaded_has_slope})
-force = by_type(_forces | {Preloaded: _preloaded_force})
+has_slope = by_type({kind: row[0] for kind, row in _ACTUATORS.items()})
+force = by_type({kind: row[1] for kind, row in _ACTUATORS.items()})

@@ -1,6 +1,5 @@
 """When a simulated loop may end, if only its first impact counts."""
 
-from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.metrics.impact_kernels import ImpactFollower, new_follower
 from hertzloop.scene.setup import Setup
 
@@ -19,7 +18,7 @@ def impact_follower(setup: Setup) -> ImpactFollower:
     """Return the state of a first impact before the contact, for time series that are known."""
     quiet = quiet_steps(setup)
     line_steps = 1 + setup.line.latency_steps + setup.line.most_added_steps
-    return new_follower(quiet, line_steps, rest_n=rest_force_n(setup.actuator, setup.step_s))
+    return new_follower(quiet, line_steps)
 
 
 def impact_follower_of_loop(setup: Setup) -> ImpactFollower:

@@ -8,8 +8,8 @@ from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.truth_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
-from hertzloop.plant.time_series import XI_A, XI_P
-from hertzloop.results.statistics import Accumulator, control_force_n
+from hertzloop.plant.time_series import F_A, XI_A, XI_P
+from hertzloop.results.statistics import Accumulator
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -64,7 +64,7 @@ class StabilityAccumulator(Accumulator):
 
     def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        force = control_force_n(self.spec, truth)
+        force = truth[F_A]
         truth_kernels.exchanged(
             first, force, truth[self._place], self.impact_j, self._sums, self._counts
         )

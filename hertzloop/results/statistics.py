@@ -6,20 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS, F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P
 from hertzloop.results.impacts import Block
-
-
-def control_force_n(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
-    """Return the actuator's force beyond that without a command, N, of a time series,
-    shape (10, steps)."""
-    rest_n = rest_force_n(spec.actuator, spec.step_s)
-    return np.asarray(truth[F_A] - rest_n if rest_n else truth[F_A])
 
 
 class Accumulator:
@@ -45,7 +37,7 @@ class Extremes:
         contact_s: duration of the contact with that force, s. If the run ends during that contact,
             it is at least the duration on a rigid plate.
         deflection_m: largest absolute deflection of the contact point, m.
-        actuator_n: largest absolute force of the actuator beyond that without a command, N.
+        actuator_n: largest absolute force of the actuator, N.
         touched_s: start of the first contact, s.
     """
 
@@ -71,7 +63,7 @@ class ExtremesAccumulator(Accumulator):
         force_n, actuator_n, deflection_m = truth_kernels.extremes(
             truth[F_C],
             truth[F_C1],
-            control_force_n(self._spec, truth),
+            truth[F_A],
             truth[F_A1],
             truth[XI_P],
         )
@@ -123,7 +115,6 @@ class ActuatorDemandAccumulator(Accumulator):
         self.spec = spec
         self._same = spec.same_point
         self._before, self._next = np.zeros((COLUMNS, 1)), 0
-        self._before[F_A] = rest_force_n(spec.actuator, spec.step_s)  # a preload is no change
         self._force_n = self._change_n = self._power_w = 0.0
 
     def feed(self, first: int, truth: np.ndarray) -> None:
@@ -183,7 +174,7 @@ class ForceTimingAccumulator(Accumulator):
     def feed(self, first: int, truth: np.ndarray) -> None:
         """Add the next steps of the time series, shape (10, steps), from step `first` on."""
         touching = truth[F_C] != 0.0
-        pushed = np.abs(control_force_n(self._spec, truth))
+        pushed = np.abs(truth[F_A])
         if self._touch is None and touching.any():
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():

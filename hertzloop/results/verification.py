@@ -12,9 +12,8 @@ from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
-from hertzloop.plant.time_series import F_C, XI
+from hertzloop.plant.time_series import F_A, F_C, XI
 from hertzloop.results.impacts import first_impact
-from hertzloop.results.statistics import control_force_n
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -112,7 +111,7 @@ def past_first_impact(setup: Setup, truth: np.ndarray) -> int | None:
         return None
     first, end = found.start, min(found.end + 2, truth.shape[1])
     after = truth[:, end : 2 * end - first]
-    pushed = np.abs(control_force_n(setup.plant, truth))
+    pushed = np.abs(truth[F_A])
     small = _SMALL * pushed[first:end].max()
     over = np.flatnonzero((pushed[end : 2 * end - first] <= small) | (after[F_C] != 0.0))
     return end + (int(over[0]) if len(over) else after.shape[1])

@@ -143,7 +143,6 @@ def _resolved(
             actuator.damping,
             actuator.mass_kg or 0.0,
             actuator.force_limit_n,
-            actuator.preload_n,
         ),
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,

@@ -1,9 +1,7 @@
 """What a setup's model of the plate is expected to cost."""
 
 import math
-from dataclasses import replace
 
-from hertzloop.plant.actuator import IDEAL, rest_force_n
 from hertzloop.plant.estimates.model_order import (
     UNDER_LAW,
     expected_solid_error,
@@ -18,8 +16,7 @@ from hertzloop.scene.setup import Setup
 
 def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
     """Return the relative error of penetration or plate energy that leaving out modes, or the
-    reflections, is expected to cost; under a law at least what the steps of its force do, and with
-    a preload what switching it on does.
+    reflections, is expected to cost; under a law at least what the steps of its force do.
     `until_hz`: of these steps count in a solid only what they do below this frequency."""
     spec = setup.plant
     if spec.infinite_plate:
@@ -44,12 +41,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
         share = _solid_share(setup, until_hz)
         if share >= 1.0 and setup.quantity in _PLATE_MOTION and setup.reach.share < math.inf:
             return 1.0  # the modes left out may make the loop unstable
-    found = max(found, law_error(spec, setup.reach.force_n, share, hold_s, until_hz))
-    preload_n = abs(rest_force_n(spec.actuator, spec.step_s))
-    if preload_n:  # it is switched on at the start of the run, whatever the bandwidth
-        at_once = replace(spec, actuator=IDEAL)
-        found = max(found, law_error(at_once, preload_n, 0.0, hold_s, until_hz))
-    return found
+    return max(found, law_error(spec, setup.reach.force_n, share, hold_s, until_hz))
 
 
 _PLATE_MOTION = ("v_p", "acceleration")  # quantities of a law that feeds back the plate's motion

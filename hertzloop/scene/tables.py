@@ -311,9 +311,8 @@ class SensorsTable(SceneTable):
 
 class ActuatorTable(SceneTable):
     """The actuator between the controller's line and the plate: natural frequency and damping (of
-    critical) of a second-order response, mass that moves with the plate, largest force, preload;
-    left out: none of them. The structure is undeformed at the start of the run, so that a preload
-    acts on it as a step there."""
+    critical) of a second-order response, mass that moves with the plate, largest force; left out:
+    none of them."""
 
     bandwidth_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """natural frequency of the second-order actuator; default: ideal"""
@@ -322,10 +321,7 @@ class ActuatorTable(SceneTable):
     mass_kg: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
     """actuator mass that moves with the plate; 0: none"""
     force_limit_n: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
-    """largest actuator force in either direction; actuator.preload_n comes on top"""
-    preload_n: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
-    """constant force, up on the structure, that is added to the commanded one from the first step
-    on"""
+    """largest actuator force in either direction"""
     dead_time_us: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
     """delay between command and force that the law does not know; none if left out"""
     stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None

@@ -26,8 +26,6 @@ _BACK = 0.5  # of the largest gap
 class ImpactFollower(NamedTuple):
     """An impact that is followed step by step; `quiet_steps` below zero: none is.
 
-    `rest_n`: force of the actuator without a command.
-
     `blur_m`: by how much a sample of the gap may be too small; inf where samples are no gap.
     `widest_m`, shape (1,): largest gap since the sphere has left.
     """
@@ -37,15 +35,12 @@ class ImpactFollower(NamedTuple):
     blur_m: float
     counts: np.ndarray
     widest_m: np.ndarray
-    rest_n: float
 
 
-def new_follower(
-    quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf, rest_n: float = 0.0
-) -> ImpactFollower:
+def new_follower(quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf) -> ImpactFollower:
     """An impact before its first touch."""
     counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
-    return ImpactFollower(quiet_steps, line_steps, blur_m, counts, widest_m, rest_n)
+    return ImpactFollower(quiet_steps, line_steps, blur_m, counts, widest_m)
 
 
 NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
@@ -76,7 +71,7 @@ def follow(impact, f_c, f_a, gap):
         impact.widest_m[0] = max(impact.widest_m[0], gap)
         if silent and gap < _BACK * impact.widest_m[0]:
             counts[BACK] = 1
-        if f_a != impact.rest_n:
+        if f_a != 0.0:
             if silent and counts[BACK] == 1:
                 counts[OVER] = 1
                 return

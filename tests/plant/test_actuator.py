@@ -9,10 +9,10 @@ import pytest
 from scipy.linalg import eigh
 
 from hertzloop.plant import actuator_kernels as act
-from hertzloop.plant.actuator import IDEAL, Actuator, build_model, rest_force_n
+from hertzloop.plant.actuator import IDEAL, Actuator, build_model
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.state_kernels import ACTUATOR_F, BODY_SIZE, CONTACT_STEPS
+from hertzloop.plant.state_kernels import ACTUATOR_F, BODY_SIZE
 from tests.plant.rigs import after_steps, spec
 
 H = 1e-6
@@ -64,30 +64,6 @@ def test_force_is_limited_at_both_ends_of_every_step():
     assert np.count_nonzero(abs(ends) == abs(ends).max()) > 100
     held = build_model(Actuator(force_limit_n=10.0), H)
     assert [act.force(held, body, c)[0] for c in (-30.0, 4.0, 11.0)] == [-10.0, 4.0, 10.0]
-
-
-def test_a_preload_is_added_to_the_force_of_any_actuator():
-    for keys in ({}, {"force_limit_n": 10.0}, {"bandwidth_hz": 2e5, "force_limit_n": 10.0}):
-        models = [build_model(Actuator(**keys, preload_n=n), H) for n in (0.0, -3.0)]
-        bodies = np.zeros(BODY_SIZE), np.zeros(BODY_SIZE)
-        assert act.has_slope(models[0]) == act.has_slope(models[1])
-        for command in (0.0, 4.0, 25.0, 0.0):
-            found, preloaded = (
-                act.force(*parts, command) for parts in zip(models, bodies, strict=True)
-            )
-            assert preloaded == (found[0] - 3.0, found[1])
-    assert rest_force_n(Actuator(preload_n=-3.0), H) == -3.0
-
-
-@pytest.mark.full
-def test_a_preload_acts_from_the_first_step_on_as_a_command_of_its_size_does():
-    for beside in ({}, BESIDE):
-        what = replace(spec(**beside), residual_flexibility=True)
-        preloaded = replace(what, actuator=Actuator(preload_n=20.0))
-        found, expected = gaps(preloaded, np.zeros(200)), gaps(what, np.full(200, 20.0))
-        assert np.array_equal(found[1], expected[1])
-        assert found[0].close_balance() == expected[0].close_balance()
-        assert found[0].state.counts[CONTACT_STEPS] > 0
 
 
 def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:

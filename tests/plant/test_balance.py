@@ -100,7 +100,7 @@ VISCOUS, HUNT_CROSSLEY, YIELDS, YIELDS_VISCOUS, YIELDS_HUNT_CROSSLEY = (
         {"hunt_crossley_s_m": 0.5, "limit": SOFT},
     )
 )
-ALL_OF_IT = Actuator(1e5, 0.3, mass_kg=1e-3, force_limit_n=40.0, preload_n=-6.0)
+ALL_OF_IT = Actuator(1e5, 0.3, mass_kg=1e-3, force_limit_n=40.0)
 TAIL = {"residual_flexibility": True, "damped_residual": True}
 SOLID = {"plate": SolidPlate(spec().plate), "residual_flexibility": True, "frequency_limit_hz": 2e5}
 # What a plant may have, as fields of its description.
@@ -111,7 +111,6 @@ PARTS: dict[str, dict[str, Any]] = {
     "limited actuator": {"actuator": Actuator(force_limit_n=15.0)},
     "actuator with mass": {"actuator": Actuator(mass_kg=3e-3)},
     "slow actuator": {"actuator": Actuator(5e3, 0.3, force_limit_n=8.0)},
-    "preloaded actuator": {"actuator": Actuator(preload_n=6.0)},
     "full actuator": {"actuator": ALL_OF_IT},
     "yields": {"contact": YIELDS},
     "yields, viscous, full actuator": {"contact": YIELDS_VISCOUS, "actuator": ALL_OF_IT},

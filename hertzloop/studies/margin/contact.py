@@ -15,7 +15,6 @@ import numpy as np
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
-from hertzloop.results.statistics import control_force_n
 from hertzloop.scene.build import build_sensor, free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -122,7 +121,7 @@ def impact_facts(setup: Setup) -> ImpactFacts:
 
     def first_force_s(tried: Setup) -> float | None:
         truth = simulate(tried).truth
-        pushes = np.flatnonzero(control_force_n(tried.plant, truth))
+        pushes = np.flatnonzero(truth[ts.F_A])
         touches = np.flatnonzero(truth[ts.F_C] > 0.0)
         if not len(pushes) or not len(touches):
             return None

@@ -24,7 +24,6 @@ pytestmark = needs_cc
 KINDS = {
     "short": SHORT,
     "noisy": NOISY,
-    "preloaded": (*SHORT, "actuator.preload_n=5"),
     "sensor mass": (*SHORT, "sensors.mass_kg=0.002", "sensors.point_m=[0.31,0.22]"),
 }
 

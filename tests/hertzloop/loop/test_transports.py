@@ -95,10 +95,6 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.002", *CONVERTERS, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3",
          "actuator.force_limit_n=20"],
     ),
-    "preload": (
-        "offcentre-6mm",
-        ["run.duration_s=0.002", "actuator.preload_n=5", "controller.latency_us=2"],
-    ),
     "yielding": (
         "aluminium-3mm",
         ["run.duration_s=0.003", "contact.plasticity=thornton",
@@ -115,7 +111,6 @@ QUICK = set(VARIANTS) - {
     "pre-computed force",
     "force feedback",
     "actuator",
-    "preload",
     "yielding",
 }
 SOME = ["default", "converters", "two points", "actuator"]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.time_series import F_A, F_A1, XI_P
@@ -11,12 +10,9 @@ from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.recorded import truth_of
-from hertzloop.results.statistics import ExtremesAccumulator
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import load
-from hertzloop.studies.margin.flight import margin_of
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -119,8 +115,7 @@ def test_an_actuator_keeps_the_modes():
     real = aluminium_3mm(*short, "actuator.bandwidth_hz=1e5")
     assert real.plate_model == "modal"
     assert np.any(simulate(real).truth[F_A] != 0.0)
-    for nothing in ("actuator.mass_kg=0", "actuator.preload_n=0"):
-        assert aluminium_3mm(nothing) == aluminium_3mm()
+    assert aluminium_3mm("actuator.mass_kg=0") == aluminium_3mm()
 
 
 def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path):
@@ -130,49 +125,3 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path):
     (tmp_path / "m.csv").write_text("\n".join([flexible, flexible, header, *rows]))
     with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
         build_plant(aluminium_3mm(f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"))
-
-
-def test_what_is_said_of_the_law_leaves_the_preload_out():
-    """Its metrics, margin and limits are those of the commanded force, and no case runs on."""
-    short = ["run.duration_s=0.0016", "actuator.force_limit_n=60"]
-    plain, preloaded = (aluminium_3mm(*short, f"actuator.preload_n={n}") for n in (0, 3))
-    off = aluminium_3mm(*short, "actuator.preload_n=3", "controller.law=off")
-    found = []
-    for setup, least, most, own_n in (
-        (plain, 0.0, 60.0, 60.0),
-        (preloaded, 3.0, 63.0, 60.0),
-        (off, 3.0, 3.0, 0.0),
-    ):
-        rows = simulate(setup).truth
-        assert (rows[F_A].min(), rows[F_A].max()) == (least, most)
-        extremes = ExtremesAccumulator(setup.plant)
-        extremes.feed(0, rows)
-        assert extremes.result([]).actuator_n == own_n
-        found.append(metrics_of(setup, rows))
-        assert found[-1].demand.force_n == most
-    slews = [metrics.demand.slew_n_s for metrics in found]
-    assert slews == [pytest.approx(slews[1], rel=0.05), slews[1], 0.0]
-    assert found[2].push is None
-    assert metrics_of_case(preloaded).steps < preloaded.steps
-    feedback = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
-    margins = [margin_of(aluminium_3mm(*feedback, f"actuator.preload_n={n}")) for n in (0, 3)]
-    assert margins[0].stable is not None
-    assert margins[0] == margins[1]
-
-
-def test_a_preload_counts_in_the_expected_error_as_a_force_that_is_switched_on():
-    off = ["controller.law=off", "run.plate_model=modal"]
-    errors = [
-        expected_error(aluminium_3mm(*off, f"actuator.preload_n={n}"))
-        for n in (0.0, 1e-6, -20.0, 20.0)
-    ]
-    assert errors[0] == errors[1] < errors[2] == errors[3]
-    constant = ["controller.law=constant", "controller.force_n=20", "controller.duration_us=5"]
-    switched = expected_error(aluminium_3mm(*off[1:], *constant))
-    assert errors[2] == switched
-
-
-def test_a_fit_refuses_a_preload():
-    simulator = ImpactSimulator(aluminium_3mm("actuator.preload_n=5"), 1e-4, 1e-3)
-    with pytest.raises(SceneError, match=r"actuator\.preload_n = 5: a fit does not support it"):
-        simulator.run({}, 1e-4)

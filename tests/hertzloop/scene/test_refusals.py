@@ -106,11 +106,7 @@ REFUSED = {
         "actuator.stroke_m=1": "actuator.stroke_m: unknown scene key",
         "actuator.mass_kg=0.001 plate.edges=ffff": "is not supported for a free plate",
         "actuator.mass_kg=0.001 run.scheme=thesis2008": "use the scheme 'modal'",
-        "actuator.preload_n=5 run.scheme=thesis2008": "preload_n = 5: not supported by "
-        "run.scheme = 'thesis2008'. Remove the key, or use the scheme 'modal'",
         "actuator.bandwidth_hz=1e5 run.plate_model=infinite": "plate_model = 'auto'",
-        "actuator.preload_n=5 run.plate_model=infinite": "preload_n = 5: not supported by "
-        "run.plate_model = 'infinite'. Remove the key, or use run.plate_model = 'auto'",
         "controller.latency_trace={median_us=3,sigma=0.1}":
         "latency_trace.autocorrelation: is missing",
         "controller.latency_trace=[-1]": "latency_trace",

@@ -234,16 +234,10 @@ class ImpactSimulator:
         """The plant at the start of the drop; its modes are computed once for a structure.
 
         Raises:
-            SceneError: the plant cannot be built, or has a preload.
+            SceneError: the plant cannot be built.
         """
         from hertzloop.plant.schemes.collocation import with_contact
 
-        if spec.actuator.preload_n:
-            raise SceneError(
-                f"actuator.preload_n = {spec.actuator.preload_n:g}: a fit does not support it, "
-                "because its simulation starts just before the impact, and the preload would move "
-                "the structure there. Leave the key out."
-            )
         key = (
             spec.plate,
             spec.frequency_limit_hz,
