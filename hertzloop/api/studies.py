@@ -55,13 +55,10 @@ def sweep(
         Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
         the names of the metrics end in their units (see `CaseMetrics`). A metric that a case does
         not have is nan; `state` and `status` say why. `growth_per_s` is the growth of the linear
-        loop: 0 if it is stable, nan without one. With `request.worst` there are the variables
-        `worst_METRIC` (inf if the loop is unstable), `worst_cases`, the number of cases of the
-        search, and `worst_latencies_us` of shape (cases, samples), as in
-        `controller.latency_trace`.
+        loop: 0 if it is stable, nan without one.
 
     Raises:
-        DesignError: the ranges cannot be used, or `worst` does not fit the scene.
+        DesignError: the ranges cannot be used.
         OptionError: text is given in place of a list.
         SceneError: the scene cannot be simulated.
         WorkersLost: a worker process was lost.

@@ -8,14 +8,13 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare, worst_latencies
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.budget_text import (
     effect_lines,
     print_budget,
     print_probability,
     probability_line,
     trace_line,
-    worst_line,
 )
 from hertzloop.cli.many_cases import end_if_failed, resumable
 from hertzloop.cli.requirements import check_requirements
@@ -66,13 +65,6 @@ MostCasesOption = Annotated[
 SobolOption = Annotated[
     int,
     typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
-]
-WorstOption = Annotated[
-    bool,
-    typer.Option(
-        "--worst",
-        help="Search the sequence of latencies within the jitter that makes the goal fail soonest.",
-    ),
 ]
 LawOption = Annotated[
     str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
@@ -131,7 +123,6 @@ def budget(
     within: WithinOption = BudgetRequest.within,
     most_cases: MostCasesOption = BudgetRequest.most_cases,
     sobol: SobolOption = 0,
-    worst: WorstOption = False,
     scene: options.SceneArgument = DEFAULT,
     law: LawOption = None,
     settings: options.SetOption = None,
@@ -164,7 +155,6 @@ def budget(
         within=within,
         most_cases=most_cases,
         sobol=sobol,
-        worst=worst,
     )
     outputs.check_json(json_file)
     outputs.check_folder(junit_file)
@@ -176,8 +166,6 @@ def budget(
     arguments = BudgetArguments(scene, _changes(settings or [], law, trace), folder)
     setup = prepare.scene_from(scene, arguments.settings, seed)
     plan = plan_budget(setup, request)
-    if worst:
-        worst_latencies.check_file(_worst_file(arguments, setup.name))
     if folder is not None:
         need("matplotlib", "jinja2")
     outputs.make_folder(folder or Path())  # for unfinished work, too
@@ -215,32 +203,12 @@ def _print_result(
         out.print(trace_line(latencies_us))
     print_budget(result)
     data = result.as_data()
-    if result.worst is not None:
-        _report_worst(arguments, result, plan.setup.seed)
     likely = result.probability
     if likely:
         command = run_command(arguments.scene, likely.worst, arguments.settings, plan.setup.seed)
         print_probability(likely, result.sensitivities, command)
         data["probability"]["worst_command"] = command
     return data
-
-
-def _report_worst(arguments: BudgetArguments, found: BudgetResult, seed: int) -> None:
-    """Print the limit of jitter against the worst sequence, and write the sequence as a trace."""
-    limit = found.worst
-    assert limit is not None
-    out.say(worst_line(found))
-    if limit.worst is None:
-        return
-    path = _worst_file(arguments, found.scene)
-    case = {"run.touch_phase": limit.worst.touch_phase}
-    scene, settings = arguments.scene, arguments.settings
-    worst_latencies.write_file(path, limit.worst.latencies_us, scene, settings, seed, case)
-
-
-def _worst_file(arguments: BudgetArguments, scene: str) -> Path:
-    """Return the file that takes the worst latencies of a scene."""
-    return (arguments.folder or Path()) / f"{scene}-worst-latencies.csv"
 
 
 def _write_page(
@@ -267,7 +235,6 @@ def _command(folder: Path, arguments: BudgetArguments, plan: BudgetPlan) -> str:
     flags = {
         "--quick": request.quick,
         "--no-real-plant": not request.with_real,
-        "--worst": request.worst,
     }
     words += [name for name, given in flags.items() if given]
     values = {

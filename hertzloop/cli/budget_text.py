@@ -1,6 +1,5 @@
 """Sentences and tables that the command `budget` prints."""
 
-import math
 from collections.abc import Sequence
 
 from hertzloop.cli.terminal import out
@@ -82,30 +81,6 @@ def _print_limits(name: str, plant: InPlant) -> None:
         if limit.reason:
             head = _REASONS[limit.boundary].format(limit)
             out.say(f"In {name} {head} {limit.reason}")
-
-
-def worst_line(found: BudgetResult) -> str:
-    """Return a sentence on jitter by random draws and against the worst sequence."""
-    limit = found.worst
-    assert limit is not None
-    by_draws = next(one for one in found.ideal.limits if one.quantity == "jitter_us")
-    draws = f"Jitter: {by_draws.words()} by random draws"
-    if limit.tolerated_us is None:
-        return f"{draws}; a goal is missed without jitter ({limit.cases} cases)."
-    most = f"up to {limit.tolerated_us:.4g} us against the worst sequence found"
-    if limit.worst is None:
-        return f"{draws}, no failure up to {limit.searched_us:.4g} us ({limit.cases} cases)."
-    values = []
-    for name, value in limit.worst.metrics.items():
-        words = "unknown, as the loop is unstable" if value is None else f"{value:.4g}"
-        spread = limit.draws[name]
-        drawn = "unstable in some" if math.isnan(spread.mean) else str(spread)
-        values.append(f"{name} is {words} (random draws: {drawn})")
-    worst = " and ".join(values)
-    return (
-        f"{draws}, {most} ({limit.cases} cases). Within {limit.worst.range_us:.4g} us {worst}. "
-        "No search proves that there is no worse sequence."
-    )
 
 
 def trace_line(latencies_us: Sequence[float]) -> str:

@@ -6,14 +6,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare, worst_latencies
+from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.many_cases import cases_are_kept, end_if_failed, how_to_continue
 from hertzloop.cli.sweep_results import (
     SweepArguments,
     SweepStudy,
     count_without_metrics,
     print_results,
-    report_worst,
 )
 from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.common.optional_dependencies import need
@@ -62,14 +61,6 @@ DaskOption = Annotated[
     str | None,
     typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
 ]
-WorstOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="METRIC",
-        help="Search the latencies within the jitter of each case for the largest value of this "
-        "metric, and write those of the worst case as a trace; up to 2000 cases each.",
-    ),
-]
 OutOption = Annotated[
     Path | None,
     typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
@@ -85,7 +76,6 @@ def sweep(
     phases: PhasesOption = None,
     uncertain: UncertainOption = None,
     dask: DaskOption = None,
-    worst: WorstOption = None,
     scene: options.SceneArgument = DEFAULT,
     out_file: OutOption = None,
     seed: options.SeedOption = None,
@@ -97,7 +87,7 @@ def sweep(
 
     The results have a row for every case. A killed sweep goes on with the same command.
     """
-    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask, worst)
+    request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask)
     arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
     study = _checked(arguments)
     if study.finished is None:
@@ -107,8 +97,6 @@ def sweep(
         results = study.finished
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
     data = print_results(study, results)
-    if request.worst is not None:
-        data["worst"] = report_worst(arguments, study, results.rows, request.worst)
     outputs.write_json(json_file, data)
     without_metrics = count_without_metrics(results) == study.total
     if without_metrics:
@@ -142,9 +130,7 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
     outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
     study = SweepStudy(plan, target, finished)
-    if request.worst is not None:
-        worst_latencies.check_file(study.worst_file)
-    outputs.check_json(arguments.json_file, target, study.worst_file, *of_results)
+    outputs.check_json(arguments.json_file, target, *of_results)
     return study
 
 

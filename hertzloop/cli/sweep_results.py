@@ -1,26 +1,23 @@
-"""Results of the command `sweep`: on the screen, as plain data, and the worst latencies."""
+"""Results of the command `sweep`: on the screen, and as plain data."""
 
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hertzloop.cli import worst_latencies
 from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
 from hertzloop.cli.terminal import err, out
 from hertzloop.results.cases import SHOWN
 from hertzloop.results.spans import OTHER
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Rows, with_metric
+from hertzloop.studies.cases.rows import with_metric
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
 from hertzloop.studies.cases.workers import WorkersLost
-from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.result import SweepResult, counted, worst_row
-from hertzloop.studies.worst.of_case import WORST_CASES, worst_columns
+from hertzloop.studies.sweep.result import SweepResult, counted
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
 
@@ -50,11 +47,6 @@ class SweepStudy:
     def total(self) -> int:
         """Number of cases."""
         return len(self.plan.cases)
-
-    @property
-    def worst_file(self) -> Path:
-        """The file that takes the latencies of the worst case."""
-        return self.results_file.with_name(f"{self.results_file.stem}-worst-latencies.csv")
 
 
 def count_without_metrics(results: SweepResult) -> int:
@@ -128,43 +120,6 @@ def _print_best(study: SweepStudy, results: SweepResult) -> None:
         f"--span {other_span} sweeps the other.",
     ):
         out.say(f"At the least plate energy: {sentence}")
-
-
-def report_worst(
-    arguments: SweepArguments, study: SweepStudy, rows: Rows, metric: str
-) -> dict[str, Any] | None:
-    """Print the worst value of all cases, write its latencies as a trace, and return both."""
-    row = worst_row(rows, metric)
-    if row is None:
-        out.say(f"Worst latencies: no case with jitter has a value of {metric}.")
-        return None
-    value, _, latencies_us = (row[name] for name in worst_columns(metric))
-    keys = {key: row[key] for key in study.plan.design.keys}
-    data = {
-        "metric": metric,
-        "value": value,
-        "drawn": row[metric],
-        "case": row["case"],
-        "cases": sum(one[WORST_CASES] or 0 for one in rows),
-        "latencies": str(study.worst_file),
-    }
-    where = ", ".join(f"{key.split('.')[-1]} {short(key_value)}" for key, key_value in keys.items())
-    words = "unknown, as the loop is unstable" if math.isinf(value) else f"{value:.4g}"
-    drawn = "unstable" if row[metric] is None else f"{row[metric]:.4g}"
-    out.say(
-        f"Worst latencies: {metric} is {words} at {where} (drawn: {drawn}; {data['cases']} cases). "
-        "No search proves that there are no worse latencies."
-    )
-    phase = {TOUCH_PHASE_KEY: study.plan.setup.vary(keys).touch_phase}
-    worst_latencies.write_file(
-        study.worst_file,
-        latencies_us,
-        arguments.scene,
-        arguments.settings,
-        study.plan.setup.seed,
-        keys | phase | {"controller.jitter_us": 0},
-    )
-    return data
 
 
 def _print_warnings(results: SweepResult, total: int, out_of_range: dict[str, int]) -> None:

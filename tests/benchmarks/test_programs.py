@@ -47,7 +47,6 @@ CONCLUSIONS = {
     "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
     "benchmarks.validity_map": r"The effect above 0\.1 % in most of the map is: [a-z ]+",
     "benchmarks.wood": r"An orthotropic plate with three fitted moduli is off by 1\.1 % at most",
-    "benchmarks.worst_sequence": r"The search is at least -?[\d.]+ dB worse than all draws",
     "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
     "paper.equations": r"For the contact time of aluminium-3mm, .* is 10\.3 times",
     "paper.figures": r"The first contact on aluminium lasts 35 us in the published scheme",

@@ -16,11 +16,10 @@ from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
 from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
-from hertzloop.studies.budget.worst_limit import WorstLimit, worst_limit
 from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
 from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Case, Rows, RunCases, check_all_ran, failed, metric_of
+from hertzloop.studies.cases.rows import RunCases, check_all_ran, failed, metric_of
 from hertzloop.studies.cases.touch_phases import spread_of
 
 
@@ -37,8 +36,7 @@ def budget(
         on_progress: Called with the finished share of the limits.
 
     Raises:
-        CaseFailed: the nominal case, one with drawn values or one with a sequence of latencies
-            failed in its run.
+        CaseFailed: the nominal case or one with drawn values failed in its run.
         SceneError: the nominal case, or a case with drawn values, was refused.
         WorkersLost: a worker process was lost.
     """
@@ -80,7 +78,6 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     ideal, *others = found
     real = others.pop() if request.with_real else None
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
-    worst = _worst_of(plan, ideal, scene.run(counted)) if request.worst else None
     cases = tally.cases
     in_map = CaseTally()
     pair_map = likely = None
@@ -106,7 +103,6 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         real=real,
         other=others[0] if others else None,
         other_db=other_row["plate_energy_db"],
-        worst=worst,
         pair_map=pair_map,
         probability=likely,
         sensitivities=tuple(indices),
@@ -130,21 +126,6 @@ def _in_plant(
     limits = limits_of(problem, plan.request.only, run, on_progress)
     first = next((limit.quantity for limit in nearest(limits)), None)
     return InPlant(plant.span, nominal, margin, limits, first, plant.left_out)
-
-
-def _worst_of(plan: BudgetPlan, ideal: InPlant, run: RunCases) -> WorstLimit:
-    """Search the worst sequence within the range of jitter that the search of its limit went
-    through, or up to the first range that fails with random draws."""
-    setup = plan.setup
-    jitter = next(limit for limit in ideal.limits if limit.quantity == "jitter_us")
-    most_us = jitter.searched[1] if jitter.first_failure is None else jitter.first_failure
-    effort = effort_of(setup, plan.request.quick, ideal.span)
-
-    def run_short(cases: list[Case]) -> Rows:
-        return run([lasting(effort.short_s) | case for case in cases])
-
-    most_steps = round(1000.0 * most_us / setup.step_ns)
-    return worst_limit(setup, plan.goals, most_steps, effort.phases, run_short)
 
 
 def nominal_of(

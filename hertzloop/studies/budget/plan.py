@@ -36,7 +36,7 @@ class BudgetPlan:
     def identity(self) -> dict[str, Any]:
         """Everything that decides the cases."""
         request = self.request
-        searched = [request.span, request.quick, request.with_real, request.worst, *request.only]
+        searched = [request.span, request.quick, request.with_real, *request.only]
         work = work_of([self.setup], [self.setup.law_reference], Design(()))
         return {**work, "budget": [*map(str, self.goals), *searched]}
 
@@ -63,8 +63,6 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
             raise SceneError(
                 f"--only = '{name}': is not a quantity. Choose from {', '.join(QUANTITIES)}"
             )
-    if request.worst:
-        _check_worst(setup, request)
     uncertain = read_uncertain(request.uncertain, setup) if request.uncertain else None
     for option in ("within", "most_cases"):
         value = getattr(request, option)
@@ -81,16 +79,3 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
     if sobol:
         need("SALib")
     return BudgetPlan(setup, goals, uncertain, request)
-
-
-def _check_worst(setup: Setup, request: BudgetRequest) -> None:
-    """Refuse a scene or a request in which the worst sequence cannot be searched."""
-    control = setup.scene.controller
-    if request.only and "jitter_us" not in request.only:
-        raise SceneError("--worst needs the limit of jitter. Add --only jitter_us")
-    own = control.jitter_us, control.clock_ppm, control.drop_out_probability
-    if control.latency_trace is not None or any(own):
-        raise SceneError(
-            "--worst: searches all sequences of latencies, but the scene has latencies of its own. "
-            "Leave out controller.latency_trace, jitter_us, clock_ppm and drop_out_probability"
-        )

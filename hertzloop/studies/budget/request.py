@@ -26,7 +26,6 @@ class BudgetRequest:
         within: Half the width at which the interval of the probability is narrow enough.
         most_cases: Largest number of cases drawn for the probability.
         sobol: Base points for Sobol indices, a power of 2; 0: none.
-        worst: Whether the worst sequence of latencies within the jitter is searched too.
     """
 
     goals: Sequence[str] = ()
@@ -40,7 +39,6 @@ class BudgetRequest:
     within: float = 0.03
     most_cases: int = 4096
     sobol: int = 0
-    worst: bool = False
 
     @property
     def first_span(self) -> Span:

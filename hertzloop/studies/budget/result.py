@@ -11,7 +11,6 @@ from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
 from hertzloop.studies.budget.probability import Probability
 from hertzloop.studies.budget.sensitivity import Sensitivity
-from hertzloop.studies.budget.worst_limit import WorstLimit
 from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.flight import Margin
 
@@ -84,7 +83,6 @@ class BudgetResult:
         real: The same in the real plant; None if it was not asked for.
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
         other_db: Change of the plate energy over the other span, dB; None without one.
-        worst: Limit of jitter against the worst sequence of latencies, if asked for.
         pair_map: Map of the two tightest quantities, if asked for and if two have a limit.
         probability: How likely the goals are met with uncertain keys, if asked for.
         sensitivities: Sobol indices of the uncertain keys.
@@ -101,7 +99,6 @@ class BudgetResult:
     real: InPlant | None
     other: InPlant | None
     other_db: float | None
-    worst: WorstLimit | None
     pair_map: PairMap | None
     probability: Probability | None
     sensitivities: tuple[Sensitivity, ...]
@@ -136,7 +133,6 @@ class BudgetResult:
             "real_plant_linear_margin": _margin(real.margin) if real else None,
             "real_plant_unstable": real.unstable if real else None,
             "linear_margin": _margin(ideal.margin),
-            "worst_jitter": None if self.worst is None else asdict(self.worst),
             "unstable": ideal.unstable,
             "probability": self._probability(),
             "cases": self.cases,

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from hertzloop.results.spans import Span
-from hertzloop.studies.cases.evaluate import Numbered, Pool, RunNumbered, run_chunk
+from hertzloop.studies.cases.evaluate import Numbered, Pool, run_chunk
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import WorkersLost
@@ -19,7 +19,7 @@ _WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers
 
 
 @contextmanager
-def dask_pool(address: str, on_wait: Callable[[str], None], run: RunNumbered) -> Iterator[Pool]:
+def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
     """Yield a function as `local_pool` does, which uses the workers of a Dask scheduler.
 
     Dask gives the work of a dead worker to others.
@@ -27,7 +27,6 @@ def dask_pool(address: str, on_wait: Callable[[str], None], run: RunNumbered) ->
     Args:
         address: Address of the scheduler, for example tcp://host:8786.
         on_wait: Called with a sentence when the scheduler has no workers.
-        run: Runs the cases of a chunk.
 
     Raises:
         WorkersLost: no scheduler answers, its workers have other versions, or the cluster is lost.
@@ -54,7 +53,7 @@ def dask_pool(address: str, on_wait: Callable[[str], None], run: RunNumbered) ->
 
     def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         futures = client.map(
-            lambda chunk: run_chunk(run, toml, span, chunk), chunks, pure=False, retries=2
+            lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
         )
 
         def watch() -> None:

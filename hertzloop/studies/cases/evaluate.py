@@ -21,7 +21,6 @@ from hertzloop.studies.cases.rows import Case, Row, Rows, without_result
 _CHUNK = 16  # cases in a chunk: about 5 ms of work
 
 Numbered = list[tuple[int, Case]]
-RunNumbered = Callable[[Setup, Span, Numbered], Iterator[Row]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 
 
@@ -36,20 +35,20 @@ def scene_of(toml: str) -> Setup:
     return setup if setup.law_is_shipped else parse(toml)
 
 
-def run_chunk(run: RunNumbered, scene_toml: str, span: Span, numbered: Numbered) -> Rows:
-    """Return the rows of a chunk of cases, which `run_cases` or another function runs."""
-    return list(run(scene_of(scene_toml), span, numbered))
+def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
+    """Return the rows of a chunk of cases of a scene text; see `run_cases`."""
+    return run_cases(scene_of(scene_toml), span, numbered)
 
 
-def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
-    """Yield the rows of cases.
+def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Rows:
+    """Return the rows of cases.
 
     A row has the number of the case, the varied keys, the metrics, `state` as in `CaseState`, and
     `status`: a sentence on why there are no metrics, else empty. A case that fails has such a
     sentence, and the others go on. A case is "not run" if the scene or the law refuses its values,
     and "failed" if the law raises an exception in the run, or the program does.
     """
-    return (run_case(setup, span, *case) for case in numbered)
+    return [run_case(setup, span, *case) for case in numbered]
 
 
 def run_case(setup: Setup, span: Span, number: int, values: Case) -> Row:
@@ -90,9 +89,9 @@ class CaseTally:
         return results
 
 
-def chunked(numbered: Numbered, size: int = _CHUNK) -> list[Numbered]:
+def chunked(numbered: Numbered) -> list[Numbered]:
     """Return the chunks of cases."""
-    return [numbered[i : i + size] for i in range(0, len(numbered), size)]
+    return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
 
 
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[Case]) -> Rows:

@@ -28,7 +28,6 @@ from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import (
     Numbered,
     Pool,
-    RunNumbered,
     run_cases,
     run_chunk,
     scene_of,
@@ -46,18 +45,17 @@ def local_cores() -> int:
 
 
 @contextmanager
-def local_pool(workers: int | None = None, run: RunNumbered = run_cases) -> Iterator[Pool]:
+def local_pool(workers: int | None = None) -> Iterator[Pool]:
     """Yield a function of scene (TOML), span and chunks that yields their rows as they come.
 
     Args:
         workers: Number of processes, this one included; None: one for each core. A law that is not
             shipped runs in this many workers beside this process, unless the number is 1.
-        run: Runs the cases of a chunk.
 
     Raises:
         WorkersLost: a worker died, or none can be started.
     """
-    pool = _WorkerPool(workers or local_cores(), run)
+    pool = _WorkerPool(workers or local_cores())
     try:
         yield pool.results
     except BrokenProcessPool as error:
@@ -73,14 +71,14 @@ class _WorkerPool:
         own_laws: Laws of the cases so far that are not shipped.
     """
 
-    def __init__(self, count: int, run: RunNumbered) -> None:
-        self._count, self._run = count, run
+    def __init__(self, count: int) -> None:
+        self._count = count
         self._workers: dict[int, Workers] = {}  # by their number
         self.own_laws: set[str] = set()
 
     def results(self, toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         if self._count == 1:
-            return (run_chunk(self._run, toml, span, chunk) for chunk in chunks)
+            return (run_chunk(toml, span, chunk) for chunk in chunks)
         setup = scene_of(toml)
         own_laws = _own_laws(setup, chunks)
         if own_laws:
@@ -97,7 +95,7 @@ class _WorkerPool:
         # Of processor time, as the start of another process: on a busy machine both take longer.
         began, first_s, ran = time.process_time(), 0.0, 0
         while left:
-            rows = list(self._run(setup, span, left.popleft()))
+            rows = run_cases(setup, span, left.popleft())
             yield rows
             ran += len(rows)
             worked_s = time.process_time() - began
@@ -110,7 +108,7 @@ class _WorkerPool:
 
     def _of(self, workers: int) -> Workers:
         if workers not in self._workers:
-            self._workers[workers] = Workers(workers, self._run)
+            self._workers[workers] = Workers(workers)
         return self._workers[workers]
 
     def dismiss(self) -> None:

@@ -34,12 +34,6 @@ def failed(rows: Rows) -> Rows:
     return [row for row in rows if row["state"] == CaseState.FAILED]
 
 
-def check_none_failed(rows: Rows) -> None:
-    """Raise CaseFailed if a case failed in its run."""
-    for row in failed(rows):
-        raise CaseFailed(str(row["status"]))
-
-
 def check_all_ran(rows: Rows, lead: str) -> None:
     """Refuse cases without a result.
 

@@ -23,7 +23,7 @@ from typing import Any
 from hertzloop.processes.signals import deferred
 from hertzloop.results.spans import Span
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.cases.evaluate import Numbered, RunNumbered, run_chunk
+from hertzloop.studies.cases.evaluate import Numbered, run_cases, run_chunk
 from hertzloop.studies.cases.rows import Rows
 
 _RARELY = 100_000, 50, 50  # Python's own thresholds take 8 % of the time of cases
@@ -39,8 +39,7 @@ class WorkersLost(RuntimeError):
 class Workers:
     """Worker processes. Raises WorkersLost if none can be started."""
 
-    def __init__(self, count: int, run: RunNumbered) -> None:
-        self._run = run
+    def __init__(self, count: int) -> None:
         self._started = _SpawnedProcesses()
         with _starting():
             _start_tracker()
@@ -63,10 +62,10 @@ class Workers:
         while left or given:
             with _starting(), deferred(), _without_main():
                 while left and len(given) < self._ahead:
-                    given.add(self._pool.submit(run_chunk, self._run, toml, span, left.popleft()))
+                    given.add(self._pool.submit(run_chunk, toml, span, left.popleft()))
             wait_s = _ASK_S
             if own and left:
-                yield list(self._run(own, span, left.pop()))
+                yield run_cases(own, span, left.pop())
                 wait_s = 0.0
             with deferred():
                 wait(given, wait_s, return_when=FIRST_COMPLETED)

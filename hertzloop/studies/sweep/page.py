@@ -214,7 +214,5 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
     if design["drawn"]:
         line += ["--uncertain", "DISTRIBUTIONS.toml", "--cases", str(len(design["drawn"]))]
         about += ", and the file of the distributions"
-    if design["worst"]:
-        line += ["--worst", design["worst"]]
     line += ["--span", header["span"], "--out", path.name]
     return [f"{shlex.join(line)}    # {about}"]

@@ -14,7 +14,6 @@ from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases
 from hertzloop.studies.cases.uncertain import with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.worst_check import check_worst
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class SweepPlan:
         """What names this sweep, and goes with its results."""
         return {
             "scene_toml": to_toml(self.setup.scene),
-            "design": asdict(self.design) | {"worst": self.request.worst or ""},
+            "design": asdict(self.design),
             "laws": laws_of(self.setup, self.design),
             "span": self.request.span,
             "versions": code_version(),
@@ -58,8 +57,6 @@ def plan_sweep(setup: Setup, request: SweepRequest) -> SweepPlan:
     if request.uncertain is not None:
         inputs = read_uncertain(request.uncertain, setup)
         design = with_draws(setup, design, inputs, request.points)
-    if request.worst is not None:
-        check_worst(setup, design, request.worst)
     return SweepPlan(setup, design, request)
 
 

@@ -25,8 +25,6 @@ class SweepRequest:
         phases: Number of touch phases of every case; None: that of the scene alone.
         uncertain: File or scene with distributions that every case draws from.
         dask: Address of a Dask scheduler that runs the cases.
-        worst: Metric whose worst latencies within the jitter are searched in every case; None: no
-            search.
     """
 
     over: Mapping[str, Range] | Sequence[str] = ()
@@ -37,7 +35,6 @@ class SweepRequest:
     phases: int | None = None
     uncertain: Path | None = None
     dask: str | None = None
-    worst: str | None = None
 
     def __post_init__(self) -> None:
         """Raise OptionError for text in place of a list."""

@@ -8,7 +8,6 @@ from typing import Any
 from hertzloop.results.cases import SHOWN, CaseState
 from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages.words import short
-from hertzloop.studies.worst.of_case import worst_columns
 
 
 @dataclass(frozen=True)
@@ -46,13 +45,6 @@ class SweepResult:
     def unstable(self) -> int:
         """Number of cases that were run but have no metrics, since the loop explodes."""
         return sum(row["state"] == CaseState.UNSTABLE for row in self.rows)
-
-
-def worst_row(rows: Rows, metric: str) -> dict[str, Any] | None:
-    """Return the row with the worst value that the search of the worst latencies found; None
-    without one."""
-    name = worst_columns(metric)[0]
-    return max(with_metric(rows, name), key=lambda row: row[name], default=None)
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:

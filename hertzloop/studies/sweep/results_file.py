@@ -14,7 +14,6 @@ from hertzloop.common.atomic_files import atomic_write, whole_file
 from hertzloop.results.cases import CASE_METRICS
 from hertzloop.scene.toml import toml_text, toml_value
 from hertzloop.studies.cases.design import keys_of
-from hertzloop.studies.worst.of_case import LATENCIES, worst_columns
 
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
@@ -77,8 +76,6 @@ def _one_type_a_column(
         if len({type(row[key]) for row in rows}) > 1
         or (suffix != ".parquet" and isinstance(rows[0][key], list))
     ]
-    if LATENCIES in rows[0] and suffix != ".parquet":
-        text.append(LATENCIES)
     if not text:
         return rows
     return [
@@ -105,10 +102,8 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        searched = header["design"]["worst"]
-        worst = worst_columns(searched) if searched else ()
-        needed = ["case", *keys, "status", "state", *([LATENCIES] if searched else [])]
-        names = dict.fromkeys([*needed, *CASE_METRICS, *worst, "growth_per_s"])
+        needed = ["case", *keys, "status", "state"]
+        names = dict.fromkeys([*needed, *CASE_METRICS, "growth_per_s"])
         if not {*CASE_METRICS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # An earlier version may lack a metric.
@@ -121,7 +116,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
     except (pa.ArrowException, ValueError, TypeError, OSError) as error:
         raise ValueError(f"{path} holds no results of a sweep: {error}") from error
-    for key in [*keys, LATENCIES] if searched else keys:
+    for key in keys:
         for row in rows:
             if isinstance(row[key], str):
                 # pyrefly: ignore[bad-argument-type]

@@ -4,11 +4,10 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 from hertzloop.studies.cases.dask_pool import dask_pool
-from hertzloop.studies.cases.evaluate import RunNumbered, chunked, run_cases
+from hertzloop.studies.cases.evaluate import chunked
 from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.cases.pool import local_cores, local_pool
 from hertzloop.studies.cases.rows import Rows, without_result
@@ -16,7 +15,6 @@ from hertzloop.studies.sweep.growth import with_growth
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.result import SweepResult
 from hertzloop.studies.sweep.results_file import read_results, write_results
-from hertzloop.studies.worst.of_case import run_cases_with_worst
 
 
 def sweep(
@@ -59,18 +57,14 @@ def _run(
     request, done = plan.request, {} if journal is None else journal.done
     cases = list(enumerate(plan.cases))
     missing = [(number, values) for number, values in cases if number not in done]
-    run: RunNumbered = run_cases
     chunks = chunked(missing)
-    if request.worst is not None:
-        run = partial(run_cases_with_worst, request.worst)
-        chunks = chunked(missing, 1)  # a case with a search takes seconds
     on_progress(len(done))
     started = time.perf_counter()
     if chunks:
         # Two at least: a law that is not shipped runs beside this process.
         count = min(request.workers or local_cores(), max(2, len(chunks)))
         address = request.dask
-        with dask_pool(address, on_wait, run) if address else local_pool(count, run) as pool:
+        with dask_pool(address, on_wait) if address else local_pool(count) as pool:
             for some in pool(plan.identity["scene_toml"], request.span, chunks):
                 for row in some:
                     done[row["case"]] = row

@@ -7,7 +7,7 @@ from types import FrameType
 from typing import Any
 
 
-def half_an_answer(run: Any, toml: str, span: str, numbered: Any) -> None:
+def half_an_answer(toml: str, span: str, numbered: Any) -> None:
     """Tell how long the answer is, no more; then die."""
     frame: FrameType | None = sys._getframe()
     while frame is not None and "result_queue" not in frame.f_locals:

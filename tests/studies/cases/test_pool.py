@@ -4,8 +4,7 @@ import errno
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from multiprocessing import active_children, parent_process
+from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
@@ -16,9 +15,10 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases import pool as crew
+from hertzloop.studies.cases import workers as workers_module
 from hertzloop.studies.cases.evaluate import Numbered, chunked, run_cases, scene_of
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Row
+from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import WorkersLost
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -39,13 +39,8 @@ def cases(count: int) -> list[Numbered]:
 HERE: list[int] = []  # numbers of the cases that this process runs
 
 
-def noted(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
+def noted(setup: Setup, span: Span, numbered: Numbered) -> Rows:
     HERE.extend(number for number, _ in numbered)
-    return run_cases(setup, span, numbered)
-
-
-def in_a_worker(setup: Setup, span: Span, numbered: Numbered) -> Iterator[Row]:
-    assert parent_process() is not None
     return run_cases(setup, span, numbered)
 
 
@@ -85,7 +80,9 @@ def test_every_case_is_run_once_by_whichever_process(workers, cores, monkeypatch
     at_once(monkeypatch)
     monkeypatch.setattr(crew, "local_cores", lambda: cores)
     before = set(active_children())
-    with local_pool(workers, noted) as pool:
+    for module in (crew, workers_module):
+        monkeypatch.setattr(module, "run_cases", noted)
+    with local_pool(workers) as pool:
         for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
             HERE.clear()
             rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
@@ -148,14 +145,18 @@ def test_a_worker_that_dies_within_an_answer_holds_nobody_up():
 
 
 @pytest.mark.parametrize("by_case", [False, True])
-def test_a_law_from_elsewhere_is_not_run_here(by_case, tmp_path):
+def test_a_law_from_elsewhere_is_not_run_here(by_case, tmp_path, monkeypatch):
     """It may crash its process; what the others have found is not lost with it."""
     law = str(write(tmp_path))
     toml, values = TOML, {"controller.law": law}
     if not by_case:
         toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene), {}
-    with local_pool(2, in_a_worker) as pool:
+    HERE.clear()
+    for module in (crew, workers_module):
+        monkeypatch.setattr(module, "run_cases", noted)
+    with local_pool(2) as pool:
         (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
+    assert not HERE
     assert [row["status"] for row in rows] == ["", ""]
 
 

@@ -91,7 +91,6 @@ def test_the_span_of_a_run_takes_all_contacts():
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so():
     rows = evaluate.run_chunk(
-        evaluate.run_cases,
         to_toml(load("aluminium-3mm", COARSE).scene),
         "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],

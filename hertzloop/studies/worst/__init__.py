@@ -1,1 +1,0 @@
-"""The worst sequence of latencies of a scene, within a range."""
