@@ -30,12 +30,14 @@ from hertzloop.studies.budget.result import BudgetResult
 from hertzloop.studies.pages.commands import run_command
 from hertzloop.warmup import CASES
 
+_UNCERTAIN = "Probability of the goal"  # heading of options
+
 GoalOption = Annotated[
     list[str] | None,
     typer.Option(
         "--goal",
-        help="Condition that the law must meet at every touch phase, e.g. 'plate_energy_db <= -3'. "
-        "May be given several times. Default: plate_energy_db <= -0.1.",
+        help="Require this at every touch phase, for example 'plate_energy_db <= -3'; repeatable; "
+        "default: plate_energy_db <= -0.1.",
     ),
 ]
 QuickOption = Annotated[
@@ -43,7 +45,7 @@ QuickOption = Annotated[
 ]
 OnlyOption = Annotated[
     list[str] | None,
-    typer.Option(help="Quantity to search, e.g. latency_us. May be given several times."),
+    typer.Option(help="Search this quantity, for example latency_us; repeatable."),
 ]
 RealPlantOption = Annotated[
     bool, typer.Option("--real-plant/--no-real-plant", help="Search in the real plant too.")
@@ -53,27 +55,41 @@ BudgetSpanOption = Annotated[
     typer.Option(help="Take metrics of the first impact, or of the whole run, or of each."),
 ]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")
+    int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
 ]
 WithinOption = Annotated[
     float,
-    typer.Option(min=1e-4, max=0.5, help="Half the width at which the interval is narrow enough."),
+    typer.Option(
+        min=1e-4,
+        max=0.5,
+        help="Stop drawing at this half width of the interval.",
+        rich_help_panel=_UNCERTAIN,
+    ),
 ]
 MostCasesOption = Annotated[
-    int, typer.Option(min=16, max=1_000_000, help="Stop drawing after this many cases.")
+    int,
+    typer.Option(
+        min=16,
+        max=1_000_000,
+        help="Stop drawing after this many cases.",
+        rich_help_panel=_UNCERTAIN,
+    ),
 ]
 SobolOption = Annotated[
     int,
-    typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
+    typer.Option(
+        min=0,
+        help="Base points for Sobol indices, a power of 2; 0 for none.",
+        rich_help_panel=_UNCERTAIN,
+    ),
 ]
 LawOption = Annotated[
-    str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
+    str | None, typer.Option(help="Use this law, by name or file; default: the law of the scene.")
 ]
 TraceOption = Annotated[
     Path | None,
     typer.Option(
-        help="Latencies by sample in place of controller.latency_us: a CSV file, or a recording of "
-        "a paced run (.mcap)."
+        help="Use the latencies of this CSV file or recording of a paced run, sample by sample."
     ),
 ]
 UncertainOption = Annotated[
@@ -82,6 +98,7 @@ UncertainOption = Annotated[
         "--uncertain",
         help="Compute the probability of the goal for the distributions in this TOML file, or in "
         "the tables \\[uncertain] and \\[fit] of this scene.",
+        rich_help_panel=_UNCERTAIN,
     ),
 ]
 CheckOption = Annotated[

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from hertzloop.cli.terminal import out
-from hertzloop.studies.budget.limits import Boundary
+from hertzloop.common import readable
+from hertzloop.studies.budget.limits import LEAST, Boundary
 from hertzloop.studies.budget.probability import Probability
 from hertzloop.studies.budget.result import BudgetResult, InPlant
 from hertzloop.studies.budget.sensitivity import Sensitivity
@@ -23,8 +24,7 @@ def _plants(found: BudgetResult) -> list[tuple[str, InPlant]]:
 
 def effect_lines(found: BudgetResult) -> list[str]:
     """Return sentences on the goal, and on what the law does in each plant."""
-    goal = " and ".join(map(str, found.goals))
-    lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
+    lines = [verdict_line(found)]
     for name, plant in _plants(found):
         energy = plant.nominal.over_phases["plate_energy_db"]
         words = "meets the goal" if plant.nominal.met else "misses the goal"
@@ -37,10 +37,60 @@ def effect_lines(found: BudgetResult) -> list[str]:
             own = plant.nominal.metrics["plate_energy_db"]
             hint = "" if found.other else "--span both searches the limits of each."
             lines += spans_differ(own, found.other_db, found.span, hint)
+        lines += noise_lines(name, plant)
         if plant.left_out:
             refused = ", ".join(plant.left_out)
             lines.append(f"The real plant is without {refused}, which the scene refuses.")
     return lines
+
+
+def verdict_line(found: BudgetResult) -> str:
+    """Return in one sentence whether the law meets its goal, and what limits it first."""
+    goal = " and ".join(map(str, found.goals))
+    plants = _plants(found)
+    met = [name for name, plant in plants if plant.nominal.met and not plant.unstable]
+    missed = [name for name, _ in plants if name not in met]
+    words = f"meets its goal {goal} at every touch phase in {' and in '.join(met)}"
+    if missed and met:
+        words += f", but not in {' and in '.join(missed)}"
+    if not met:
+        words = f"misses its goal {goal} in {' and in '.join(missed)}"
+    first = found.ideal.binds_first
+    limits = {limit.quantity: limit.words() for limit in found.ideal.limits}
+    binding = "" if first is None else f"; {first} binds first: {limits[first]}"
+    return f"{found.scene}: the law {found.law} {words}{binding}."
+
+
+def noise_lines(name: str, plant: InPlant) -> list[str]:
+    """Return a sentence where a law tolerates noise as large as the penetration that it senses."""
+    deepest_m = plant.deepest_m
+    noise = next((limit for limit in plant.limits if limit.quantity == "noise"), None)
+    if deepest_m is None or noise is None or noise.value is None or noise.value < deepest_m:
+        return []
+    return [
+        f"In {name} the tolerated noise, {noise.words()}, is as large as the penetration itself "
+        f"({readable.quantity(deepest_m, 'm')} without control): the law meets its goal there "
+        "without seeing the contact, so this is no demand on a sensor."
+    ]
+
+
+def wider_lines(found: BudgetResult) -> list[str]:
+    """Return a sentence on the quantities of which the real plant tolerates more than the scene."""
+    if found.real is None:
+        return []
+    wider = [
+        f"{real.quantity} ({real.words()} against {ideal.words()})"
+        for ideal, real in zip(found.ideal.limits, found.real.limits, strict=True)
+        if ideal.value is not None
+        and real.value is not None
+        and (real.value < ideal.value if ideal.quantity in LEAST else real.value > ideal.value)
+    ]
+    if not wider:
+        return []
+    return [
+        f"The real plant tolerates more of {', '.join(wider)}: its contact is another one, so its "
+        "limits need not lie within those of the scene."
+    ]
 
 
 def print_budget(found: BudgetResult) -> None:
@@ -51,6 +101,8 @@ def print_budget(found: BudgetResult) -> None:
     out.print(_limits_table(plants))
     for name, plant in plants:
         _print_limits(name, plant)
+    for line in wider_lines(found):
+        out.say(line)
     margin = found.ideal.margin
     if margin is None:
         out.print("Linear margin: none, because the loop in flight is not linear under this law.")
@@ -79,7 +131,10 @@ def _print_limits(name: str, plant: InPlant) -> None:
                 "the tolerated values are not an interval."
             )
         if limit.reason:
-            head = _REASONS[limit.boundary].format(limit)
+            fails_at = ""
+            if limit.first_failure is not None:
+                fails_at = readable.quantity(limit.first_failure, limit.unit, 4)
+            head = _REASONS[limit.boundary].format(limit, fails_at)
             out.say(f"In {name} {head} {limit.reason}")
 
 
@@ -96,7 +151,7 @@ def trace_line(latencies_us: Sequence[float]) -> str:
 _REASONS = {
     "no limit": "{0.quantity} has no limit:",
     "refused": "the next value of {0.quantity} is refused:",
-    "failed": "{0.quantity} at {0.first_failure:.4g} {0.unit} makes a case fail:",
+    "failed": "{0.quantity} at {1} makes a case fail:",
     "not possible": "{0.quantity} cannot be varied.",
 }
 
@@ -110,7 +165,9 @@ def _limits_table(plants: list[tuple[str, InPlant]]) -> Table:
             alone = [(limit.impact_alone or limit).words() for limit in plant.limits]
             columns.append((f"{plant.span} alone", alone))
     first = plants[0][1].limits
-    low_high = (f"{one.searched[0]:.3g} to {one.searched[1]:.3g} {one.unit}" for one in first)
+    low_high = (
+        " to ".join(readable.quantity(end, one.unit) for end in one.searched) for one in first
+    )
     columns.append(("searched", list(low_high)))
     title = "Tolerated, each with the other quantities as in the plant"
     table = Table("quantity", right=[heading for heading, _ in columns], title=title)

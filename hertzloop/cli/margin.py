@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hertzloop.cli import options, outputs, prepare
-from hertzloop.cli.terminal import out
+from hertzloop.cli.terminal import out, progress
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.margin.jitter import at_shortest_latency
@@ -44,7 +44,8 @@ def margin(
     if law is not None:
         changes.insert(0, f"controller.law={law}")
     setup = prepare.scene_from(scene, changes, None)
-    result = analyse(setup)
+    with progress("margin", 1) as advance:
+        result = analyse(setup, lambda part: advance(0, f"margin: {part}"))
     data, found = result.as_data(), result.flight
     for line in result_lines(result):
         out.say(line)

@@ -32,13 +32,18 @@ DetailsOption = Annotated[
 ]
 
 # How a run is done, as a whole or by one of its processes.
+EXPERT = "Expert options"  # heading of those that few runs need
 HorizonOption = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Exchange data after at most this many steps; default: as the law allows."
+        min=1,
+        help="Exchange data after at most this many steps; default: as the law allows.",
+        rich_help_panel=EXPERT,
     ),
 ]
-NameOption = Annotated[str | None, typer.Option(help="Set the name of the run on the bus.")]
+NameOption = Annotated[
+    str | None, typer.Option(help="Set the name of the run on the bus.", rich_help_panel=EXPERT)
+]
 TimeoutOption = Annotated[
     float,
     typer.Option(
@@ -46,6 +51,7 @@ TimeoutOption = Annotated[
         min=0.1,
         max=1e6,
         help="Stop waiting for a message of another process after this time, s.",
+        rich_help_panel=EXPERT,
     ),
 ]
 FastLaneOption = Annotated[
@@ -53,11 +59,15 @@ FastLaneOption = Annotated[
     typer.Option(
         "--fast-lane/--no-fast-lane",
         help="Exchange data between plant and controller on one host in shared memory.",
+        rich_help_panel=EXPERT,
     ),
 ]
 RealtimeOption = Annotated[
     Literal["auto", "on", "off"],
-    typer.Option(help="Use real-time scheduling; auto: where it is permitted and a core is idle."),
+    typer.Option(
+        help="Use real-time scheduling; auto: where it is permitted and a core is idle.",
+        rich_help_panel=EXPERT,
+    ),
 ]
 PaceOption = Annotated[
     float | None,
@@ -81,6 +91,7 @@ ControllerOption = Annotated[
         metavar="'CMD ...'",
         help="Start this command line as the controller; {name}, {listen} and {connect} in it are "
         "filled in.",
+        rich_help_panel=EXPERT,
     ),
 ]
 

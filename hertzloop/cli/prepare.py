@@ -103,7 +103,7 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
         err.say("interrupted")
         os._exit(INTERRUPTED)
 
-    with progress("Compiling", 100, lines=True) as advance, ending_signals(end):
+    with progress("Compiling", 100) as advance, ending_signals(end):
         ensure_compiled(
             *scenes,
             works=works,

@@ -85,6 +85,7 @@ def run(
             min=1,
             max=65533,
             help="Use this and the next two ports on loopback; by default, use private sockets.",
+            rich_help_panel=options.EXPERT,
         ),
     ] = None,
     live: Annotated[

@@ -5,13 +5,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hertzloop.cli.sweep_tables import extremes_table, phases_table, quantiles_table
+from hertzloop.cli.sweep_tables import (
+    are_few,
+    cases_table,
+    extremes_table,
+    phases_table,
+    quantiles_table,
+)
 from hertzloop.cli.terminal import err, out
+from hertzloop.common.readable import quantity
 from hertzloop.results.cases import SHOWN
-from hertzloop.results.spans import OTHER
+from hertzloop.results.spans import OTHER, Span
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import with_metric
+from hertzloop.studies.cases.rows import Rows, with_metric
 from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as sweep_study
@@ -20,6 +28,9 @@ from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.result import SweepResult, counted
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
+
+_CONTACTS = 60.0  # contact times in which an impact is over
+_WORTH = 3.0  # ratio of times from which a hint is worth a line
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,8 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         err.say(f"line {line} of {journal} was damaged. Its case was run again.")
     has_metrics = count_without_metrics(results) < total
     is_uncertain = request.uncertain is not None
+    if has_metrics and not is_uncertain and (len(keys) == 1 or are_few(rows)):
+        out.print(cases_table(rows, keys))
     if has_metrics:
         out.print(extremes_table(rows, keys))
     if not is_uncertain:
@@ -78,6 +91,8 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
         f"Results: {study.results_file}"
     )
+    for line in flight_lines(study.plan.setup, request.span, rows):
+        out.say(line)
     out_of_range = counted(rows, "out_of_range")
     _print_warnings(results, total, out_of_range)
     return {
@@ -97,6 +112,24 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         ],
         "results": str(study.results_file),
     }
+
+
+def flight_lines(setup: Setup, span: Span, rows: Rows) -> list[str]:
+    """Return a hint where most of the time that the first impacts take to simulate is flight."""
+    having = with_metric(rows, "contact_us")
+    if span != "impact" or not having or {"run.duration_s", "run.step_ns"} & set(having[0]):
+        return []
+    contact_s = 1e-6 * max(row["contact_us"] for row in having)
+    simulated_s = setup.step_s * sum(row["steps"] for row in having) / len(having)
+    enough_s = setup.first_touch_s + _CONTACTS * contact_s
+    if simulated_s < _WORTH * enough_s:
+        return []
+    return [
+        f"Most of the simulated time is flight: a case simulates {quantity(simulated_s, 's')} on "
+        f"average, a contact lasts {quantity(contact_s, 's')} at most. "
+        f"--set run.duration_s={1.05 * enough_s:.2g} is about {simulated_s / enough_s:.0f} times "
+        "faster."
+    ]
 
 
 def _print_best(study: SweepStudy, results: SweepResult) -> None:

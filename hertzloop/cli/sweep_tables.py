@@ -24,6 +24,25 @@ def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     return table
 
 
+def cases_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Return keys and metrics of each case; of many cases every so many."""
+    every = max(1, -(-len(rows) // _MOST_ROWS))
+    shown = rows[::every]
+    names = [name for name in SHOWN if with_metric(rows, name)]
+    count = f"{len(shown)} of {len(rows)} cases" if every > 1 else "All cases"
+    right = [*(key.split(".")[-1] for key in keys), *names]
+    table = Table(right=right, title=f"{count}, against no control")
+    for row in shown:
+        cells = (f"{row[name]:z.2f}" if with_metric([row], name) else "" for name in names)
+        table.add_row(*(short(row[key]) for key in keys), *cells)
+    return table
+
+
+def are_few(rows: list[dict[str, Any]]) -> bool:
+    """Return whether a table shows every case."""
+    return len(rows) <= _MOST_ROWS
+
+
 def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Return median and 95 % range of metrics over the draws; a row for each setting of `keys`."""
     # As many metrics as fit side by side in 80 columns.

@@ -1,8 +1,10 @@
 """Terminal output of all commands: two consoles, errors, progress, interruptions."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import typer
@@ -18,7 +20,8 @@ from hertzloop.processes.signals import INTERRUPTED
 if TYPE_CHECKING:
     from hertzloop.recordings.recording import Recording
 
-_LINE_S = 10.0  # between two lines on progress
+_FIRST_LINE_S = 2.0  # until the first line on progress
+_LINE_S = 10.0  # between two of them
 
 
 class Advance(Protocol):
@@ -112,16 +115,16 @@ def explained() -> Iterator[None]:
 
 
 @contextmanager
-def progress(
-    what: str, total: int, auto_refresh: bool = True, lines: bool = False
-) -> Iterator[Advance]:
-    """Show a progress bar with the time left, which disappears at the end.
+def progress(what: str, total: int, auto_refresh: bool = True) -> Iterator[Advance]:
+    """Show how far the work is: a bar with the time left on a terminal, else lines.
+
+    The bar disappears at the end. If standard error is not a terminal, a line follows after 2 s and
+    then every 10 s, whether or not the work has advanced.
 
     Args:
         what: Name of the work.
         total: Amount of the work.
         auto_refresh: Whether a thread redraws the bar; it would disturb a measurement.
-        lines: Whether a line every 10 s replaces the bar if standard error is not a terminal.
 
     Yields:
         A function that takes the completed amount, and another text than `what`.
@@ -130,24 +133,57 @@ def progress(
     about = TextColumn("{task.description}", markup=False)
     columns = (about, BarColumn(), percent, TimeRemainingColumn())
     hidden = out.quiet or not err.is_terminal
-    with Progress(
-        *columns, console=err, transient=True, disable=hidden, auto_refresh=auto_refresh
-    ) as bar:
+    with (
+        Progress(
+            *columns, console=err, transient=True, disable=hidden, auto_refresh=auto_refresh
+        ) as bar,
+        _progress_lines(what, total) if hidden and not out.quiet else nullcontext() as lines,
+    ):
         task = bar.add_task(what, total=total)
         bar.refresh()
-        last_completed, last_line_s = 0, time.monotonic()
 
         def advance(completed: int, about: str = what) -> None:
-            nonlocal last_completed, last_line_s
             bar.update(task, completed=completed, description=about, refresh=not auto_refresh)
-            now_s = time.monotonic()
-            with_lines = lines and not err.is_terminal and not out.quiet
-            is_due = now_s >= last_line_s + _LINE_S and completed > last_completed
-            if not with_lines or not is_due:
-                return
-            per_unit_s = (now_s - last_line_s) / (completed - last_completed)
-            left_s = (total - completed) * per_unit_s
-            last_completed, last_line_s = completed, now_s
-            err.say(f"{about}, about {left_s:.0f} s left")
+            if lines is not None:
+                lines.completed, lines.about = completed, about
 
         yield advance
+
+
+@dataclass
+class _Lines:
+    """How far the work is of which lines tell."""
+
+    about: str
+    total: int
+    began_s: float
+    completed: int = 0
+
+    def line(self) -> str:
+        """Return what has been done so far, and how long the rest takes at the same speed."""
+        so_far_s = time.monotonic() - self.began_s
+        if not self.completed:
+            return f"{self.about}: {so_far_s:.0f} s so far"
+        left_s = so_far_s * (self.total - self.completed) / self.completed
+        share = 100.0 * self.completed / self.total
+        return f"{self.about}: {share:.0f} % after {so_far_s:.0f} s, about {left_s:.0f} s left"
+
+
+@contextmanager
+def _progress_lines(what: str, total: int) -> Iterator[_Lines]:
+    """Print lines on the progress while the context lasts."""
+    lines, done = _Lines(what, total, time.monotonic()), threading.Event()
+
+    def tell() -> None:
+        wait_s = _FIRST_LINE_S
+        while not done.wait(wait_s):
+            err.say(lines.line())
+            wait_s = _LINE_S
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield lines
+    finally:
+        done.set()
+        teller.join()

@@ -113,12 +113,12 @@ def _scenes_with(candidate: Candidate, plan: TunePlan) -> list[Setup]:
 def _table(result: TuneResult) -> Table:
     """Return the table of settings, at most some of them, with the published one last."""
     metrics, best = result.minimise, result.front
-    settings = "setting" if len(best) == 1 else "settings"
-    right = [*metrics, f"{metrics[0]} over touch phases"]
-    table = Table(right=right, title=f"{len(best)} Pareto-optimal {settings}")
-    table.add_column("law and parameters")
     every = max(1, -(-len(best) // _MOST_ROWS))
-    for candidate in [*best[::every], result.published]:
+    shown = best[::every]
+    right = [*metrics, f"{metrics[0]} over touch phases"]
+    table = Table(right=right, title=_title(len(shown), len(best), metrics))
+    table.add_column("law and parameters")
+    for candidate in [*shown, result.published]:
         note = " (published)" if candidate is result.published else ""
         table.add_row(
             *(f"{value:z.3f}" for value in candidate.metrics.values()),
@@ -126,6 +126,17 @@ def _table(result: TuneResult) -> Table:
             candidate.words() + note,
         )
     return table
+
+
+def _title(shown: int, found: int, metrics: Sequence[str]) -> str:
+    """Return how many settings a table shows, and in which order."""
+    if found == 1:
+        return "1 Pareto-optimal setting"
+    count = f"{shown} of {found}" if shown < found else str(found)
+    order = f"by {metrics[0]}"
+    if len(metrics) > 1:
+        order = f"{order}, those with no more {metrics[1]} than the published setting first"
+    return f"{count} Pareto-optimal settings, {order}"
 
 
 def _tune_command(arguments: TuneArguments, plan: TunePlan) -> str:

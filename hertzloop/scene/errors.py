@@ -8,6 +8,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from hertzloop.common.readable import number
+
 
 class SceneError(ValueError):
     """The scene cannot be simulated. The message names the key, its value and the remedy."""
@@ -68,10 +70,10 @@ _WANTED = {
     "tuple": "a list in brackets, such as [0.1, 0.2]",
     "missing": _PAIR,
     "too_long": _PAIR,
-    "greater_than_equal": "at least {ge:g}",
-    "less_than_equal": "at most {le:g}",
-    "greater_than": "more than {gt:g}",
-    "less_than": "less than {lt:g}",
+    "greater_than_equal": "at least {ge}",
+    "less_than_equal": "at most {le}",
+    "greater_than": "more than {gt}",
+    "less_than": "less than {lt}",
     "literal_error": "{expected}",
 }
 
@@ -83,7 +85,11 @@ def _wanted(problem: Any) -> str:
     if words is None or "pattern" in kind or "too_short" in kind:
         message: str = problem["msg"]
         return message.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
-    return words.format(**problem.get("ctx", {}))
+    limits = problem.get("ctx", {})
+    numbers = (int, float)
+    return words.format(
+        **{name: number(x) if isinstance(x, numbers) else x for name, x in limits.items()}
+    )
 
 
 def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, ...] = ()) -> str:
@@ -142,10 +148,10 @@ def bounds_of(field: Any) -> str:
     if low is None or high is None:
         return ""
     if "ge" in limits and "le" in limits:
-        return f"{low:g} to {high:g}"
+        return f"{number(low)} to {number(high)}"
     least = _OPEN[0] if "ge" in limits else _OPEN[1]
     most = "at most" if "le" in limits else "less than"
-    return f"{least} {low:g} and {most} {high:g}"
+    return f"{least} {number(low)} and {most} {number(high)}"
 
 
 _OPEN = ("at least", "more than")  # how a range begins one of whose ends does not belong to it

@@ -189,7 +189,7 @@ def _fit_with_progress(
     exact: bool,
 ) -> FitResult:
     """Fit keys to records, and show the number of simulations."""
-    with progress("fit", 1000, lines=True) as advance:
+    with progress("fit", 1000) as advance:
 
         def show(done: int, expected: int) -> None:
             about = f"fit: {done} of about {expected} simulations"

@@ -202,7 +202,7 @@ def _without_held(paths: list[Path], held: list[Path]) -> list[Path]:
 
 @contextmanager
 def _progress() -> Iterator[ModesCallback]:
-    with progress("modes", 1, lines=True) as advance:
+    with progress("modes", 1) as advance:
         yield lambda name, count, error: advance(
             0, f"{name} held out: {count} modes, error {error:.3g}"
         )

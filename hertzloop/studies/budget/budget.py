@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hertzloop.results.cases import CaseState
+from hertzloop.results.cases import CaseState, uncontrolled
 from hertzloop.results.spans import OTHER, Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
@@ -125,7 +125,16 @@ def _in_plant(
     problem = LimitProblem(setup, margin, plan.goals, effort)
     limits = limits_of(problem, plan.request.only, run, on_progress)
     first = next((limit.quantity for limit in nearest(limits)), None)
-    return InPlant(plant.span, nominal, margin, limits, first, plant.left_out)
+    return InPlant(plant.span, nominal, margin, limits, first, _deepest_m(setup), plant.left_out)
+
+
+def _deepest_m(setup: Setup) -> float | None:
+    """Return the penetration without control that Hertz's law gives for the peak force, m; None for
+    a law that senses another quantity."""
+    if setup.quantity != "xi":
+        return None
+    peak_n = uncontrolled(setup, "impact").peak_force_n
+    return float((peak_n / setup.contact.stiffness) ** (2.0 / 3.0))
 
 
 def nominal_of(

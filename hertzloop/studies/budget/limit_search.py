@@ -28,6 +28,7 @@ import math
 from collections.abc import Generator, Sequence
 from typing import TypeAlias
 
+from hertzloop.common import readable
 from hertzloop.results.cases import CaseState
 from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
@@ -132,7 +133,8 @@ def _result(
     if boundary is Boundary.FAILED:
         reason = known.reasons.get(CaseState.FAILED, "")
     if boundary is Boundary.NO_LIMIT:
-        reason = f"at {quantity.reported(last):.4g} {quantity.unit} {quantity.end}."
+        at_end = readable.quantity(quantity.reported(last) or 0.0, quantity.unit, 4)
+        reason = f"at {at_end} {quantity.end}."
     share = None
     if boundary in (Boundary.FOUND, Boundary.IDEAL_ONLY):
         assert good is not None

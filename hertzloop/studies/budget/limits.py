@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from hertzloop.common import readable
+
 LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, others up to one
 
 
@@ -61,7 +63,7 @@ class BudgetLimit:
             return self.boundary.value
         words = "at least" if self.quantity in LEAST else "up to"
         remark = f" ({self.remark})" if self.remark else ""
-        return f"{words} {self.value:.4g} {self.unit}{remark}"
+        return f"{words} {readable.quantity(self.value, self.unit, 4)}{remark}"
 
     def as_data(self) -> dict[str, Any]:
         """Return the limit as plain data."""

@@ -32,14 +32,16 @@ class Baseline:
 class InPlant:
     """Effect by metrics of a span, and limits, in one plant; `margin`: the linear margin, None for
     a law that has none; `binds_first`: the quantity whose limit is the nearest, by
-    `BudgetLimit.share`, None where no limit was found; `left_out`: keys of the real plant that the
-    scene does not accept."""
+    `BudgetLimit.share`, None where no limit was found; `deepest_m`: the largest elastic penetration
+    without control, None where the law senses another quantity; `left_out`: keys of the real plant
+    that the scene does not accept."""
 
     span: Span
     nominal: Baseline
     margin: Margin | None
     limits: tuple[BudgetLimit, ...]
     binds_first: str | None
+    deepest_m: float | None = None
     left_out: tuple[str, ...] = ()
 
     @property

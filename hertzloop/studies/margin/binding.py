@@ -10,18 +10,20 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.linear import plant_in_flight
 
-_LEAST, _ALONE = 0.1, 0.7  # shares of the response from which a mode takes part, and prevails
+# Relative amplitudes from which a mode takes part, and within which it stands for the response.
+_LEAST, _ALONE, _CANCELS = 0.1, 0.7, 1.1
 _NAMED = 3  # modes of one frequency
 _SAME = 1e-9  # relative difference of frequencies of one mode
 
 
 @dataclass(frozen=True)
 class BindingMode:
-    """The mode with the largest share of the response at the frequency that limits the loop.
+    """The mode with the largest amplitude at the frequency that limits the loop.
 
     Attributes:
         frequency_hz: natural frequency, Hz.
-        share: its part of the response there, by magnitude.
+        relative_amplitude: its amplitude over that of the whole response there; more than 1 where
+            other modes cancel it.
         number: from 1 on, by rising frequency, among the modes that the plant computes with.
         indices: half-waves along x and y, one pair for each mode of this frequency; None where the
             structure has no such indices.
@@ -30,7 +32,7 @@ class BindingMode:
     """
 
     frequency_hz: float
-    share: float
+    relative_amplitude: float
     number: int
     indices: list[list[int]] | None
     at_contact: list[float] | None
@@ -38,8 +40,8 @@ class BindingMode:
 
 
 def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
-    """Return the mode with the largest share at a frequency; None if that is below a tenth. Then
-    the actuator, a filter or the sum of the truncated modes prevails.
+    """Return the mode with the largest amplitude at a frequency; None if that is below a tenth of
+    the response. Then the actuator, a filter or the sum of the truncated modes prevails.
 
     Args:
         setup: the run.
@@ -51,8 +53,8 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
     weights = np.abs(form.residues / (z - form.poles))[:count]
     largest = int(np.argmax(weights))
-    share = float(weights[largest] / np.abs(form.at(np.array([z]))[0]))
-    if share < _LEAST:
+    amplitude = float(weights[largest] / np.abs(form.at(np.array([z]))[0]))
+    if amplitude < _LEAST:
         return None
     natural = np.abs(np.log(form.poles[:count])) / setup.step_s
     omega = float(natural[largest])
@@ -60,7 +62,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     spec = setup.plant
     plate = spec.plate.separable
     if plate is None:
-        return BindingMode(omega / (2.0 * math.pi), share, number, None, None, None)
+        return BindingMode(omega / (2.0 * math.pi), amplitude, number, None, None, None)
     m, n, all_omega = plate.mode_numbers(omega * (1.0 + 10.0 * _SAME))
     same = np.abs(all_omega - omega) <= _SAME * omega
     at_contact = plate.mode_shape(m[same], n[same], spec.contact_point_m)
@@ -68,7 +70,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     moved = np.maximum(np.abs(at_contact), np.abs(at_actuator)) > NO_PARTICIPATION
     return BindingMode(
         omega / (2.0 * math.pi),
-        share,
+        amplitude,
         number,
         [[int(a), int(b)] for a, b in zip(m[same][moved], n[same][moved], strict=True)],
         at_contact[moved].tolist(),
@@ -107,6 +109,8 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
             f"; shape{first}: half-waves {m} along x, {n} along y; {mode.at_contact[0]:.3g} at "
             f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
         )
-    others = "" if mode.share > _ALONE else ", as modes overlap there"
-    share = f"share of the response at {hertz(frequency_hz)}: {100.0 * mode.share:z.0f} %{others}"
-    return f"{words}; {share}"
+    amplitude = mode.relative_amplitude
+    others = ", as other modes overlap with it" if amplitude <= _ALONE else ""
+    others = ", as other modes cancel a part of it" if amplitude > _CANCELS else others
+    times = f"{amplitude:.2f} times that of the whole response{others}"
+    return f"{words}; its amplitude at {hertz(frequency_hz)} is {times}"

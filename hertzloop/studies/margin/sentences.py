@@ -12,12 +12,33 @@ _SHOWS = 10.0  # e-folds from which a run shows an instability
 
 
 def result_lines(found: MarginResult) -> list[str]:
-    """Return all lines on a margin."""
-    lines = margin_lines(found.flight) + jitter_lines(found.jitter)
+    """Return all lines on a margin, the verdict first."""
+    lines = [verdict_line(found), *margin_lines(found.flight), *jitter_lines(found.jitter)]
     lines += contact_lines(found.contact) if found.contact else []
     lines += fact_lines(found.impact) if found.impact else []
     at_hz = found.flight.binding_frequency_hz
     return lines if at_hz is None else [*lines, mode_line(found.binding_mode, at_hz)]
+
+
+def verdict_line(found: MarginResult) -> str:
+    """Return the verdict on a margin in one sentence."""
+    m, contact = found.flight, found.contact
+    if contact is not None:
+        words = {True: "stable", False: "unstable", None: "neither stable nor unstable for certain"}
+        return f"The loop in contact is {words[contact.stable]}; in flight the law has no loop."
+    if not m.applicable:
+        return "The loop in flight is not linear, so it has no margin."
+    if m.stable is None:
+        return f"Whether the loop is stable at {m.latency_us:g} us could not be decided."
+    if not m.stable:
+        return f"The loop is unstable in flight at {m.latency_us:g} us: {growth_words(m.growth)}."
+    latency = "any latency"
+    if m.latency_limit_us is not None:
+        latency = f"a latency of up to {m.latency_limit_us:.4g} us"
+    gain = "any gain" if m.gain_margin is None else f"{m.gain_margin:.4g} times its gain"
+    return (
+        f"The loop is stable in flight at {m.latency_us:g} us: it tolerates {latency}, or {gain}."
+    )
 
 
 def growth_words(found: Growth) -> str:

@@ -49,7 +49,8 @@ class TuneResult:
         minimise: Names of the metrics.
         span: Part of the run that was evaluated.
         at_most: Largest allowed values, by metric.
-        front: The settings that no other beats, sorted by the first metric.
+        front: The settings that no other beats, the best first: those that do not raise the second
+            metric above that of the published setting, then the others, each by the first metric.
         published: The published setting of the slope-threshold law, in the same scenes.
         failed: The reason of each case that could not be run.
         cases: Number of cases.
@@ -80,8 +81,8 @@ class TuneResult:
 
     @property
     def best(self) -> Candidate:
-        """The winner, or the first setting of the front if there is no winner."""
-        return self.winner or self.front[0]
+        """The first setting of the front, which is the winner if there is one."""
+        return self.front[0]
 
     @property
     def verdict(self) -> str:
@@ -106,6 +107,17 @@ class TuneResult:
             f"{sentence} at {keep} {winner.metrics[keep]:z.3f} against "
             f"{published.metrics[keep]:z.3f}"
         )
+
+
+def best_first(front: Sequence[Candidate], published: Candidate) -> list[Candidate]:
+    """Return the settings of a front in the order of `TuneResult.front`."""
+    gain, *others = front[0].metrics if front else ("",)
+    keep = others[0] if others else gain
+
+    def place(found: Candidate) -> tuple[bool, float]:
+        return not found.metrics[keep] <= published.metrics[keep], found.metrics[gain]
+
+    return sorted(front, key=place)
 
 
 def better_than(

@@ -12,7 +12,7 @@ from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan
-from hertzloop.studies.tune.result import Candidate, TuneResult
+from hertzloop.studies.tune.result import Candidate, TuneResult, best_first
 from hertzloop.studies.tune.score import published_setting, unstable_loop, with_spreads
 from hertzloop.studies.tune.search import front, search_law
 
@@ -42,7 +42,7 @@ def tune(
             done = before * request.generations
             found += search_law(pool, plan, law, lambda n, done=done: on_progress(done + n))  # type: ignore[misc]
         best = front(found, request.minimise)
-        published, *best = with_spreads(pool, plan, [published, *best])
+        published, *best = with_spreads(pool, plan, [published, *best_first(best, published)])
     growths = [unstable_loop(plan.variants, candidate.values) for candidate in best]
     return TuneResult(
         scenes=[to_toml(base.scene) for base in plan.bases],

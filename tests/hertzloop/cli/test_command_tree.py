@@ -7,8 +7,8 @@ import pytest
 
 from hertzloop.cli import app
 from hertzloop.cli.commands import all_commands
-from tests.commands import succeed
-from tests.hertzloop.commands import hertzloop, python
+from tests.commands import invoke, succeed
+from tests.hertzloop.commands import python
 
 HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.scene"}
 
@@ -19,10 +19,23 @@ def test_there_are_at_most_30_leaves_each_once():
 
 
 def test_the_help_fits_on_one_screen():
-    done = hertzloop("--help")
-    assert len(done.stdout.splitlines()) <= 50
+    lines = invoke(["--help"], env={"COLUMNS": "100"}).stdout
+    assert len(lines.splitlines()) <= 40
     for entry in all_commands():
-        assert entry.words.split()[0] in done.stdout
+        assert entry.words.split()[0] in lines
+
+
+@pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)
+def test_the_help_of_a_command_fits_on_two_screens(entry):
+    done = invoke([*entry.words.split(), "--help"], env={"COLUMNS": "100"})
+    assert 5 < len(done.stdout.splitlines()) <= 80
+
+
+def test_run_has_its_expert_options_below_the_others():
+    usual, expert = invoke(["run", "--help"]).stdout.split("Expert options")
+    for option in ("horizon", "name", "timeout", "fast-lane", "realtime", "controller", "port"):
+        assert f"--{option} " in expert
+        assert f"--{option} " not in usual
 
 
 @pytest.mark.parametrize("entry", all_commands(), ids=lambda entry: entry.words)

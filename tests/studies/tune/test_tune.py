@@ -12,7 +12,7 @@ from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.tune.plan import TunePlan, ranges_of
 from hertzloop.studies.tune.request import TuneRequest
-from hertzloop.studies.tune.result import Candidate, TuneResult, better_than
+from hertzloop.studies.tune.result import Candidate, TuneResult, best_first, better_than
 from hertzloop.studies.tune.score import published_setting
 from hertzloop.studies.tune.search import front as pareto_front
 from hertzloop.studies.tune.search import search_law
@@ -122,3 +122,12 @@ def test_the_command_writes_front_and_picture(tmp_path):
     metrics = {"plate_energy_db", "rebound_percent", "plate_energy_db_mean", "controller.kappa"}
     assert metrics <= set(lines[0].split(","))
     assert len(lines) > 2
+
+
+def test_the_best_setting_is_the_first_of_the_front():
+    published = Candidate({}, {"a": 0.0, "b": 0.0})
+    loud, best, mild = (Candidate({}, {"a": a, "b": b}) for a, b in ((-9, 5), (-3, 0), (-1, -2)))
+    front = best_first([loud, best, mild], published)
+    assert front == [best, mild, loud]
+    result = TuneResult([], ["a", "b"], "impact", {}, front, published, [], 1, 1, "")
+    assert result.best is result.winner is front[0]
