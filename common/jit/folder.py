@@ -1,7 +1,8 @@
 """The folder of compiled kernels: named by their sources, and written by this user alone.
 
-Numba notices an edit of a kernel's own file, but not of a callee in another file (numba #1833). So
-the folder is named by a digest of all sources that hold kernels. Numba unpickles and runs what lies
+Numba notices an edit of a kernel's own file, but not of a callee in another file (numba #1833), nor
+settings that change the code it makes (numba #10821). So the folder is named by a digest of all
+sources that hold kernels and of these settings. Numba unpickles and runs what lies
 in it: nobody else may write there.
 """
 
@@ -20,12 +21,32 @@ from pathlib import Path
 
 import llvmlite
 import numba
+from numba import config
 
 # A file that holds kernels imports one of these.
 _HOLDS_KERNELS = re.compile(
     rb"^\s*(?:from\s+(?:numba\b|hertzloop\.common\.jit\s|hertzloop\.common\.jit\.by_type\s|"
     rb"hertzloop\.common\s+import\s.*\bjit\b)|import\s+(?:numba|hertzloop\.common\.jit)\b)",
     re.M,
+)
+# Numba's settings that change the code it makes. The processor is not among them: Numba tells
+# processors and their features apart itself.
+_CODE_SETTINGS = (
+    "OPT",
+    "LOOP_VECTORIZE",
+    "SLP_VECTORIZE",
+    "BOUNDSCHECK",
+    "DEBUGINFO_DEFAULT",
+    "EXTEND_VARIABLE_LIFETIMES",
+    "DISABLE_INTEL_SVML",
+    "USING_SVML",
+    "LLVM_REFPRUNE_PASS",
+    "LLVM_REFPRUNE_FLAGS",
+    "NRT_STATS",
+    "DEBUG_NRT",
+    "DEBUG_ARRAY_OPT_RUNTIME",
+    "PARFOR_MAX_TUPLE_SIZE",
+    "JIT_COVERAGE",
 )
 # The folder that holds hertzloop. `common` is a link in a clone, so it is resolved last.
 _ROOT = Path(__file__).absolute().parents[3].resolve()
@@ -94,11 +115,22 @@ def make_private(folder: Path) -> None:
 def code_digest() -> str:
     """16 hex digits that change with any source of kernels, and with what compiles them."""
     digest = hashlib.sha256()
-    for what in (sys.version, numba.__version__, llvmlite.__version__):
+    for what in (sys.version, numba.__version__, llvmlite.__version__, settings_of_folder()):
         digest.update(what.encode() + b"\0")
     for name, text in sorted(kernel_sources().items()):
         digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
     return digest.hexdigest()[:16]
+
+
+def code_settings() -> str:
+    """Numba's settings that change the code it makes, with the values that they have now."""
+    return " ".join(f"{name}={getattr(config, name, None)!r}" for name in _CODE_SETTINGS)
+
+
+@cache
+def settings_of_folder() -> str:
+    """`code_settings` as they were when the folder was named."""
+    return code_settings()
 
 
 def kernel_sources() -> dict[str, bytes]:

@@ -13,7 +13,7 @@ from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.jit.folder import cache_folder
+from hertzloop.common.jit.folder import cache_folder, code_settings, settings_of_folder
 
 _not_written: list[str] = []  # why the disk did not take something
 _swapping = Lock()
@@ -51,6 +51,8 @@ class KernelCache(FunctionCache):
     With `quick` it loads machine code without the registries of the compiler. Numba fills these
     first, which takes 0.15 s of a process that compiles nothing. Kernels of hertzloop need nothing
     of them but the allocator of arrays; those of others may.
+
+    A process that changes Numba's settings after the folder was named neither reads nor writes it.
     """
 
     def __init__(self, function: Callable[..., Any], quick: bool) -> None:
@@ -59,6 +61,8 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the machine code for a signature; None if there is none on the disk."""
+        if code_settings() != settings_of_folder():
+            return None
         if not self._quick:
             return super().load_overload(sig, target_context)
         rtsys.initialize(target_context)
@@ -67,6 +71,8 @@ class KernelCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the machine code for a signature, if the disk takes it."""
+        if code_settings() != settings_of_folder():
+            return
         try:
             super().save_overload(sig, data)
         except OSError as error:

@@ -100,6 +100,42 @@ def test_the_usual_places_are_checked_alike(tmp_path, usual):
     assert folder.parent != place
 
 
+CHANGE_CODE = {
+    "NUMBA_OPT": "1",
+    "NUMBA_SLP_VECTORIZE": "1",
+    "NUMBA_LOOP_VECTORIZE": "0",
+    "NUMBA_BOUNDSCHECK": "1",
+    "NUMBA_DEBUGINFO": "1",
+    "NUMBA_EXTEND_VARIABLE_LIFETIMES": "1",
+    "NUMBA_LLVM_REFPRUNE_PASS": "0",
+    "NUMBA_LLVM_REFPRUNE_FLAGS": "per_bb",
+    "NUMBA_DEBUG_NRT": "1",
+}
+
+
+def test_settings_of_numba_that_change_the_code_have_a_folder_each(tmp_path):
+    home = {"HOME": str(tmp_path)}
+    usual = where(home)[0]
+    folders = [where(home | {name: value})[0] for name, value in CHANGE_CODE.items()]
+    assert len({usual, *folders}) == 1 + len(folders)
+    assert where(home | {"NUMBA_NUM_THREADS": "1", "NUMBA_FULL_TRACEBACKS": "1"})[0] == usual
+
+
+CHANGED_LATER = """
+import hertzloop, numba
+from benchmarks.integrator_kernels import hertz as k
+{change}
+k(1e9, -1e-6)
+print(k._cache.cache_path)
+"""
+
+
+@pytest.mark.parametrize(("change", "kept"), [("", True), ("numba.config.BOUNDSCHECK = 1", False)])
+def test_code_of_settings_that_were_changed_later_is_not_kept(tmp_path, change, kept):
+    folder, _ = where({"HOME": str(tmp_path)}, CHANGED_LATER.format(change=change))
+    assert bool(list(folder.parent.rglob("*.hertz-*.nbi"))) == kept
+
+
 ATTACKED = """
 import hertzloop
 from benchmarks.integrator_kernels import hertz as k
