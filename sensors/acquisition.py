@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -13,6 +13,9 @@ from hertzloop.sensors.kernels import ADDED, HELD, LIMITED, OF_SECTIONS
 
 LOW_PASSES, HIGHEST_ORDER = ("butterworth", "bessel"), 8
 NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
+_SIGMAS = 8.0  # no noise is larger
+_FORGOTTEN = 37.0  # time constants after which a filter has forgotten its past, to rounding
+_NEVER = 2**62  # a sample that no run has
 
 
 @dataclass(frozen=True)
@@ -108,10 +111,11 @@ class Fault:
     """A fault of a channel, of the samples from `start` on and `lasts` samples long (None: to the
     end of the run).
 
-    `kind`: "stuck" repeats the reading before; "offset" adds `size`; "spikes" adds `size` to
-    samples with a `probability`; "drop_outs" repeats a reading for `lasts` samples (None: one),
-    each sample beginning a burst with the `probability`; "saturation" limits readings to `size`
-    either way. `size` is in the unit of the quantity.
+    `kind`: "stuck" repeats the reading before, and from the first sample on that sample's own;
+    "offset" adds `size`; "spikes" adds `size` to samples with a `probability`; "drop_outs" repeats
+    a reading for `lasts` samples (None: one), each sample beginning a burst with the
+    `probability`; "saturation" limits readings to `size` either way. `size` is in the unit of the
+    quantity.
     """
 
     kind: str
@@ -119,6 +123,13 @@ class Fault:
     lasts: int | None = None
     size: float = 0.0
     probability: float = 0.01
+
+    @property
+    def end(self) -> int:
+        """The first sample after the fault; that of no run if it lasts to the end."""
+        if self.lasts is None or self.kind == "drop_outs":
+            return _NEVER
+        return self.start + self.lasts
 
 
 @dataclass(frozen=True)
@@ -196,6 +207,81 @@ def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, 
     return scale, offset, first, first + levels - 1
 
 
+# Fields of a channel whose part in the least sample `LeastSample` states. A field that is missing
+# here makes the least sample unknown wherever a channel sets it.
+STATED_FIELDS = frozenset(
+    {
+        "of_state",
+        "every_steps",
+        "low_pass_hz",
+        "low_pass",
+        "low_pass_order",
+        "noise_rms",
+        "fault",
+        "full_scale",
+        "bits",
+    }
+)
+
+
+@dataclass(frozen=True)
+class LeastSample:
+    """What `kernels.least_sample` needs to know of a channel.
+
+    The quantity stays above a value, and a low-pass with overshoot shows the share `gap_share` of
+    that value at least, once it has forgotten what was before, after `settling_s`. A resonance, or
+    a high-pass, may show any value: the share is -inf. `largest_noise`: in units of the quantity.
+    Faults of `fault_kind` end before sample `fault_end`. Range and converter need nothing here.
+    """
+
+    gap_share: float
+    settling_s: float
+    largest_noise: float
+    fault_kind: int
+    fault_end: int
+
+    @classmethod
+    def of(cls, spec: SensorSpec) -> "LeastSample":
+        """What a channel can show at least."""
+        known = all(
+            part.name in STATED_FIELDS or getattr(spec, part.name) == part.default
+            for part in fields(spec)
+        )
+        share, settling_s = 1.0, 0.0
+        if spec.low_pass_hz is not None and spec.low_pass_order > 1:
+            share, settling = _share_and_settling(spec.low_pass, spec.low_pass_order)
+            settling_s = settling / (2.0 * math.pi * spec.low_pass_hz)
+        kind, end = 0, 0
+        if spec.fault is not None:
+            kind, end = _KINDS[spec.fault.kind], spec.fault.end
+        return cls(share if known else -math.inf, settling_s, _SIGMAS * spec.noise_rms, kind, end)
+
+
+@lru_cache(maxsize=16)
+def _share_and_settling(kind: str, order: int) -> tuple[float, float]:
+    """Return the share of a low-pass with a corner of 1 rad/s, and its settling time, s.
+
+    Output = integral of g u, with g the impulse response, whose integral is 1, and its negative
+    part n. The input u is at least L now, and never below half of what it was before. So wherever g
+    is negative, twice as large a positive part that is more recent makes up for it (the running
+    integral of max(g, 0) - 2 n is positive), and the rest is 1 - integral of n: output >= L times
+    that.
+    """
+    upper = np.array(_poles(kind, order, 1.0))
+    poles = np.concatenate([upper, upper[upper.imag > 0.0].conj()])
+    apart = poles[:, None] - poles
+    np.fill_diagonal(apart, 1.0)
+    residues = np.prod(-poles) / np.prod(apart, axis=1)
+    settling = _FORGOTTEN / float(np.min(-poles.real))
+    width = settling / 20_000
+    times = width * (np.arange(20_000) + 0.5)
+    response = width * np.sum(residues[:, None] * np.exp(np.outer(poles, times)), axis=0).real
+    negative = np.maximum(-response, 0.0)
+    paired = np.cumsum(np.maximum(response, 0.0) - 2.0 * negative)
+    share = 0.999 - float(np.sum(negative))  # the sum has an error of 1e-5
+    return (share if paired.min() > -1e-9 else -math.inf), settling
+
+
 class Sensor:
     """Compiled form of a channel for a run of `steps` steps."""
 
@@ -213,6 +299,7 @@ class Sensor:
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
             scale, offset, first, last = converter_codes(spec.bits, (low, high))
+        least = LeastSample.of(spec)
         self.model = sensor_kernels.SensorModel(
             of_state=spec.of_state,
             every_steps=spec.every_steps,
@@ -228,6 +315,11 @@ class Sensor:
             noise=noise,
             fault=fault,
             fault_size=0.0 if spec.fault is None else spec.fault.size,
+            gap_share=least.gap_share,
+            settling_steps=math.ceil(least.settling_s / step_s),
+            largest_noise=least.largest_noise,
+            fault_kind=least.fault_kind,
+            fault_end=least.fault_end,
         )
         self.state = np.zeros(OF_SECTIONS + 3 * len(self.model.sections))
 
@@ -245,9 +337,8 @@ def _faulty(fault: Fault, samples: int, seed: int) -> np.ndarray:
     """What is wrong with each sample: a function of seed and number alone."""
     found = np.zeros(samples, np.int64)
     bursts = fault.kind == "drop_outs"
-    end = samples if fault.lasts is None or bursts else fault.start + fault.lasts
     wrong = np.zeros(samples, np.bool_)
-    wrong[fault.start : end] = True
+    wrong[fault.start : fault.end] = True
     if fault.kind in ("spikes", "drop_outs"):
         generator = np.random.Generator(np.random.Philox(key=[seed, _FAULT_STREAM]))
         wrong &= generator.random(samples) < fault.probability

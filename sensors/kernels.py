@@ -33,6 +33,12 @@ class SensorModel(NamedTuple):
     noise: np.ndarray  # one value a sample, in units of the quantity; empty without noise
     fault: np.ndarray  # what is wrong with each sample; empty without a fault
     fault_size: float
+    # What `least_sample` needs: see hertzloop.sensors.acquisition.LeastSample.
+    gap_share: float
+    settling_steps: int
+    largest_noise: float
+    fault_kind: int
+    fault_end: int
 
 
 @kernel(inline=True)
@@ -67,20 +73,37 @@ def follow(model, state, value):
 
 
 @kernel(inline=True)
+def _faulty(model, state, kind, value):
+    """Value that a fault of this kind makes of a value; `LAST` is the value before it."""
+    if kind == HELD:
+        return state[LAST]
+    if kind == ADDED:
+        return value + model.fault_size
+    if kind == LIMITED:
+        return min(max(value, -abs(model.fault_size)), abs(model.fault_size))
+    return value
+
+
+@kernel(inline=True)
 def sample(model, state, index):
-    """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped."""
+    """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped.
+
+    The first sample has no reading before it that a fault could repeat: it reads its own value.
+    """
     value = state[FILTERED]
     if model.noise.size > 0:
         value += model.noise[index]
     if model.fault.size > 0:
         kind = model.fault[index]
-        if kind == HELD:
-            value = state[LAST]
-        elif kind == ADDED:
-            value += model.fault_size
-        elif kind == LIMITED:
-            value = min(max(value, -abs(model.fault_size)), abs(model.fault_size))
+        if kind != HELD or index > 0:
+            value = _faulty(model, state, kind, value)
         state[LAST] = value
+    return _convert(model, value)
+
+
+@kernel(inline=True)
+def _convert(model, value):
+    """Range and converter: code (0 if ideal), value as read, 1 if clipped."""
     clipped = 0
     if model.limited:
         if value < model.low or value > model.high:
@@ -90,3 +113,19 @@ def sample(model, state, index):
         return 0, value, clipped
     code = quantise(value, model.scale, model.offset, model.first_code, model.last_code)
     return code, model.offset + model.scale * code, clipped
+
+
+@kernel(inline=True)
+def least_sample(model, state, index, least, quiet_steps):
+    """Return a value that no sample from number `index`, 1 or more, on can be below; -inf where
+    none is known.
+
+    `least`: lowest value of the quantity from now on. For `quiet_steps` it was, and as long as it
+    is asked for it will be, at least half of its highest value since then.
+    """
+    if not least > 0.0 or quiet_steps < model.settling_steps or model.gap_share == -math.inf:
+        return -math.inf
+    value = min(model.gap_share * least, state[FILTERED]) - model.largest_noise
+    if model.fault_kind != 0 and index < model.fault_end:
+        value = min(value, _faulty(model, state, model.fault_kind, value))
+    return _convert(model, value)[1]

@@ -19,7 +19,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.kernels import EMITTED
 from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.impact_kernels import BACK, OVER
-from hertzloop.plant.state_kernels import F_A, F_C, STEP, XI
+from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE, F_A, F_C, STEP, XI
 from hertzloop.plant.time_series import record_step
 from hertzloop.sensors import kernels as sensor_kernels
 
@@ -313,6 +313,38 @@ def _any_force(forces, step, end):
     return False
 
 
+@kernel(inline=True)
+def impact_is_over(
+    impact, plant_state, sensor, sensor_state, law, law_state, line_state, forces, window, value
+):
+    """Return whether no later step can belong to the followed impact.
+
+    Nothing pushes or is on its way, and the sphere has come back; or the law promises no force as
+    long as samples stay above a level, and the sensor can show none below it until the sphere has
+    come back. `value`: the latest sample.
+    """
+    if impact.counts[OVER] == 1:
+        return True
+    if not impact_kernels.is_silent(impact) or not controller_kernels.is_quiet(line_state):
+        return False
+    body = plant_state.body
+    if body[ACTUATOR_F] != 0.0 or body[ACTUATOR_RATE] != 0.0:
+        return False  # the actuator still answers
+    if impact.counts[BACK] != 1:
+        level = laws.quiet_level(law, law_state)
+        if not value > level:
+            return False
+        if level != -math.inf:
+            least, since = impact_kernels.least_gap(impact)
+            if sensor.of_state != XI:
+                least = -math.inf  # the gap says nothing of other quantities
+            taken = window.counts[SAMPLES_END]
+            if not sensor_kernels.least_sample(sensor, sensor_state, taken, least, since) > level:
+                return False
+    # The line says what comes from the emitted forces on, which latency puts ahead.
+    return not _any_force(forces, plant_state.counts[STEP] - 1, line_state.counts[EMITTED])
+
+
 @kernel
 def closed_loop(
     plant,
@@ -349,17 +381,19 @@ def closed_loop(
         if impact.quiet_steps < 0:
             continue
         impact_kernels.follow(impact, plant_state.body[F_C], plant_state.body[F_A], gap)
-        if impact.counts[OVER] == 1:
+        if impact_is_over(
+            impact,
+            plant_state,
+            sensor,
+            sensor_state,
+            law,
+            law_state,
+            line_state,
+            forces,
+            window,
+            value,
+        ):
             return True
-        if impact_kernels.is_silent(impact) and controller_kernels.is_quiet(line_state):
-            back = impact.counts[BACK] == 1
-            if not back and not impact_kernels.keeps(
-                impact, laws.quiet_level(law, law_state), value
-            ):
-                continue
-            # The line says what comes from the emitted forces on, which latency puts ahead.
-            if not _any_force(forces, step, line_state.counts[EMITTED]):
-                return True
     return False
 
 

@@ -10,7 +10,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.loop.closed_loop import ClosedLoop
-from hertzloop.loop.impact_end import impact_follower_of_loop
+from hertzloop.loop.impact_end import impact_follower
 from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.loop.watchdog import watching
@@ -105,7 +105,7 @@ def simulate(
     loop = ClosedLoop(plant, sensor, controller, window, modes, delays)
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
-        over = loop.advance(most, impact_follower_of_loop(setup) if impact_only else NEVER)
+        over = loop.advance(most, impact_follower(setup) if impact_only else NEVER)
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started
     try:

@@ -26,21 +26,19 @@ _BACK = 0.5  # of the largest gap
 class ImpactFollower(NamedTuple):
     """An impact that is followed step by step; `quiet_steps` below zero: none is.
 
-    `blur_m`: by how much a sample of the gap may be too small; inf where samples are no gap.
     `widest_m`, shape (1,): largest gap since the sphere has left.
     """
 
     quiet_steps: int
     line_steps: int
-    blur_m: float
     counts: np.ndarray
     widest_m: np.ndarray
 
 
-def new_follower(quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf) -> ImpactFollower:
+def new_follower(quiet_steps: int, line_steps: int = 0) -> ImpactFollower:
     """An impact before its first touch."""
     counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
-    return ImpactFollower(quiet_steps, line_steps, blur_m, counts, widest_m)
+    return ImpactFollower(quiet_steps, line_steps, counts, widest_m)
 
 
 NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
@@ -94,8 +92,8 @@ def follow_steps(impact, f_c, f_a, gap):
 
 
 @kernel(inline=True)
-def keeps(impact, level, value):
-    """Whether a promise of no force while samples stay above `level` holds until the sphere has
-    come back; `value`: the latest sample."""
-    below = level + impact.blur_m < _BACK * impact.widest_m[0]
-    return value > level and (level == -math.inf or below)
+def least_gap(impact):
+    """Smallest gap (m) until the sphere has come back, and for how many steps it has been at least
+    half of the largest gap until then; of an impact that `is_silent`."""
+    counts = impact.counts
+    return _BACK * impact.widest_m[0], counts[STEP] - counts[BUSY] - impact.quiet_steps

@@ -129,6 +129,20 @@ def test_faults_of_a_sensor_do_what_they_say():
     )
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("stuck"),
+        Fault("stuck", 0, 3),
+        Fault("drop_outs", probability=1.0),
+        Fault("drop_outs", lasts=4, probability=0.9),
+    ],
+)
+def test_the_first_sample_has_no_reading_before_it_that_a_fault_could_repeat(fault):
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert read(fault, values)[:3] == [1.0, 1.0, 1.0]
+
+
 def test_an_actuator_may_be_late_or_stuck():
     def line(**given):
         bound = find("off").bind(Keys(), LawContext())
