@@ -28,7 +28,7 @@ from hertzloop.plant.state_kernels import (
 from hertzloop.plant.structures.modes import NO_PARTICIPATION, Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
-from hertzloop.plant.structures.structure import Structure, oscillators
+from hertzloop.plant.structures.structure import Structure, compared_as, oscillators
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def balance(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlantSpec:
     """All that decides a run of the plant, in SI units.
 
@@ -156,12 +156,20 @@ class PlantSpec:
         )
 
     @cached_property
+    def _parts(self) -> tuple[Any, ...]:
+        return tuple(compared_as(getattr(self, part.name)) for part in fields(self))
+
+    @cached_property
     def _hash(self) -> int:
-        return hash(tuple(getattr(self, part.name) for part in fields(self)))
+        return hash(self._parts)
 
     def __hash__(self) -> int:
         """Kept, since many results are cached by the description of their plant."""
         return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both describe the same plant."""
+        return isinstance(other, PlantSpec) and self._parts == other._parts
 
     @property
     def simply_supported(self) -> Plate:

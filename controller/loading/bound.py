@@ -15,7 +15,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.law_kernels import LawModel
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading import compiled as law_code
-from hertzloop.controller.loading.records import PackedRecord, pack, state_of
+from hertzloop.controller.loading.records import PackedRecord, pack, seen_values, state_of
 
 
 class LawFault(RuntimeError):
@@ -90,10 +90,9 @@ class BoundPython(BoundLaw):
     def __init__(self, law: law_code.LawCode, constants: Any, ahead: bool = True) -> None:
         home = law.home
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
-        packed, state = pack(fields), state_of(home)
-        # Python sees numbers, and arrays instead of tuples.
-        arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
-        self._home, self._constants = home, constants._replace(**arrays) if arrays else constants
+        seen = seen_values(fields)
+        packed, state = pack(seen), state_of(home)
+        self._home, self._constants = home, constants._replace(**seen)
         wanted = tuple(law_code.FUNCTIONS) if ahead else ("command",)
         addresses: dict[str, int] = {}
         held: Any = None
@@ -113,7 +112,7 @@ class BoundPython(BoundLaw):
         for i, force in self._in_python(samples):
             where = f"the law {self.name}, at sample {i}"
             if isinstance(force, BaseException):
-                return f"{where}, failed: {_said(force)}"
+                return f"{where}, failed: {_said(force, self._file)}"
             if not isinstance(force, numbers.Real):
                 return f"{where}, returned {force!r}, which is not a number"
             if not math.isfinite(force):
@@ -125,8 +124,13 @@ class BoundPython(BoundLaw):
         empty if there is none."""
         for i, force in self._in_python(samples):
             if isinstance(force, callbacks.UnknownSample):
-                return f"the law {self.name}, at sample {i}, failed: {_said(force)}"
+                return f"the law {self.name}, at sample {i}, failed: {_said(force, self._file)}"
         return ""
+
+    @property
+    def _file(self) -> str:
+        """The file of its `command`."""
+        return str(plain(self._home.command).__code__.co_filename)
 
     def _in_python(self, samples: np.ndarray) -> Iterator[tuple[int, Any]]:
         """Every sample with the command, or with what the law raised, which is the last."""
@@ -153,13 +157,9 @@ class BoundPython(BoundLaw):
         return 1e6 * (time.perf_counter() - started) / len(samples)
 
 
-def _said(error: BaseException) -> str:
-    """An exception, with its line."""
+def _said(error: BaseException, file: str) -> str:
+    """An exception, with the line of the law's file at which it came up."""
     trace = traceback.extract_tb(error.__traceback__)
-    frames = [
-        frame
-        for frame in trace
-        if frame.filename != callbacks.KnownSamples.__getitem__.__code__.co_filename
-    ]
-    at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""
+    frames = [frame for frame in trace if frame.filename == file]
+    at = f" (line {frames[-1].lineno}: {frames[-1].line})" if frames else ""
     return f"{type(error).__name__}: {error}{at}"

@@ -44,25 +44,27 @@ FUNCTIONS = {
 _TYPES = {"double": types.float64, "int64": types.int64}
 _SHIPPED = "hertzloop.controller.laws."
 _WORDS = {"f": types.float64, "i": types.int64}  # by the kind of a record's field
+_ELEMENTS = {"float64": types.float64, "int64": types.int64, "bool": types.boolean}  # of an array
 _SAMPLES = types.Array(types.float64, 1, "C")
 
 
 def _constants(context: Any, builder: Any, kind: Any, record: np.dtype, p: Any) -> Any:
     """The parameters at `p` as the NamedTuple of type `kind` that a law sees."""
 
-    def loaded(name: str) -> Any:
-        word = record.fields[name]  # type: ignore[index]
-        in_llvm = ir.DoubleType() if word[0].kind == "f" else ir.IntType(64)
-        at = builder.gep(start, [ir.Constant(ir.IntType(64), word[1])])
+    def loaded(offset: int, in_llvm: Any) -> Any:
+        at = builder.gep(start, [ir.Constant(ir.IntType(64), offset)])
         return builder.load(builder.bitcast(at, in_llvm.as_pointer()))
 
+    word = ir.IntType(64)
     start = builder.bitcast(p, ir.IntType(8).as_pointer())
     values = []
     for name, field in zip(kind.fields, kind.types, strict=True):
-        value = loaded(name)
+        offset = record.fields[name][1]  # type: ignore[index]
         if isinstance(field, types.Array):
-            value = array_at(context, builder, field, value, [loaded(f"{name}_count")])
-        values.append(value)
+            address, *shape = [loaded(offset + 8 * at, word) for at in range(field.ndim + 1)]
+            values.append(array_at(context, builder, field, address, shape))
+        else:
+            values.append(loaded(offset, ir.DoubleType() if field is types.float64 else word))
     return context.make_tuple(builder, kind, values)
 
 
@@ -110,15 +112,18 @@ call_int64 = _entry(types.int64, -1)
 
 @lru_cache(maxsize=256)
 def _constants_type(record: np.dtype) -> types.NamedTuple:
-    """The type of a law's `p` of a record's fields: numbers, and arrays with their counts."""
+    """The type of a law's `p` of a record's fields, see `records.pack`."""
     names = record.names or ()
-    counts = {f"{name}_count" for name in names} & set(names)
-    fields = [name for name in names if name not in counts]
-    kinds = [
-        _SAMPLES if f"{name}_count" in counts else _WORDS[record[name].kind] for name in fields
-    ]
+    kinds: list[types.Type] = []
+    for name in names:
+        field = record[name]
+        if field.names is None:
+            kinds.append(_WORDS[field.kind])
+        else:
+            axes = field["shape"].shape[0]
+            kinds.append(types.Array(_ELEMENTS[field.names[0]], axes, "C"))
     # pyrefly: ignore[bad-class-definition]
-    return types.NamedTuple(kinds, namedtuple("Constants", fields))
+    return types.NamedTuple(kinds, namedtuple("Constants", names))
 
 
 def arguments_of(function: str) -> str:
@@ -246,9 +251,10 @@ def _first_line(error: Exception, function: str) -> str:
     our functions, and the line of the law, or the function where that is not said."""
     inner = re.sub(r"\x1b\[\d+m", "", str(error)).rpartition("(step: nopython frontend)")[2]
     lines = [line.strip() for line in inner.splitlines()]
-    reasons = [
-        line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))
-    ]
+    lines = [line for line in lines if line and not line.startswith(("Failed in", "During:"))]
+    reasons = [line for line in lines if not line.startswith(">>>")]
+    if reasons and reasons[0].endswith(":"):  # the types of the arguments follow
+        reasons[0] += next((line[3:] for line in lines if line.startswith(">>>")), "")
     at = re.search(r"^ *File (?!.*hertzloop_law_).*, (line \d+):", inner, re.MULTILINE)
     return (
         f"{reasons[0] if reasons else type(error).__name__} ({at[1] if at else 'in ' + function})"

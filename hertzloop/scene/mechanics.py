@@ -25,7 +25,7 @@ from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, structure
-from hertzloop.plant.structures.structure import Structure
+from hertzloop.plant.structures.structure import Structure, compared_as
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import not_in_three_dimensions
@@ -33,7 +33,7 @@ from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.tables import ContactTable, HammerTable, PlateTable, Striker
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mechanics:
     """What collides, in SI units: everything that does not depend on step, law or sensor.
 
@@ -70,12 +70,21 @@ class Mechanics:
         return of_sensor or (self.actuator.mass_kg > 0.0 and self.same_point)
 
     @cached_property
+    def _parts(self) -> tuple[Any, ...]:
+        compared = (part.name for part in fields(self) if part.compare)
+        return tuple(compared_as(getattr(self, name)) for name in compared)
+
+    @cached_property
     def _hash(self) -> int:
-        return hash(tuple(getattr(self, part.name) for part in fields(self) if part.compare))
+        return hash(self._parts)
 
     def __hash__(self) -> int:
         """Computed once: a case of a sweep looks up what follows from it eight times."""
         return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same bodies."""
+        return isinstance(other, Mechanics) and self._parts == other._parts
 
     @property
     def local_plate(self) -> Plate:

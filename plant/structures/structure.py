@@ -1,7 +1,7 @@
 """A structure as the plant sees it: the modes of something linear, at two points."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -82,6 +82,16 @@ class SizedPlate(Structure):
     def local_plate(self) -> Plate:
         """The thin plate that bending waves of long contacts feel until reflections return."""
         return self.plate
+
+
+def compared_as(part: Any) -> Any:
+    """Return what a part of a description is compared by: itself, or the identity of a structure
+    that has no hash, as one whose fields are arrays. Each is made once for what a scene says."""
+    try:
+        hash(part)
+    except TypeError:
+        return id(part)
+    return part
 
 
 def oscillators(

@@ -71,6 +71,11 @@ BEFORE = [
     (PUSHES + QUIET, "quiet_level had promised no force"),
     (NOTHING.replace("0.0", "float('nan') if i == 30 else 0.0"), "at sample 30, commanded nan N"),
     (
+        "class State:\n    last: float = 0.0\n"
+        + NOTHING.replace("return", "s.lst = samples[i]\n    return"),
+        "(line 4: s.lst = samples[i])",
+    ),
+    (
         "def refuse():\n    raise ValueError('too much')\n"
         "def too_much():\n    refuse()\n    return 0.0\n" + NOTHING.replace("0.0", "too_much()"),
         "too much (line 2: raise ValueError('too much'))",
