@@ -1,8 +1,6 @@
 """The command `budget`."""
 
-import shlex
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,18 +8,14 @@ import typer
 
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.budget_text import (
-    effect_lines,
     print_budget,
     print_probability,
-    probability_line,
     trace_line,
 )
 from hertzloop.cli.many_cases import end_if_failed, resumable
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.cli.unused_options import check_only_used
-from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.budget.budget import budget as search_budget
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
@@ -109,24 +103,6 @@ JunitOption = Annotated[
     Path | None,
     typer.Option("--junit", help="Write the results of --check to this file as JUnit XML."),
 ]
-OutDirOption = Annotated[
-    Path | None, typer.Option("--out-dir", "-o", help="Folder for the results as a page.")
-]
-
-
-@dataclass(frozen=True)
-class BudgetArguments:
-    """What `hertzloop budget` was called with, beside its request.
-
-    Attributes:
-        scene: Name of the scene.
-        settings: Changes of its keys, those of --law and --trace included.
-        folder: Folder for a page, if one is asked for.
-    """
-
-    scene: str
-    settings: list[str]
-    folder: Path | None
 
 
 def budget(
@@ -148,7 +124,6 @@ def budget(
     uncertain_file: UncertainOption = None,
     requirements: CheckOption = None,
     junit_file: JunitOption = None,
-    folder: OutDirOption = None,
     json_file: options.JsonOption = None,
 ) -> None:
     """Find how much latency and how few bits a law tolerates.
@@ -165,7 +140,6 @@ def budget(
         quick=quick,
         only=only or (),
         with_real=with_real,
-        with_map=folder is not None,
         span=span,
         workers=workers,
         uncertain=uncertain_file,
@@ -180,23 +154,19 @@ def budget(
         return
     if junit_file is not None:
         fail("--junit needs --check. Name a file of requirements")
-    arguments = BudgetArguments(scene, _changes(settings or [], law, trace), folder)
-    setup = prepare.scene_from(scene, arguments.settings, seed)
+    changes = _changes(settings or [], law, trace)
+    setup = prepare.scene_from(scene, changes, seed)
     plan = plan_budget(setup, request)
-    if folder is not None:
-        need("matplotlib", "jinja2")
-    outputs.make_folder(folder or Path())  # for unfinished work, too
+    outputs.check_writable(Path())  # for unfinished work
     prepare.compile_first(setup, works=CASES)
     began_s = time.perf_counter()
     with (
-        resumable(folder or Path(), "budget", plan.identity) as finished,
+        resumable(Path(), "budget", plan.identity) as finished,
         progress("budget", 1000) as advance,
     ):
         result = search_budget(plan, finished, lambda share: advance(round(1000 * share)))
-    data = _print_result(arguments, plan, result)
+    data = _print_result(scene, changes, plan, result)
     out.print(f"{result.all_cases} cases in {time.perf_counter() - began_s:z.1f} s")
-    if folder is not None:
-        _write_page(folder, arguments, plan, result)
     outputs.write_json(json_file, data)
     end_if_failed(result.failed, result.all_cases)
 
@@ -212,9 +182,16 @@ def _changes(settings: list[str], law: str | None, trace: Path | None) -> list[s
 
 
 def _print_result(
-    arguments: BudgetArguments, plan: BudgetPlan, result: BudgetResult
+    scene: str, changes: list[str], plan: BudgetPlan, result: BudgetResult
 ) -> dict[str, Any]:
-    """Print what was found, and return it as plain data."""
+    """Print what was found, and return it as plain data.
+
+    Args:
+        scene: Name of the scene.
+        changes: All changes of its keys.
+        plan: What was searched.
+        result: What was found.
+    """
     latencies_us = plan.setup.scene.controller.latency_trace
     if latencies_us:
         out.print(trace_line(latencies_us))
@@ -222,45 +199,7 @@ def _print_result(
     data = result.as_data()
     likely = result.probability
     if likely:
-        command = run_command(arguments.scene, likely.worst, arguments.settings, plan.setup.seed)
+        command = run_command(scene, likely.worst, changes, plan.setup.seed)
         print_probability(likely, result.sensitivities, command)
         data["probability"]["worst_command"] = command
     return data
-
-
-def _write_page(
-    folder: Path, arguments: BudgetArguments, plan: BudgetPlan, result: BudgetResult
-) -> None:
-    """Write what was found as a page, with the command that finds it again."""
-    from hertzloop.studies.budget.page import budget_page  # of an extra
-
-    lines = effect_lines(result)
-    if result.probability:
-        lines.append(probability_line(result.probability))
-    page = folder / "budget.html"
-    command = _command(folder, arguments, plan)
-    atomic_write(page, budget_page(plan.setup, result, lines, command).html())
-    out.say(f"written: {page}")
-
-
-def _command(folder: Path, arguments: BudgetArguments, plan: BudgetPlan) -> str:
-    """Return the command that finds the same again."""
-    request, usual = plan.request, BudgetRequest()
-    words = ["hertzloop", "budget", arguments.scene, "--seed", str(plan.setup.seed)]
-    several = {"--set": arguments.settings, "--goal": plan.goals, "--only": request.only}
-    words += [str(word) for name, values in several.items() for v in values for word in (name, v)]
-    flags = {
-        "--quick": request.quick,
-        "--no-real-plant": not request.with_real,
-    }
-    words += [name for name, given in flags.items() if given]
-    values = {
-        "--span": (request.span, usual.span),
-        "--uncertain": (request.uncertain, usual.uncertain),
-        "--within": (request.within, usual.within),
-        "--most-cases": (request.most_cases, usual.most_cases),
-        "--sobol": (request.sobol, usual.sobol),
-    }
-    for name, (value, other) in values.items():
-        words += [] if value == other else [name, str(value)]
-    return shlex.join([*words, "--out-dir", str(folder)])

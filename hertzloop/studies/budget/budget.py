@@ -8,7 +8,6 @@ from hertzloop.results.spans import OTHER, Span
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
-from hertzloop.studies.budget.pair_map import simulate_pair_map
 from hertzloop.studies.budget.plan import BudgetPlan
 from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, probability
@@ -79,13 +78,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     real = others.pop() if request.with_real else None
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
     cases = tally.cases
-    in_map = CaseTally()
-    pair_map = likely = None
-    if request.with_map:
-        problem = LimitProblem(
-            setup, ideal.margin, goals, effort_of(setup, request.quick, scene.span)
-        )
-        pair_map = simulate_pair_map(problem, ideal, scene.run(in_map.counting(pool)))
+    likely = None
     indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
@@ -103,14 +96,11 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         real=real,
         other=others[0] if others else None,
         other_db=other_row["plate_energy_db"],
-        pair_map=pair_map,
         probability=likely,
         sensitivities=tuple(indices),
         cases=cases,
         all_cases=tally.cases,
-        failed=tuple(
-            str(row["status"]) for row in failed([*tally.without_result, *in_map.without_result])
-        ),
+        failed=tuple(str(row["status"]) for row in failed(tally.without_result)),
     )
 
 

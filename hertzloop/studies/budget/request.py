@@ -19,7 +19,6 @@ class BudgetRequest:
         quick: Whether the search is coarse, with a thin plate as the real one.
         only: Quantities to search; all if empty.
         with_real: Whether the real plant is searched too.
-        with_map: Whether a map of the two tightest quantities is simulated.
         span: Part of the run that is evaluated, or both.
         workers: Number of processes; None: one for each core.
         uncertain: File or scene with distributions, for the probability that the goals are met.
@@ -32,7 +31,6 @@ class BudgetRequest:
     quick: bool = False
     only: Sequence[str] = ()
     with_real: bool = True
-    with_map: bool = False
     span: Literal["impact", "run", "both"] = "impact"
     workers: int | None = None
     uncertain: Path | None = None

@@ -4,11 +4,9 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from hertzloop.results.spans import Span
 from hertzloop.studies.budget.goal import Goal
-from hertzloop.studies.budget.limits import BudgetLimit, BudgetQuantity
+from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.probability import Probability
 from hertzloop.studies.budget.sensitivity import Sensitivity
 from hertzloop.studies.cases.touch_phases import Spread
@@ -54,25 +52,6 @@ class InPlant:
 
 
 @dataclass(frozen=True)
-class PairMap:
-    """Where two quantities together meet the goals.
-
-    Attributes:
-        across: The quantity along the lines of the map.
-        down: The other quantity.
-        across_places: Places of the tried values in the list of values of `across`.
-        down_places: The same for `down`.
-        met: Share of the touch phases that meet the goals, shape (values of `down`, of `across`).
-    """
-
-    across: BudgetQuantity
-    down: BudgetQuantity
-    across_places: tuple[int, ...]
-    down_places: tuple[int, ...]
-    met: np.ndarray
-
-
-@dataclass(frozen=True)
 class BudgetResult:
     """The budget of a law in a scene.
 
@@ -85,12 +64,11 @@ class BudgetResult:
         real: The same in the real plant; None if it was not asked for.
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
         other_db: Change of the plate energy over the other span, dB; None without one.
-        pair_map: Map of the two tightest quantities, if asked for and if two have a limit.
         probability: How likely the goals are met with uncertain keys, if asked for.
         sensitivities: Sobol indices of the uncertain keys.
         cases: Number of cases that the limits took.
-        all_cases: Number of all cases, those of the map apart.
-        failed: The reason of each case that failed in its run, those of the map included.
+        all_cases: Number of all cases.
+        failed: The reason of each case that failed in its run.
     """
 
     scene: str
@@ -101,7 +79,6 @@ class BudgetResult:
     real: InPlant | None
     other: InPlant | None
     other_db: float | None
-    pair_map: PairMap | None
     probability: Probability | None
     sensitivities: tuple[Sensitivity, ...]
     cases: int

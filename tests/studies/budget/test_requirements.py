@@ -10,10 +10,6 @@ from pathlib import Path
 import pytest
 
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import load
-from hertzloop.studies.budget.budget import budget
-from hertzloop.studies.budget.plan import plan_budget
-from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.requirement import read_requirements
@@ -180,23 +176,6 @@ def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     assert None not in limits
     assert limits[0] != limits[1]
     assert data["other_span_db"] == pytest.approx(-2.0, abs=0.05)
-
-
-def test_the_page_shows_limits_and_a_map():
-    page = pytest.importorskip("hertzloop.studies.budget.page")
-    setup = load("aluminium-3mm", ["run.duration_s=0.0016", "controller.law=force_feedback"])
-    only = ("latency_us", "jitter_us")
-    asked = BudgetRequest(quick=True, with_real=False, with_map=True, only=only)
-    found = budget(plan_budget(setup, asked))
-    mapped = found.pair_map
-    assert mapped.across.name == found.ideal.binds_first == "latency_us"
-    limit = next(x.value for x in found.ideal.limits if x.quantity == "latency_us")
-    alone = dict(zip(mapped.across_places, mapped.met[0], strict=True))
-    assert all((share == 1.0) == (place <= limit) for place, share in alone.items())
-    text = page.budget_page(setup, found, ["A line."], "hertzloop budget").html()
-    assert "A line." in text
-    assert text.count("<svg") == 2
-    assert ("no: met again at" in text) == any(not x.interval for x in found.ideal.limits)
 
 
 @pytest.mark.full

@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.budget.budget import budget
 from hertzloop.studies.budget.goal import parse_goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
-from hertzloop.studies.budget.plan import BudgetPlan
 from hertzloop.studies.budget.quantities import QUANTITIES, quantities_of
-from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.requirement import read_requirements
@@ -227,18 +224,6 @@ def test_the_command_gives_one_answer(folder):
     data = json.loads(Path("a.json").read_text())
     assert data["limits"]["latency_us"]["impact_alone"] is None
     assert data["unstable"] is None
-
-
-def test_the_page_shows_the_impact_alone(folder):
-    page = pytest.importorskip("hertzloop.studies.budget.page")
-    setup = load("aluminium-3mm", [SHORT, "controller.law=pd.py"])
-    only = ("latency_us", "bits")
-    asked = BudgetRequest(quick=True, with_real=False, with_map=True, only=only)
-    found = budget(BudgetPlan(setup, (GOAL,), None, asked))
-    assert found.pair_map is None
-    text = page.budget_page(setup, found, [], "hertzloop budget").html()
-    assert "impact alone" in text
-    assert text.count("none (unstable loop)") == 2
 
 
 ROWS = """
