@@ -1,13 +1,12 @@
-"""A plug-in for pytest: rows of requirements.toml as tests, and fixtures that simulate a scene.
+"""A plug-in for pytest: rows of requirements.toml as tests, and a fixture that simulates a case.
 
 pytest finds it by its entry point once hertzloop is installed; `-p no:hertzloop` turns it off. It
-imports the rest of hertzloop only for a file of requirements or a fixture.
+imports the rest of hertzloop only for a file of requirements or the fixture.
 """
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import product
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -91,18 +90,6 @@ class RequirementItem(pytest.Item):
         return self.path, None, f"requirement: {self.name}"
 
 
-def _rows(
-    scene: str, cases: Sequence[Mapping[str, Any]], law: str | None, span: Literal["impact", "run"]
-) -> list[dict[str, Any]]:
-    from hertzloop.scene.setup import load
-    from hertzloop.studies.cases.evaluate import evaluate
-    from hertzloop.studies.cases.pool import local_pool
-
-    setup = load(scene, [] if law is None else [f"controller.law={law}"])
-    with local_pool(1) as pool:
-        return evaluate(pool, setup, span, [dict(case) for case in cases])
-
-
 @pytest.fixture
 def hertzloop_run() -> "Callable[..., CaseMetrics]":
     """Return a function that simulates one case.
@@ -128,26 +115,3 @@ def hertzloop_run() -> "Callable[..., CaseMetrics]":
         return metrics_of_case(setup.vary(changes) if changes else setup, span)
 
     return run
-
-
-@pytest.fixture
-def hertzloop_sweep() -> Callable[..., list[dict[str, Any]]]:
-    """Return a function that simulates all combinations of values.
-
-    Returns:
-        A function `sweep(scene, over, law=None, span="impact")`. `over` holds a list of values by
-        scene key; the other arguments are those of `hertzloop_run`. It returns a list of dicts, one
-        per case: the keys, the metrics of `CaseMetrics`, `state` and `status`. It raises SceneError
-        for a scene that cannot be run.
-    """
-
-    def sweep(
-        scene: str,
-        over: Mapping[str, Sequence[Any]],
-        law: str | None = None,
-        span: Literal["impact", "run"] = "impact",
-    ) -> list[dict[str, Any]]:
-        cases = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
-        return _rows(scene, cases, law, span)
-
-    return sweep

@@ -14,7 +14,7 @@ from hertzloop.cli.budget_text import (
 )
 from hertzloop.cli.many_cases import end_if_failed, resumable
 from hertzloop.cli.requirements import check_requirements
-from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.cli.terminal import out, progress
 from hertzloop.cli.unused_options import check_only_used
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.budget.budget import budget as search_budget
@@ -99,10 +99,6 @@ CheckOption = Annotated[
     Path | None,
     typer.Option("--check", help="Check the requirements in this file instead of searching."),
 ]
-JunitOption = Annotated[
-    Path | None,
-    typer.Option("--junit", help="Write the results of --check to this file as JUnit XML."),
-]
 
 
 def budget(
@@ -123,7 +119,6 @@ def budget(
     trace: TraceOption = None,
     uncertain_file: UncertainOption = None,
     requirements: CheckOption = None,
-    junit_file: JunitOption = None,
     json_file: options.JsonOption = None,
 ) -> None:
     """Find how much latency and how few bits a law tolerates.
@@ -133,7 +128,7 @@ def budget(
     The same command continues an interrupted search.
     """
     if requirements is not None:
-        used = {"requirements", "workers", "junit_file", "json_file"}
+        used = {"requirements", "workers", "json_file"}
         check_only_used(context, used, "with --check, as the file says what is simulated")
     request = BudgetRequest(
         goals=goals or (),
@@ -148,12 +143,9 @@ def budget(
         sobol=sobol,
     )
     outputs.check_json(json_file)
-    outputs.check_folder(junit_file)
     if requirements is not None:
-        check_requirements(requirements, workers, junit_file, json_file)
+        check_requirements(requirements, workers, json_file)
         return
-    if junit_file is not None:
-        fail("--junit needs --check. Name a file of requirements")
     changes = _changes(settings or [], law, trace)
     setup = prepare.scene_from(scene, changes, seed)
     plan = plan_budget(setup, request)

@@ -89,7 +89,7 @@ def _checks_of(file: Path) -> dict[Path, str]:
     if file.suffix == ".c":
         compiled = f"      - run: {compilation(Path(file.name))}\n"
         workflow = file.with_name("workflow.yml")
-        before, check, after = texts[workflow].partition("      - run: hertzloop budget")
+        before, check, after = texts[workflow].partition("      - run: pytest")
         texts[workflow] = before + compiled + check + after
     return texts
 

@@ -7,22 +7,18 @@ import typer
 from hertzloop.cli import outputs, prepare
 from hertzloop.cli.terminal import if_interrupted, out, progress
 from hertzloop.studies.budget.requirements.check import check
-from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.views.format import unwrapped
 from hertzloop.warmup import CASES
 
 
-def check_requirements(
-    path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
-) -> None:
+def check_requirements(path: Path, workers: int | None, json_file: Path | None) -> None:
     """Check a file of requirements; end with exit code 1 if one fails.
 
     Args:
         path: The requirements, a TOML file.
         workers: Number of processes; None: one for each core.
-        junit_file: File for the results as JUnit XML, if one is asked for.
         json_file: File of --json, if one is given.
     """
     requirements = read_requirements(path)
@@ -51,8 +47,6 @@ def check_requirements(
             out.say(f"    Reproduce: {result.command}")
     failed = sum(not result.passed for result in results)
     out.print(f"{len(results) - failed} of {len(results)} requirements hold")
-    if junit_file is not None:
-        junit(junit_file, results)
     as_data = [
         {
             "name": result.row.name,
@@ -64,7 +58,6 @@ def check_requirements(
             "unstable": result.unstable,
             "measured": result.measured,
             "command": result.command,
-            "seconds": result.seconds,
         }
         for result in results
     ]

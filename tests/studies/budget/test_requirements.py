@@ -11,7 +11,6 @@ import pytest
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.studies.budget.requirements.check import check
-from hertzloop.studies.budget.requirements.junit import junit
 from hertzloop.studies.budget.requirements.requirement import read_requirements
 from tests.commands import invoke
 
@@ -48,9 +47,6 @@ def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path
     assert not late.passed
     assert "is missed by" in late.fails[0]
     assert "controller.latency_us=12" in late.command
-    junit(tmp_path / "junit.xml", [quiet, late])
-    suite = ET.parse(tmp_path / "junit.xml").getroot()[0]
-    assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
     requirements.write_text(REQUIREMENTS.replace("-9.044", "-9.08"))  # more than its digits
     assert not check(pool, read_requirements(requirements)[0]).passed
 
@@ -92,16 +88,18 @@ def _python(*words, folder):
 
 def test_rows_are_tests_of_pytest(requirements):
     (requirements.parent / "test_mine.py").write_text(
-        "def test_run(hertzloop_run, hertzloop_sweep):\n"
+        "def test_run(hertzloop_run):\n"
         "    changes = {'run.duration_s': 0.0016}\n"
         "    found = hertzloop_run('aluminium-3mm', 'force_feedback', changes)\n"
         "    assert found.plate_energy_db < -9\n"
-        "    over = {'run.duration_s': [0.0016], 'controller.latency_us': [0, 2]}\n"
-        "    rows = hertzloop_sweep('aluminium-3mm', over, 'force_feedback')\n"
-        "    assert rows[0]['digest'] == found.digest != rows[1]['digest']\n"
     )
-    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    words = ["-p", "hertzloop.pytest_plugin", "-q", "--junitxml", "report.xml"]
+    ran = _python("pytest", *words, folder=requirements.parent)
     assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
+    suite = ET.parse(requirements.with_name("report.xml")).getroot()[0]
+    assert (suite.get("tests"), suite.get("failures")) == ("3", "1")
+    (failure,) = suite.iter("failure")
+    assert "Reproduce: hertzloop run aluminium-3mm" in failure.text
     assert "Reproduce: hertzloop run aluminium-3mm" in ran.stdout
     assert "Traceback" not in ran.stdout
 
@@ -143,11 +141,10 @@ def test_a_repository_of_others_is_left_alone(tmp_path, text):
 
 
 def test_the_command_ends_as_documented(requirements, tmp_path):
-    junit_file, found = tmp_path / "j.xml", tmp_path / "b.json"
-    checked = invoke(["budget", "--check", str(requirements), "--junit", str(junit_file)])
+    found = tmp_path / "b.json"
+    checked = invoke(["budget", "--check", str(requirements)])
     assert checked.exit_code == 1, checked.output
     assert "1 of 2 requirements hold" in checked.stdout
-    assert junit_file.is_file()
     ran = invoke([
         "budget", "aluminium-3mm", "--law", "force_feedback", "--set", "run.duration_s=0.0016",
         "--quick", "--no-real-plant", "--only", "latency_us", "--workers", "1",
@@ -184,7 +181,7 @@ def test_a_new_law_brings_requirements_that_hold(tmp_path, law):
     made = _python("hertzloop", "law", "new", law, "--with-check", folder=tmp_path)
     assert made.returncode == 0, made.stderr
     workflow = (tmp_path / "workflow.yml").read_text()
-    assert "budget --check requirements.toml" in workflow
+    assert "pytest requirements.toml --junitxml requirements.xml" in workflow
     if law == "mine.c":
         compiled, _, checked = made.stdout.split("Next: ")[1].strip().partition(" && ")
         assert f"- run: {compiled}\n" in workflow

@@ -1,1 +1,1 @@
-"""Requirements on a law in a file beside it: read, checked, written as JUnit XML."""
+"""Requirements on a law in a file beside it: read and checked."""

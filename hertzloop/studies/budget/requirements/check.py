@@ -1,7 +1,6 @@
 """Check requirements on a law: metrics and goals in runs, limits, the probability of the goals."""
 
 import math
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,6 @@ class CheckedRequirement:
         unstable: Whether the loop is unstable, in a run or by linear theory.
         measured: Metrics with an expected value.
         warnings: Sentences on a linear loop that is unstable while the requirement holds.
-        seconds: Wall time of the check, s.
     """
 
     row: SceneRequirement
@@ -51,7 +49,6 @@ class CheckedRequirement:
     unstable: bool = False
     measured: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    seconds: float = 0.0
 
     @property
     def passed(self) -> bool:
@@ -84,7 +81,6 @@ def check(pool: Pool, row: SceneRequirement) -> CheckedRequirement:
         CaseFailed: a case failed in its run.
         SceneError: the row cannot be run.
     """
-    began_s = time.perf_counter()
     one, setup = row.requirement, row.setup()
     margin = linear_margin(setup)
     unstable_words = instability(margin) if margin is not None and margin.stable is False else ""
@@ -107,7 +103,6 @@ def check(pool: Pool, row: SceneRequirement) -> CheckedRequirement:
         found.unstable = True
         if not any(unstable_words in sentence for sentence in found.fails):
             found.warnings.append(unstable_words)
-    found.seconds = time.perf_counter() - began_s
     return found
 
 
