@@ -33,7 +33,9 @@ LEFT_OUT = {
     "./pico_controller ": "as before",
     "hertzloop node plant aluminium-3mm --horizon 200 --zenoh-config lab": "as before",
     "hertzloop node recorder --out pico.mcap": "as before",
-    "hertzloop scene modes aluminium-20mm --from": "the reader's file: tested elsewhere",
+    "python modes.py": "needs sdypy-EMA: tests/test_measured_structures_page.py",
+    "hertzloop run structure.toml": "as before",
+    "hertzloop budget structure.toml": "as before",
     "hertzloop run --set controller.law=their.fmu": "the reader's file: test_fmu.py",
     "hertzloop fit rig.toml controlled.csv": "the reader's file: test_controlled_records.py",
     "hertzloop fit rig.toml hits.csv": "the reader's file: fit/test_hits.py",
@@ -60,9 +62,7 @@ HAS = {
     "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
     "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
     "docs/how-to/latency-trace.md": f"cp {EXAMPLES}/latency/* .",
-    "docs/how-to/measured-structures.md": f"cp {EXAMPLES}/hammer/* .",
     "docs/tutorials/fit.md": f"cp {EXAMPLES}/bench* .",
-    "docs/tutorials/measured-structure.md": f"cp {EXAMPLES}/hammer/* .",
 }
 BEFORE = {
     "hertzloop node recorder --out mine.mcap --zenoh-config": "cp lab/*.json5 . && rm mine.mcap",

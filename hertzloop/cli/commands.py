@@ -149,9 +149,9 @@ SCENE = (
     ),
     CommandEntry(
         "scene modes",
-        "hertzloop.fitting.commands.modes:modes",
-        "Write modes as a table that a scene can read: of a plate, or measured ones.",
-        "scene modes --from plate.unv --contact 12 --direction z --out modes.csv",
+        "hertzloop.cli.scene_modes:modes",
+        "Write the modes of a scene's structure to a file.",
+        "scene modes aluminium-3mm --out modes.csv",
     ),
 )
 LAW = (

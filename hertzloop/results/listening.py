@@ -127,7 +127,7 @@ def _of_file(table: ModeTable, omega_max: float) -> tuple[np.ndarray, np.ndarray
     if table.grid is None:
         raise SceneError(
             "the file of plate.modes has no shapes on a grid, without which nothing can be heard; "
-            "write them into it (hertzloop scene modes --grid shows how)"
+            "add the arrays x_m, y_m and shape_grid to an .npz file"
         )
     x, y, shapes = table.grid
     below = table.omega_rad_s <= omega_max

@@ -122,30 +122,6 @@ def parse(
     return validate_scene(data, folder, recorded)
 
 
-def with_modes_file(source: str, settings: Iterable[str], modes: str, name: str) -> dict[str, Any]:
-    """Tables of a scene with a file of modes in the place of its plate.
-
-    Args:
-        source: a shipped scene, or a file. Of its plate, the material stays.
-        settings: `key=value`, set after that.
-        modes: name of the file of modes, beside the new scene.
-        name: name of the new scene.
-
-    Raises:
-        SceneError: there is no such scene, or a setting is wrong.
-    """
-    path = Path(source)
-    folder = path.parent if path.is_file() else Path()
-    data = parse_toml(_text(source))
-    plate = data.get("plate")
-    material = plate.get("material") if isinstance(plate, dict) else None
-    data["plate"] = {"material": material} if material else {}
-    inline_files(data, folder)
-    _apply_settings(data, settings, folder)
-    data["plate"]["modes"], data["name"] = modes, name
-    return {key: data[key] for key in ("name", *data)}
-
-
 def validate_scene(
     data: dict[str, Any], folder: Path | None = None, recorded: bool = False
 ) -> Scene:

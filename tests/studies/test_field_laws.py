@@ -9,10 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from hertzloop.plant.structures.mode_file import read_modes
 from tests.fitting.records.field import FOLDER
 from tests.hertzloop.commands import hertzloop
 
@@ -123,21 +121,6 @@ def test_a_restitution_on_a_rigid_support(folder):
     assert ratios[0] == pytest.approx(0.8, abs=0.005)
     assert ratios[1] > ratios[0]
     assert later.startswith("32 mm: [(")
-
-
-@pytest.mark.parametrize(
-    ("kind", "more"), [("plain", ()), ("skew", ()), ("expw", ("--exponential-window", "0.05"))]
-)
-def test_hits_give_the_three_modes(kind, more, folder):
-    assert python(folder, "hits.py", kind).returncode == 0
-    said = ran(folder, "scene", "modes", "--from", "h0.csv", "h1.csv", "h2.csv", "--contact", "hit",
-               "--set", "plate.thickness_m=0.01", *more, "-o", "o.csv")  # fmt: skip
-    if kind == "skew":
-        assert re.search(r"1\.00? sample", said), said
-    modes = read_modes("o.csv", (folder / "o.csv").read_bytes())
-    expected = 2.0 * np.pi * np.array([310.0, 1130.0, 2900.0])
-    assert modes.omega_rad_s == pytest.approx(expected, rel=2e-3)
-    assert modes.loss_factor == pytest.approx([0.010, 0.006, 0.010], rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""The commands `fit` and `scene modes`."""
+"""The command `fit`."""

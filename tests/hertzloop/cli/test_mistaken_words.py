@@ -37,7 +37,7 @@ ANSWERS = {
     "run --out link.mcap": "/none/x, which does not exist. Remove the link",
     "export a.mcap --out pipe.csv": "not a regular file",
     "sweep --over sensors.bits=8 --out pipe.csv": "not a regular file",
-    "scene modes --out pipe.csv": "not a regular file",
+    "scene modes aluminium-3mm --out pipe.csv": "not a regular file",
     f"run --out {'a' * 300}.mcap": "File name too long. Choose another name",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
     "bench --json folder.json": "folder.json: is a folder",
@@ -87,8 +87,7 @@ ANSWERS = {
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":
     "--phases 4 spreads run.touch_phase, so --over cannot give it too",
     "sweep --over plate.size_m=0.1,0.2": "must be a list in brackets, such as [0.1, 0.2]",
-    "scene modes -o modes.txt": "modes.txt",
-    "scene modes -o other.csv --grid": "Use an .npz",
+    "scene modes aluminium-3mm -o modes.txt": "modes.txt",
     "node watch --save a.txt": "--save = a.txt: must end in .rrd",
     "node controller --listen nonsense": "'nonsense': invalid endpoint. Write it as tcp/",
     "node watch --connect tcp/127.0.0.1": "--connect = 'tcp/127.0.0.1': invalid endpoint",

@@ -51,11 +51,10 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(tmp_path, name, s
     ids=lambda settings: " ".join(settings) or "plain",
 )
 def test_a_file_holds_what_the_plant_computes_with(tmp_path, settings):
-    """No row that no force moves, none twice, and the same oscillators, to the last bit, with
-    shapes that are those at both points there."""
+    """No row that no force moves, none twice, and the same oscillators, to the last bit."""
     scene = aluminium_3mm(*SHORT, "run.accuracy=0.1", *settings)
     spec = scene.plant
-    table = modes_of_scene(scene, grid=True)
+    table = modes_of_scene(scene)
     assert np.all((table.shape_contact != 0.0) | (table.shape_actuator != 0.0))
     names, same = ("omega", "contact", "actuator"), spec.same_point
     again = np.diff(table.omega_rad_s) == 0.0
@@ -71,9 +70,6 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path, settings):
         np.broadcast_to(plant.eta, len(plant.omega)),
         np.broadcast_to(by_file.eta, len(by_file.omega)),
     )
-    x, y, shapes = table.grid
-    i, j = (int(np.argmin(abs(a - p))) for a, p in zip((x, y), spec.contact_point_m, strict=True))
-    assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
 
 
 def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path):

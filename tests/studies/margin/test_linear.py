@@ -86,7 +86,7 @@ def test_transfer_function_gives_the_samples_of_the_kernels(scene, settings):
 
 
 def test_transfer_function_of_a_file_of_modes(tmp_path):
-    table = modes_of_scene(load("aluminium-3mm", ["run.accuracy=0.05"]), grid=True)
+    table = modes_of_scene(load("aluminium-3mm", ["run.accuracy=0.05"]))
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table))
     settings = [*VELOCITY, "run.lead_in_s=0.01", f"plate.modes={tmp_path / 'modes.npz'}"]
     check_transfer(load("aluminium-3mm", settings))

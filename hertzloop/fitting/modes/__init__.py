@@ -1,1 +1,0 @@
-"""Measured structures: modes of universal files and from frequency responses, as a mode file."""
