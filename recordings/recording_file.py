@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hertzloop.bus import streams
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.recordings.file_format import TOPICS
 from hertzloop.recordings.joined_stream import Arrays
 from hertzloop.recordings.mcap_records import CorruptRecord, McapRecord
@@ -57,11 +58,8 @@ class RecordingFile:
         try:
             yield
         except OSError as error:
-            absent = isinstance(error, FileNotFoundError)
-            remedy = ". Give the path of a recording." if absent else ""
-            raise UnreadableRecording(
-                f"cannot read {self.path}: {error.strerror}{remedy}"
-            ) from error
+            why = why_unreadable(self.path, error, "Give the path of a recording.")
+            raise UnreadableRecording(f"cannot read {self.path}: {why}") from error
 
     def scanner(self) -> RecordScanner:
         """Return a new scanner over the file."""

@@ -7,6 +7,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.controller.law import ACTING, IDLE, Keys, LawContext, LawError, Response
 
 senses = "v_p, acceleration, xi, contact_force"  # the first is the default
@@ -301,7 +302,8 @@ def _arrays(path: Path, where: str) -> dict[str, np.ndarray]:
             found = scipy.io.loadmat(path, squeeze_me=True)
             there = set(found)
     except OSError as error:
-        raise ValueError(f"{where}: cannot be read: {error.strerror or error}") from error
+        why = why_unreadable(path, error, "Give the path of a filter.")
+        raise ValueError(f"{where}: cannot be read: {why}") from error
     except Exception as error:  # SciPy raises whatever its parser meets
         raise ValueError(f"{where}: cannot be read: {str(error)[:120]}") from error
     numbers = {"c, d": np.empty(0)} if {"c", "d"} <= there else {}

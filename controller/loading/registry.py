@@ -21,6 +21,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import python_text
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
@@ -185,8 +186,8 @@ def _from_file(reference: str, path: Path, name: str | None, digest: str | None)
     except OSError as error:
         place = "" if reference == str(path) else f"{path} "
         raise LawError(
-            f"controller.law = '{reference}': {place}cannot be read: {error.strerror or error}. "
-            "Give the path of a law file; 'hertzloop law new mine.py' writes one."
+            f"controller.law = '{reference}': {place}cannot be read: "
+            + why_unreadable(path, error, "'hertzloop law new mine.py' writes a law.")
         ) from error
 
 

@@ -11,6 +11,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.controller.loading.registry import find
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
@@ -77,7 +78,7 @@ def _packed_modes(path: Path) -> dict[str, str]:
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
+        why = why_unreadable(path, error, "Give the path of a table of modes.")
         raise ValueError(f"plate.modes = {quoted_path(path)}: cannot be read: {why}") from error
     read_modes(path.name, content)
     packed = base64.b64encode(zlib.compress(content, 9)).decode("ascii")

@@ -10,13 +10,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from hertzloop.common.missing_files import close_name, why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_one_file, read_again, resolve
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
-from hertzloop.scene.errors import SceneError, sentence, shortened, shown
+from hertzloop.scene.errors import LONGEST, SceneError, sentence, shortened, shown
 from hertzloop.scene.materials import expand_material
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.toml import parse_toml, toml_value
@@ -76,11 +77,12 @@ def _text(source: str) -> str:
         if path.suffix == ".toml" or path.is_file():
             return text_of(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise SceneError(
-            f"cannot read the scene {shortened(source)}: {shortened(str(error))}"
-        ) from error
+        remedy = "'hertzloop scene list' names the shipped scenes, 'scene new' writes another."
+        why = shortened(why_unreadable(path, error, remedy), LONGEST)
+        raise SceneError(f"cannot read the scene {shortened(source)}: {why}") from error
     if source not in names:
-        close = difflib.get_close_matches(source, names, 1)
+        beside = close_name(path.with_name(f"{path.name}.toml")) if path.name else None
+        close = difflib.get_close_matches(source, names, 1) or [*filter(None, [beside])]
         hint = f" Did you mean {close[0]}?" if close else ""
         raise SceneError(
             f"SCENE = {shown(source)}: unknown scene.{hint} Use one of {', '.join(names)}, "

@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.plant.structures.materials import (
     MATERIALS,
@@ -53,9 +54,8 @@ def read_materials(path: Path) -> list[dict[str, object]]:
     try:
         text = text_of(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise ValueError(
-            f"materials = {quoted_path(path)}: cannot be read: {shortened(str(error))}"
-        ) from error
+        why = shortened(why_unreadable(path, error, "Give the path of a file of materials."))
+        raise ValueError(f"materials = {quoted_path(path)}: cannot be read: {why}") from error
     return [{"name": name, **table} for name, table in materials_of(text, str(path)).items()]
 
 

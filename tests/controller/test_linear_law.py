@@ -223,7 +223,7 @@ def test_a_file_without_a_filter_is_refused(tmp_path, arrays, words):
         (["sections=[[1, 0, 0, 1, 0, 0], [1, 0, 0, 0, 0, 0]]"], "a0 of section 1 is zero"),
         (["numerator=[1]", "sections=[[1, 0, 0, 1, 0, 0]]"], "cannot stand beside"),
         ([f"numerator={[1.0] * 300}"], "needs 299 stored numbers; the limit is 256"),
-        (["filter_file=none.npz"], "cannot be read: No such file"),
+        (["filter_file=none.npz"], "cannot be read: there is no such file"),
         (["filter_file=none.csv"], "ends in .npz or .mat"),
     ],
 )

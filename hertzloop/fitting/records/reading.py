@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.fitting.records.contents import FileContents
 from hertzloop.fitting.records.errors import RecordError, TableError
 from hertzloop.fitting.records.formats import ENDINGS, format_of
@@ -129,7 +130,8 @@ def _read_record_list(path: Path, given: dict[str, Any]) -> list[Record]:
 def _read_contents(path: Path) -> FileContents:
     """Return what a file holds. Raises RecordError and ModuleNotFoundError."""
     if not path.is_file():
-        raise RecordError(f"{path}: there is no such file. Give the path of a record.")
+        why = why_unreadable(path, FileNotFoundError(), "Give the path of a record.")
+        raise RecordError(f"{path}: cannot be read: {why}")
     if path.suffix.lower() not in ENDINGS:
         raise RecordError(
             f"{path}: '{path.suffix}' is not a known format. Give one of "

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.scene.errors import quoted_path, shortened
 from hertzloop.scene.latency_trace import cyclictest, topic_delay
@@ -31,7 +32,9 @@ def read_latencies(about: TraceFile) -> Latencies:
                 "differ. Align them with latency_trace = { file = ..., offset_us = ... }"
             )
     except OSError as error:
-        raise ValueError(f"{where}: cannot be read: {error.strerror or error}") from error
+        remedy = "Give the path of a trace of latencies."
+        why = why_unreadable(about.file, error, remedy)
+        raise ValueError(f"{where}: cannot be read: {why}") from error
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{where}: {shortened(str(error))}") from error
     if not 1 <= len(values) <= MOST_LATENCIES:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.scene.errors import SceneError, shown
 from hertzloop.scene.key_value import value_of_key
@@ -39,7 +40,8 @@ def read_uncertain(path: Path, setup: Setup) -> UncertainInputs:
     try:
         data = tomllib.loads(text_of(path.read_bytes()))
     except (OSError, ValueError) as error:
-        raise SceneError(f"--uncertain = {path}: cannot be read: {error}") from error
+        why = why_unreadable(path, error, "Give the path of a TOML file with distributions.")
+        raise SceneError(f"--uncertain = {path}: cannot be read: {why}") from error
     try:
         fit = FitTable.model_validate(data["fit"]) if "fit" in data else None
     except ValidationError as error:

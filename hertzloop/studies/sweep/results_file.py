@@ -11,6 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from hertzloop.common.atomic_files import atomic_write, whole_file
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.results.cases import CASE_METRICS
 from hertzloop.scene.toml import toml_text, toml_value
 from hertzloop.studies.cases.design import keys_of
@@ -89,7 +90,8 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     if path.suffix == ".partial":
         raise ValueError(f"{path}: is unfinished. Run the command that started it again.")
     if not os.path.isfile(path):
-        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.")
+        why = why_unreadable(path, FileNotFoundError(), "Give a file that a sweep wrote.")
+        raise ValueError(f"{path}: cannot be read: {why}")
     if path.suffix == ".csv" and not _beside(path).is_file():
         raise ValueError(f"{path}: the file {_beside(path).name} is missing beside it. Restore it.")
     if path.suffix not in (".parquet", ".csv"):

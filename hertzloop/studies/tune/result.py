@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.common.atomic_files import atomic_write
+from hertzloop.common.missing_files import why_unreadable
 from hertzloop.results.spans import Span
 from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.growth import Growth
@@ -147,9 +148,8 @@ def read_tuned(path: Path) -> TuneResult:
         front = [_candidate(one) for one in data.pop("front")]
         return TuneResult(front=front, published=_candidate(data.pop("published")), **data)
     except FileNotFoundError as error:
-        raise ValueError(
-            f"{path}: no such results. Give a JSON file that `hertzloop tune` wrote."
-        ) from error
+        why = why_unreadable(path, error, "Give a JSON file that `hertzloop tune` wrote.")
+        raise ValueError(f"{path}: cannot be read: {why}") from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 

@@ -128,7 +128,7 @@ def test_a_unit_that_fails_ends_the_run(fault, sentence, tmp_path):
 
 
 def test_what_is_no_law_is_refused(unit, tmp_path):
-    with pytest.raises(SceneError, match="cannot be read: No such file"):
+    with pytest.raises(SceneError, match="cannot be read: there is no such file"):
         scene_of(tmp_path / "none.fmu")
     text = tmp_path / "text.fmu"
     text.write_text("no archive")

@@ -92,7 +92,7 @@ def test_wrong_before_the_run(here, text, words):
 def test_a_law_that_is_not_there(here):
     write_law(here)
     law_refused("mine.py:Other", "does not define Other")
-    law_refused("none.py", "cannot be read: No such file")
+    law_refused("none.py", "cannot be read: there is no such file")
     law_refused("slope_treshold", "Did you mean slope_threshold?")
     law_refused("no_such.module:Law", "no_such")
 

@@ -88,7 +88,7 @@ def test_what_is_no_result_is_refused_with_a_sentence(results, tmp_path):
         (tmp_path / "empty", "holds no results of a sweep or a tuning"),
         (tmp_path / "two", "holds 2 results (a.parquet, b.parquet). Name one of them"),
         (tmp_path / "tune-x.json", "holds no results of a tuning"),
-        (tmp_path / "none.csv", "no such results"),
+        (tmp_path / "none.csv", "there is no such file"),
     ):
         result = call("report", source, "-o", tmp_path / "out")
         assert result.exit_code == 2
