@@ -33,6 +33,18 @@ _CLOSE_S = 2.0  # for zenoh to send what is under way
 _AT_ONCE_BYTES, _WAITING_BYTES = 1 << 12, 4 << 20
 
 
+def _why(error: zenoh.ZError) -> str:
+    """Return why a session cannot be opened, and what to do."""
+    text = str(error)
+    if "Address already in use" in text:
+        return "the port is in use. Choose another one, or end the program that uses it."
+    if "Cannot assign requested address" in text:
+        return "this computer does not have the address. Listen on one that it has."
+    if "Permission denied" in text:
+        return "the system does not permit it. Choose a port above 1023."
+    return text.split(" at /")[0]
+
+
 class ZenohPort:
     """Port of one role. Raises BusError when an endpoint cannot be opened.
 
@@ -64,9 +76,7 @@ class ZenohPort:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(listen) or str(config_file)
-            in_use = "is the port in use? " if "in use" in str(error) else ""
-            why = str(error).split(" at /")[0]
-            raise BusError(f"{role} cannot open the bus at {where}: {in_use}{why}") from error
+            raise BusError(f"{role} cannot open the bus at {where}: {_why(error)}") from error
         access_monitor: AccessMonitor | None = None
         if config_file:
             access_monitor = AccessMonitor(self._session, allowed, config_file, name, role, say)

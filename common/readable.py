@@ -14,6 +14,12 @@ def number(value: float, digits: int = 6) -> str:
     return _EXPONENT.sub(lambda found: f"e{found[1].strip('+')}{found[2]}", f"{value:.{digits}g}")
 
 
+def argument(path: object) -> str:
+    """Return a path as an argument of a command: one that begins with a dash is no option."""
+    text = str(path)
+    return f"./{text}" if text.startswith("-") else text
+
+
 def quantity(value: float, unit: str, digits: int = 3) -> str:
     """Return a value with the unit that people would choose for it.
 

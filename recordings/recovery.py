@@ -22,11 +22,15 @@ class Recovered(NamedTuple):
         messages: Number of copied messages.
         others: Number of messages of other topics, which were not copied.
         unchecked: Number of parts of the old file that no checksum covers.
+        simulated_s: Simulated time that the new file has, s.
+        missing: What is missing or damaged in the old file, in sentences.
     """
 
     messages: int
     others: int
     unchecked: int
+    simulated_s: float
+    missing: list[str]
 
 
 def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
@@ -72,4 +76,6 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
             new.finish({"complete": "no" if fault else "yes", "fault": fault, **counts})
         except NotRecorded as error:
             raise error.reason from error  # `whole_file` names the file
-    return Recovered(copied, old.others, old.unchecked)
+    truth = old.truth
+    simulated_s = truth.samples * truth.step_ns * 1e-9
+    return Recovered(copied, old.others, old.unchecked, simulated_s, list(old.problems))

@@ -182,7 +182,7 @@ def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
                 handle, is_new = os.open(path, flags, 0o666), False
         except FileExistsError:
             raise RecordingError(
-                f"{path} exists. Choose another name with --out, or add --overwrite."
+                f"{path} exists. Choose another name, or say that it may be overwritten."
             ) from None
         except OSError as error:
             reason = error.strerror
@@ -202,6 +202,4 @@ def _lock(handle: int, path: Path) -> None:
         if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
             return  # a file system without locks is no reason not to record
         os.close(handle)
-        raise RecordingError(
-            f"another run is writing {path}. Choose another name with --out."
-        ) from None
+        raise RecordingError(f"another run is writing {path}. Choose another name.") from None

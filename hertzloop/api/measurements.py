@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hertzloop.api.parameters import with_parameter_names
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.loop.run_options import check_list
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from hertzloop.fitting.records.record import Record
 
 
+@with_parameter_names
 def read_record(path: str | Path, **table: Any) -> "Record":
     """Read a measured record.
 
@@ -30,6 +32,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     return read_record(Path(path), table)
 
 
+@with_parameter_names
 def read_records(path: str | Path, **table: Any) -> "list[Record]":
     """Read the measured records of a file: one for each of its `[[record]]` tables, or one.
 
@@ -48,6 +51,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
     return read_records(Path(path), table)
 
 
+@with_parameter_names
 def fit(
     scene: AnyScene,
     records: "Record | Sequence[Record]",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from hertzloop.api.parameters import with_parameter_names
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.bus.sockets import own_folder
 from hertzloop.common.optional_dependencies import need
@@ -158,6 +159,7 @@ def labelled_arrays() -> Any:
     return import_module("hertzloop.views.labelled")
 
 
+@with_parameter_names
 def simulate(scene: AnyScene) -> Run:
     """Simulate a scene in this process, in one compiled loop.
 
@@ -194,6 +196,7 @@ def simulate(scene: AnyScene) -> Run:
     return _run_from(setup, truth, _Streams(setup, columns, found.values), balance, compute_result)
 
 
+@with_parameter_names
 def run(
     scene: AnyScene,
     recording: str | Path | None = None,
@@ -268,6 +271,7 @@ def _check_recording(path: Path, overwrite: bool) -> None:
     raise OptionError(f"recording = '{path}': {why}.")
 
 
+@with_parameter_names
 def read(recording: str | Path) -> Run:
     """Read a recording.
 
@@ -341,6 +345,7 @@ def _run_from(
     )
 
 
+@with_parameter_names
 def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
     """Compare the metrics of two runs.
 

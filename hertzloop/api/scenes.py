@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hertzloop.api.parameters import with_parameter_names
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.scene import Scene
@@ -19,6 +20,7 @@ def scene_names() -> list[str]:
     return shipped()
 
 
+@with_parameter_names
 def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
     """Load a scene.
 
@@ -36,6 +38,7 @@ def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
     return vary_scene(scene, changes) if changes else scene
 
 
+@with_parameter_names
 def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
     """Return a scene with other values.
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from hertzloop.api.parameters import with_parameter_names
 from hertzloop.api.runs import labelled_arrays
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.common.optional_dependencies import need
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.tune.result import TuneResult
 
 
+@with_parameter_names
 def modes(scene: AnyScene) -> "xr.Dataset":
     """Return the modes of the plate model of a scene. Needs the extra `python`.
 
@@ -41,6 +43,7 @@ def modes(scene: AnyScene) -> "xr.Dataset":
     return labelled_arrays().modes_of(modes_of_scene(resolved(scene)))
 
 
+@with_parameter_names
 def sweep(
     scene: AnyScene, request: "SweepRequest | Mapping[str, Range]", **options: Any
 ) -> "xr.Dataset":
@@ -77,6 +80,7 @@ def sweep(
     return views.cases_of(result.rows, plan.design.keys, header)
 
 
+@with_parameter_names
 def tune(
     scene: AnyScene | Sequence[AnyScene], request: "TuneRequest | None" = None, **options: Any
 ) -> "TuneResult":
@@ -106,6 +110,7 @@ def tune(
     return search_settings(plan_tune([resolved(one) for one in scenes], request))
 
 
+@with_parameter_names
 def budget(
     scene: AnyScene, request: "BudgetRequest | None" = None, **options: Any
 ) -> "BudgetResult":
@@ -132,6 +137,7 @@ def budget(
     return search_budget(plan_budget(resolved(scene), request))
 
 
+@with_parameter_names
 def margin(scene: AnyScene) -> "MarginResult":
     """Tell how stable the loop of a scene is, by linear theory.
 
@@ -150,6 +156,7 @@ def margin(scene: AnyScene) -> "MarginResult":
     return analyse(resolved(scene))
 
 
+@with_parameter_names
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":
     """Return the sampled response of the plant in flight to the force of the actuator.
 

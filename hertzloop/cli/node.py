@@ -19,6 +19,7 @@ from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.recordings import repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
+from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import roles
 from hertzloop.processes.program import BASE_PORT, BUS_NAME, LARGEST_PORT
@@ -26,7 +27,10 @@ from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.setup import parse
+from hertzloop.warmup import CASES
 
 # Endpoints of the protocols that zenoh has here.
 _ENDPOINT = re.compile(
@@ -77,14 +81,17 @@ def plant(
             setup,
             replace(address, on_open=lambda: report(open=True)),
             run_options,
-            lambda: report(ready=True),
+            lambda: _begin(report, PLANT, asked, f"{setup.name}, {_duration(setup.duration_s)}"),
             _progress_reporter(report),
             repeated,
         )
         report(done=stats)
         if not machine:
             _print_profile(stats)
-            out.print(f"{setup.steps:,} steps in {stats['wall_s']:z.3f} s")
+            out.say(
+                f"Complete: {setup.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has "
+                "the recording."
+            )
 
 
 def controller(
@@ -109,10 +116,12 @@ def controller(
     run_options = RunOptions(name=name, timeout_s=timeout_s, fast_lane=fast_lane, realtime=realtime)
     asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
     with _on_bus(CONTROLLER, asked) as (report, address):
-        stats = roles.run_controller(address, run_options, lambda: report(ready=True), law)
+        begin = lambda: _begin(report, CONTROLLER, asked)  # noqa: E731
+        stats = roles.run_controller(address, run_options, begin, law)
         report(done=stats)
         if not machine:
             _print_profile(stats)
+            out.say("Complete: the plant has ended the run. The recorder has the recording.")
 
 
 def recorder(
@@ -140,10 +149,46 @@ def recorder(
     asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
     outputs.check_recording(out_file, overwrite)
     with _on_bus(RECORDER, asked) as (report, address):
-        stats = roles.run_recorder(out_file, address, run_options, lambda: report(ready=True))
+        begin = lambda: _begin(report, RECORDER, asked)  # noqa: E731
+        stats = roles.run_recorder(out_file, address, run_options, begin)
         report(done=stats)
-        if not machine:
-            out.print(f"recorded {out_file}")
+    if not machine:
+        _print_recorded(out_file)
+
+
+def _begin(report: Report, role: str, asked: BusAddress, what: str = "") -> None:
+    """Report that the roles have met; tell a person that the run begins."""
+    report(ready=True)
+    if not asked.watched:
+        err.say(f"{role}: running{' ' * bool(what)}{what}")
+
+
+def _duration(duration_s: float) -> str:
+    return f"{quantity(duration_s, 's')} of simulated time"
+
+
+def _print_recorded(path: Path) -> None:
+    """Print what a recording has, its verdict, and the next command."""
+    from hertzloop.results.metrics import free_metrics
+    from hertzloop.results.verdict import assess_recording
+    from hertzloop.views.run import next_lines
+    from hertzloop.views.verdict import verdict_sentences
+
+    recording = read(path)
+    truth = recording.truth
+    out.say(f"Complete: {_duration(truth.samples * truth.step_ns * 1e-9)} in {path}.")
+    try:
+        setup = parse(recording.scene_toml, recorded=True)
+        prepare.compile_first(setup, works=CASES)
+        verdict = verdict_sentences(
+            assess_recording(setup, recording, free_metrics(setup)).assessment
+        )
+    except SceneError as error:
+        verdict = [f"No verdict, as the run cannot be assessed on this computer: {error}"]
+    for sentence in verdict:
+        out.say(sentence)
+    for line in next_lines(str(path)):
+        out.say(line)
 
 
 @contextmanager

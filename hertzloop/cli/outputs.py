@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from hertzloop.cli.terminal import fail, out
+from hertzloop.cli.terminal import at_end, fail, out
 from hertzloop.common.atomic_files import NotWritten, atomic_write, in_place, write_together
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.setup import Setup
@@ -103,11 +103,23 @@ def make_folder(folder: Path) -> None:
     """Make a folder for results; end the command unless it takes files."""
     if folder.suffix in _OF_FILES and not folder.is_dir():
         fail(f"{folder}: must be a folder, not a file. Give a name without {folder.suffix}")
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    # Also after an error, such as a full disk: no command leaves a folder without results.
+    at_end.append(lambda: _remove_empty(new))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         fail(f"cannot create the folder {folder}: {error.strerror}")
     check_writable(folder)
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders, the innermost first, that have no files."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:  # it has files, or was not made
+            return
 
 
 def files_of(setup: Setup, *named: str) -> list[Path]:

@@ -11,6 +11,7 @@ from hertzloop.cli import options, outputs
 from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.optional_dependencies import need
+from hertzloop.common.readable import quantity
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
@@ -280,11 +281,22 @@ def repair(
 
     repaired = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     outputs.check_recording(repaired, overwrite, read=[file])
-    messages, others, unchecked = recover_file(file, repaired, overwrite)
-    ignored = f"; ignored: {others:,} of other topics" if others else ""
-    out.say(f"repaired: {messages:,} messages are in {repaired}{ignored}")
-    if unchecked:
-        err.say(f"{file}: {without_checksum(unchecked)}.")
+    found = recover_file(file, repaired, overwrite)
+    there = f"{quantity(found.simulated_s, 's')}{_of_announced(repaired)} of simulated time"
+    ignored = f"; ignored: {found.others:,} of other topics" if found.others else ""
+    out.say(f"repaired: {repaired} has {there}, {found.messages:,} messages{ignored}")
+    for problem in found.missing:
+        err.say(f"missing or damaged in {file}: {problem}")
+    if found.unchecked:
+        err.say(f"{file}: {without_checksum(found.unchecked)}.")
+
+
+def _of_announced(repaired: Path) -> str:
+    """Return how long the run of a recovered recording was to be; "" if its scene is unknown."""
+    try:
+        return f" of {quantity(parse(read(repaired).scene_toml).duration_s, 's')}"
+    except (RecordingError, SceneError):
+        return ""
 
 
 def report(

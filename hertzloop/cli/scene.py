@@ -8,6 +8,7 @@ import typer
 
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import fail, out
+from hertzloop.common.readable import argument
 from hertzloop.scene import keys as all_keys
 from hertzloop.scene.errors import shown
 from hertzloop.scene.loading import DEFAULT, shipped, shipped_text
@@ -43,7 +44,7 @@ def new(
     file: Annotated[Path, typer.Argument(metavar="F.toml", help="Write this new file.")],
 ) -> None:
     """Write a commented scene that runs without changes."""
-    then = shlex.join(["hertzloop", "run", str(file)])
+    then = shlex.join(["hertzloop", "run", argument(file)])
     outputs.write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, then)
 
 

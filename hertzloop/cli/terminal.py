@@ -52,6 +52,8 @@ class Terminal(Console):
         self.print(sentence, soft_wrap=True)
 
 
+at_end: list[Callable[[], None]] = []  # called when a command ends, however it ends
+
 out = Terminal()
 err = Terminal(stderr=True)
 
@@ -100,6 +102,7 @@ def explained() -> Iterator[None]:
     errors with an `exit_status`: 2 for a mistake of the user, 1 for a failed run.
     """
     out.stderr = False  # --json - changes it
+    at_end.clear()
     try:
         with if_interrupted():
             yield
@@ -112,6 +115,9 @@ def explained() -> Iterator[None]:
         if not hasattr(error, "exit_status"):
             raise
         fail(str(error), error.exit_status)
+    finally:
+        for tidy_up in at_end:
+            tidy_up()
 
 
 @contextmanager

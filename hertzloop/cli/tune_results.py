@@ -8,6 +8,7 @@ from typing import Any
 
 from hertzloop.cli.terminal import out
 from hertzloop.common.atomic_files import atomic_write
+from hertzloop.common.readable import argument
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.sentences import unstable_line
@@ -151,7 +152,7 @@ def _tune_command(arguments: TuneArguments, plan: TunePlan) -> str:
         "--at-most": arguments.at_most,
         "--set": arguments.settings,
     }
-    words = ["hertzloop", "tune", *arguments.scenes]
+    words = ["hertzloop", "tune", *map(argument, arguments.scenes)]
     words += [word for option, many in repeatable.items() for one in many for word in (option, one)]
     words += ["--span", request.span, "--generations", str(request.generations)]
     words += ["--population", str(request.population), "--phases", str(request.phases)]

@@ -18,6 +18,12 @@ from hertzloop.results.verification import verify
 from hertzloop.scene.setup import Setup
 
 
+class RecordingRemoved(RecordingError):
+    """The recording of a run that has ended is gone."""
+
+    exit_status = 1
+
+
 def run_and_assess(
     setup: Setup,
     recording: Path,
@@ -40,6 +46,11 @@ def run_and_assess(
         RunFailed: A process failed. The other errors of `record` pass, too.
     """
     stats = record(setup, recording, options, on_progress)
+    if not recording.exists():
+        raise RecordingRemoved(
+            f"{recording} was removed or renamed while the run wrote it, so its recording is gone. "
+            "Run it again."
+        )
     recorded = read(recording)
     if recorded.metadata.get("run_id") != stats["run_id"]:
         raise RecordingError(

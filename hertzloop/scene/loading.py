@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from hertzloop.common.missing_files import close_name, why_unreadable
+from hertzloop.common.readable import argument
 from hertzloop.common.text_files import text_of
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_one_file, read_again, resolve
@@ -56,7 +57,7 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
             f"{shortened(shlex.quote(f'controller.law={source}'))}."
         )
     if path.suffix == ".mcap":
-        file = shortened(shlex.quote(source))
+        file = shortened(shlex.quote(argument(source)))
         raise SceneError(
             f"{shortened(source)}: is a recording, not a scene. To show it, run `hertzloop inspect "
             f"{file}`. To repeat it, run `hertzloop run --repeat {file}`."

@@ -5,6 +5,7 @@ import shlex
 from rich.console import Console
 from rich.text import Text
 
+from hertzloop.common.readable import argument
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.predictability import errors_of
 from hertzloop.results.run_report import RunReport
@@ -54,7 +55,7 @@ def next_lines(path: str) -> list[Text]:
     """Return the path of the recording and the next command."""
     return [
         unwrapped("Recording: ", (path, "bold"), ". --details prints all metrics."),
-        unwrapped("Next: ", (shlex.join(["hertzloop", "replay", path]), "bold")),
+        unwrapped("Next: ", (shlex.join(["hertzloop", "replay", argument(path)]), "bold")),
     ]
 
 

@@ -249,7 +249,8 @@ class TestEndpoints:
         with pytest.raises(BusError) as caught:
             ZenohPort(CONTROLLER, "taken", [where])
         sentence = str(caught.value)
-        assert f"controller cannot open the bus at {where}: is the port in use?" in sentence
+        assert f"controller cannot open the bus at {where}: the port is in use. " in sentence
+        assert sentence.endswith("Choose another one, or end the program that uses it.")
         assert "\n" not in sentence
         assert ".rs" not in sentence  # zenoh adds where it says so in its own source
 

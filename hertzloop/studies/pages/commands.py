@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hertzloop.common.readable import argument
 from hertzloop.scene.toml import toml_text
 
 
@@ -22,4 +23,4 @@ def run_command(
     changes = [*others, *(f"{key}={toml_text(value)}" for key, value in case.items())]
     words = [word for change in changes for word in ("--set", change)]
     seeded = [] if seed is None or "run.seed" in case else ["--seed", str(seed)]
-    return shlex.join(["hertzloop", "run", scene, *words, *seeded])
+    return shlex.join(["hertzloop", "run", argument(scene), *words, *seeded])

@@ -2,6 +2,7 @@
 
 import shlex
 
+from hertzloop.common.readable import argument
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.recorded import law_of
@@ -11,9 +12,9 @@ from hertzloop.views import provenance
 
 def repetition(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """Return a sentence and the commands that give the same samples again."""
-    file, result = shlex.quote(recording.path.name), law_of(recording)
+    file, result = shlex.quote(argument(recording.path.name)), law_of(recording)
     (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
-    again = shlex.quote(f"{recording.path.stem}-again.mcap")
+    again = shlex.quote(argument(f"{recording.path.stem}-again.mcap"))
     if not result.as_announced:
         own = result.law or "not named by the controller"
         return (
