@@ -5,7 +5,8 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-_P, _R = ParamSpec("_P"), TypeVar("_R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
 _OTHER_NAMES = {"out": "recording", "law": "laws"}  # of parameters that are not named as options
 
