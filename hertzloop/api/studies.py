@@ -145,8 +145,7 @@ def margin(scene: AnyScene) -> "MarginResult":
         scene: the scene with its law, or its name or TOML file.
 
     Returns:
-        The margin in flight, the jitter margin, and the mode that limits the loop; for a law
-        without a linear loop in flight its margin in contact, or the time of its first force.
+        The margin in flight, the jitter margin, and the mode that limits the loop.
 
     Raises:
         SceneError: the scene cannot be simulated.

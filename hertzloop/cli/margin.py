@@ -33,8 +33,7 @@ def margin(
 
     It prints growth, latency limit, stable windows, gain margin, jitter margin, and the frequency
     and mode that limit the loop. With jitter, drop-outs or a trace of latencies these are numbers
-    of the shortest latency. For a law on the contact force it prints the loop in contact, and for a
-    law that is not linear when its first force acts.
+    of the shortest latency.
     """
     outputs.check_json(json_file)
     if folder is not None:

@@ -17,10 +17,6 @@ from hertzloop.plant.schemes.collocation_kernels import (
     A_IM,
     A_RE,
     B_C,
-    C0_IM,
-    C0_RE,
-    C1_IM,
-    C1_RE,
     OUT,
     ROT_IM,
     ROT_RE,
@@ -250,19 +246,6 @@ def by_command(model: collocation_kernels.CollocationModel, gap: bool) -> PoleFo
             "Use 'hertzloop budget' to find how much latency the law tolerates."
         )
     return _through_actuator(forms[0], forms[1], actuator)
-
-
-def by_contact(model: collocation_kernels.CollocationModel) -> tuple[PoleForm, PoleForm]:
-    """Return the responses of the gap to a contact force, without the sphere: to its mean over a
-    step, and to half its rise over the step. A spring of truncated modes is not part of them."""
-    t = model.table
-    poles = t[ROT_RE] + 1j * t[ROT_IM]
-    by = [t[C0_RE] + 1j * t[C0_IM], t[C1_RE] + 1j * t[C1_IM]]
-    residues = [-0.5j * t[OUT] * b for b in by]
-    if model.residual_mode is not None:
-        poles, residues = _with_residual_mode(poles, residues, model.residual_mode, -1j)
-    none = np.zeros(2)
-    return PoleForm(poles, residues[0], none), PoleForm(poles, residues[1], none)
 
 
 def _with_residual_mode(

@@ -1,7 +1,6 @@
 """The margin of a loop in sentences."""
 
 from hertzloop.studies.margin.binding import hertz, mode_line
-from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
 from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.margin.jitter import JitterMargin
@@ -14,20 +13,15 @@ _SHOWS = 10.0  # e-folds from which a run shows an instability
 def result_lines(found: MarginResult) -> list[str]:
     """Return all lines on a margin, the verdict first."""
     lines = [verdict_line(found), *margin_lines(found.flight), *jitter_lines(found.jitter)]
-    lines += contact_lines(found.contact) if found.contact else []
-    lines += fact_lines(found.impact) if found.impact else []
     at_hz = found.flight.binding_frequency_hz
     return lines if at_hz is None else [*lines, mode_line(found.binding_mode, at_hz)]
 
 
 def verdict_line(found: MarginResult) -> str:
     """Return the verdict on a margin in one sentence."""
-    m, contact = found.flight, found.contact
-    if contact is not None:
-        words = {True: "stable", False: "unstable", None: "neither stable nor unstable for certain"}
-        return f"The loop in contact is {words[contact.stable]}; in flight the law has no loop."
+    m = found.flight
     if not m.applicable:
-        return "The loop in flight is not linear, so it has no margin."
+        return "The law has no linear loop in flight, so it has no margin."
     if m.stable is None:
         return f"Whether the loop is stable at {m.latency_us:g} us could not be decided."
     if not m.stable:
@@ -61,48 +55,6 @@ def unstable_line(found: Growth) -> str:
     short = found.e_folds is not None and found.e_folds < _SHOWS
     ends = "; the run is too short to show it" if short else ""
     return f"{growth_words(found)}{ends}. 'hertzloop margin' tells what limits the loop."
-
-
-def contact_lines(found: ContactMargin) -> list[str]:
-    """Return the lines that describe the loop in contact."""
-    touch = found.touch
-    lasts = "" if touch.ends else " or longer, to the end of the run"
-    lines = [
-        f"Loop in contact, linearised at the peak force of {touch.peak_n:.4g} N: stiffness "
-        f"{found.stiffness_n_m:.4g} N/m, contact time {1e6 * touch.contact_s:.4g} us{lasts}"
-    ]
-    if found.growth_per_s is None or found.growth_times_contact is None:
-        return [*lines, "the number of poles outside the unit circle could not be decided"]
-    at = "" if found.frequency_hz is None else f" at {hertz(found.frequency_hz)}"
-    lines.append(
-        f"{found.unstable_poles} poles outside the unit circle, growth {found.growth_per_s:.4g}/s"
-        f"{at}; growth times contact time {found.growth_times_contact:.2g}"
-    )
-    if found.stable is None:
-        lines.append("this says nothing for a contact this short")
-    else:
-        lines.append("stable in contact" if found.stable else "unstable in contact")
-    return lines
-
-
-def fact_lines(found: ImpactFacts) -> list[str]:
-    """Return the lines on a law without a linear loop."""
-    touch = found.touch
-    ends = "" if touch.ends else " or longer, to the end of the run"
-    contact = f"Contact without control: {1e6 * touch.contact_s:.4g} us in whole steps{ends}"
-    lines = [f"{contact}, largest mean force over a step {touch.peak_n:.4g} N"]
-    if found.first_force_us is None:
-        lines.append("the law commands no force in this run")
-    elif found.first_force_us < 0.0:
-        lines.append(f"first force {-found.first_force_us:.4g} us before the touch")
-    else:
-        lines.append(f"first force {found.first_force_us:.4g} us after the touch")
-    if found.latency_after_contact_us is not None:
-        lines.append(
-            f"beyond a latency of {found.latency_after_contact_us:.4g} us the first force starts "
-            "after this contact"
-        )
-    return lines
 
 
 def margin_lines(m: Margin) -> list[str]:
