@@ -304,7 +304,6 @@ def beside_the_contact(seed: int, wanted: int) -> Iterator[Check]:
             f"sensors.point_m={points[1]}",
             f"controller.kappa={float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.8))}",
             *([f"plate.actuator_point_m={points[2]}"] if rng.random() < 0.5 else []),
-            *(["sensors.mass_kg=0.02"] if rng.random() < 0.3 else []),
         ]
         setup = load("oak-20mm", [*case, *_BESIDE]).vary(_FLIGHT)
         limit = margin_of(setup).latency_limit_steps

@@ -207,18 +207,6 @@ def _apart(
     return modes.omega**2, contact, actuator, sensor
 
 
-def sensor_loaded(
-    modes: Oscillators, mass_kg: float, flexibility_m_n: float, at_contact: bool
-) -> Oscillators:
-    """Oscillators with a mass where the sensor is, as `mass_loaded`; `at_contact`: that is the
-    contact point."""
-    assert modes.sensor is not None
-    turned = replace(modes, actuator=modes.sensor, sensor=modes.actuator)
-    found = mass_loaded(turned, modes.scale_per_kg, mass_kg, flexibility_m_n, at_contact)
-    assert found.sensor is not None
-    return replace(found, actuator=found.sensor, sensor=found.actuator)
-
-
 def _roots(
     poles: np.ndarray, weights: np.ndarray, constant: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from hertzloop.common.uncompiled import plain
 from hertzloop.plant import state_kernels
-from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded, sensor_loaded
+from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.numerics import RIGID_RAD_S
 from hertzloop.plant.state_kernels import (
@@ -25,7 +25,7 @@ from hertzloop.plant.state_kernels import (
     XI,
     XI_S,
 )
-from hertzloop.plant.structures.modes import NO_PARTICIPATION, Oscillators
+from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
 from hertzloop.plant.structures.structure import Structure, compared_as, oscillators
@@ -131,7 +131,6 @@ class PlantSpec:
     actuator: Actuator = IDEAL
     radiating_faces: int = 0  # of a plate whose modes are damped by air
     sensor_point_m: tuple[float, float] | None = None  # None: at the contact
-    sensor_mass_kg: float = 0.0  # that moves with the plate there
     truncation_asked: bool = False  # for what stands for the modes left out, however few there are
 
     @cached_property
@@ -139,21 +138,10 @@ class PlantSpec:
         """Whether the actuator acts at the contact point."""
         return self.plate.same_point(self.contact_point_m, self.actuator_point_m)
 
-    @cached_property
-    def masses(self) -> tuple[float, float]:
-        """Mass at the actuator's point, and at the sensor's if that is another point, kg."""
-        at_sensor, masses = self.sensor_point_m, (self.actuator.mass_kg, self.sensor_mass_kg)
-        if at_sensor == self.actuator_point_m or (at_sensor is None and self.same_point):
-            return sum(masses), 0.0
-        return masses
-
-    @cached_property
+    @property
     def mass_at_contact(self) -> bool:
-        """Whether a mass of actuator or sensor is on the contact point."""
-        at_actuator, at_sensor = self.masses
-        return (at_actuator > 0.0 and self.same_point) or (
-            at_sensor > 0.0 and self.sensor_point_m is None
-        )
+        """Whether the actuator's mass is on the contact point."""
+        return self.actuator.mass_kg > 0.0 and self.same_point
 
     @cached_property
     def _parts(self) -> tuple[Any, ...]:
@@ -240,20 +228,15 @@ def air_eta(spec: PlantSpec, omega: np.ndarray) -> np.ndarray:
 
 def _in_vacuum(spec: PlantSpec) -> Oscillators:
     omega_max = 2.0 * math.pi * spec.frequency_limit_hz
-    at_actuator, at_sensor = spec.actuator_point_m, spec.sensor_point_m
-    mass_kg, sensor_kg = spec.masses
-    if sensor_kg > 0.0 and at_sensor is None:
-        at_sensor = spec.contact_point_m
+    at_actuator, mass_kg = spec.actuator_point_m, spec.actuator.mass_kg
     modes = oscillators(
-        spec.plate, spec.contact_point_m, at_actuator, omega_max, at_sensor, sensor_kg > 0.0
+        spec.plate, spec.contact_point_m, at_actuator, omega_max, spec.sensor_point_m
     )
-    if mass_kg == sensor_kg == 0.0:
+    if mass_kg == 0.0:
         return modes
-    key = "actuator.mass_kg" if spec.actuator.mass_kg else "sensors.mass_kg"
-    given = spec.actuator.mass_kg or spec.sensor_mass_kg
     if isinstance(modes.eta, np.ndarray):
         raise ValueError(
-            f"{key} = {given:g} needs one loss factor for all modes. "
+            f"actuator.mass_kg = {mass_kg:g} needs one loss factor for all modes. "
             "Remove the key, or give plate.modes with one loss factor."
         )
     if modes.omega[0] <= RIGID_RAD_S:
@@ -261,15 +244,9 @@ def _in_vacuum(spec: PlantSpec) -> Oscillators:
         if spec.plate.mode_table is not None:
             remedy = "give plate.modes of the structure that carries this mass"
         raise ValueError(
-            f"{key} = {given:g} is not supported for a free plate. Remove the key, or {remedy}."
+            f"actuator.mass_kg = {mass_kg:g} is not supported for a free plate. Remove the key, "
+            f"or {remedy}."
         )
-    if sensor_kg > 0.0:
-        assert at_sensor is not None
-        spring = _spring_m_n(spec, omega_max, at_sensor)
-        modes = sensor_loaded(modes, sensor_kg, spring, spec.sensor_point_m is None)
-        modes = _stirred(modes, spec.sensor_point_m is not None)
-    if mass_kg == 0.0:
-        return modes
     spring = _spring_m_n(spec, omega_max, at_actuator)
     return mass_loaded(modes, modes.scale_per_kg, mass_kg, spring, spec.same_point)
 
@@ -279,21 +256,6 @@ def _spring_m_n(spec: PlantSpec, omega_max: float, point_m: tuple[float, float])
     if not spec.residual_flexibility:
         return 0.0
     return spec.plate.residual_flexibility_m_n(omega_max, point_m)
-
-
-def _stirred(modes: Oscillators, seen: bool) -> Oscillators:
-    """The oscillators that a force at the contact or the actuator moves; their `sensor` if it is
-    `seen` elsewhere."""
-    size = np.maximum(np.abs(modes.contact), np.abs(modes.actuator))
-    kept = size > NO_PARTICIPATION * size.max(initial=0.0)
-    sensor = modes.sensor[kept] if seen and modes.sensor is not None else None
-    return replace(
-        modes,
-        omega=modes.omega[kept],
-        contact=modes.contact[kept],
-        actuator=modes.actuator[kept],
-        sensor=sensor,
-    )
 
 
 class Plant(ABC):

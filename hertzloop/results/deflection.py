@@ -20,7 +20,6 @@ from hertzloop.recordings.replay.contacts import ContactSpan, Span, contacts_of
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.results.impacts import Block
 from hertzloop.results.recorded import pieces_of
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
 NODES = 2401  # of the grid, about
@@ -179,7 +178,7 @@ def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     """Forces up on the plate by truth, shape (4, steps): at the contact, at the actuator,
     each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
     forces = np.stack([-truth[F_C], -truth[F_C1], truth[F_A], truth[F_A1]])
-    mass_kg = spec.masses[0]  # one at a third point is left out, which the page says
+    mass_kg = spec.actuator.mass_kg
     if mass_kg > 0.0 and truth.shape[1] > 1:
         same = spec.same_point
         speed = truth[V_P] if same else np.gradient(truth[XI_A], spec.step_s)
@@ -187,20 +186,11 @@ def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     return forces
 
 
-def refuse_third_mass(spec: PlantSpec, what: str) -> None:
-    """Raise SceneError for a sensor's mass beside contact and actuator."""
-    if spec.masses[1] > 0.0:
-        raise SceneError(
-            f"sensors.mass_kg = {spec.sensor_mass_kg:g}: at a point that is not the actuator's, "
-            f"{what}. Remove the key."
-        )
-
-
 def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
     """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
     plate is accelerated by the difference to the steps around: two steps wait for those that
     follow, one before them is kept."""
-    if not spec.masses[0] > 0.0:
+    if not spec.actuator.mass_kg > 0.0:
         for first, truth in blocks:
             yield first, forces_on_plate(spec, truth)
         return

@@ -6,7 +6,6 @@ from hertzloop.plant.plant import air_eta
 from hertzloop.plant.schemes.collocation import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.structure import oscillators
-from hertzloop.results.deflection import refuse_third_mass
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
@@ -26,7 +25,6 @@ def modes_of_scene(setup: Setup) -> ModeTable:
             "run.plate_model = infinite: an infinite plate has no modes. Set run.plate_model = "
             "'modal'."
         )
-    refuse_third_mass(spec, "its modes cannot be written")
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     points = spec.contact_point_m, spec.actuator_point_m
     try:

@@ -32,7 +32,7 @@ def _quantity_problems(sensors: SensorsTable, control: ControllerTable) -> list[
     """Of what the sensor measures, how it is filtered and what goes wrong with it."""
     found = []
     quantity = SENSED[sensors.quantity]
-    if sensors.point_m is not None and sensors.mass_kg is quantity.elsewhere is None:
+    if sensors.point_m is not None and quantity.elsewhere is None:
         found.append(
             f"sensors.point_m = {list(sensors.point_m)}: sensors.quantity = "
             f"'{sensors.quantity}' is one of the contact. Remove the key, or use 'v_p' or "

@@ -80,7 +80,7 @@ class InfinitePlate:
         supported = mechanics.structure.separable is not None
         ideal = mechanics.actuator.ideal and mechanics.contact.limit is None
         known = SCHEMES[self.scheme].infinite_plate and ideal and not mechanics.radiating_faces
-        sensed = mechanics.sensor_point_m is None and not mechanics.sensor_mass_kg
+        sensed = mechanics.sensor_point_m is None
         return bool(known) and sensed and mechanics.same_point and bounded and supported
 
     @property

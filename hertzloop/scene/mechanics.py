@@ -49,7 +49,6 @@ class Mechanics:
     contact_point_m: Point
     actuator_point_m: Point
     sensor_point_m: Point | None
-    sensor_mass_kg: float
     radiating_faces: int
     weaker: tuple[str, YieldPressure] | None
     theory: str
@@ -65,9 +64,8 @@ class Mechanics:
 
     @property
     def mass_at_contact(self) -> bool:
-        """Whether the actuator's or the sensor's mass is on the contact point."""
-        of_sensor = self.sensor_mass_kg > 0.0 and self.sensor_point_m is None
-        return of_sensor or (self.actuator.mass_kg > 0.0 and self.same_point)
+        """Whether the actuator's mass is on the contact point."""
+        return self.actuator.mass_kg > 0.0 and self.same_point
 
     @cached_property
     def _parts(self) -> tuple[Any, ...]:
@@ -156,7 +154,6 @@ def _resolved(
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,
         sensor_point_m=struck.sensor_at(contact_point, actuator_point, tables.sensor_point_m),
-        sensor_mass_kg=tables.sensor_mass_kg or 0.0,
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
         theory=theory,

@@ -104,14 +104,13 @@ def _phase_problems(scene: PlantTables, run: RunTable) -> list[str]:
 
 
 def _sensor_problems(scene: PlantTables, run: RunTable) -> list[str]:
-    """What does not go with a sensor elsewhere, or with a mass."""
-    point, mass = scene.sensor_point_m, scene.sensor_mass_kg
-    found: list[str] = []
-    for key, value in (("point_m", point), ("mass_kg", mass)):
-        if value is not None:
-            asked = f"sensors.{key} = {list(value) if isinstance(value, tuple) else f'{value:g}'}"
-            found += not_supported("supports_sensor_elsewhere", run.scheme, run.plate_model, asked)
-    if point is not None and scene.plate.modes is not None:
+    """What does not go with a sensor elsewhere."""
+    point = scene.sensor_point_m
+    if point is None:
+        return []
+    asked = f"sensors.point_m = {list(point)}"
+    found = not_supported("supports_sensor_elsewhere", run.scheme, run.plate_model, asked)
+    if scene.plate.modes is not None:
         found.append(
             f"sensors.point_m = {list(point)}: plate.modes of {scene.plate.modes.file} know points "
             "by their columns only. Remove the key, and give the file a column shape_sensor."
@@ -257,15 +256,12 @@ def not_in_three_dimensions(scene: PlantTables, scheme: str, plate_model: str) -
             "velocity of a point on a solid diverges with the number of modes. Use "
             "contact.plasticity, or 'kirchhoff'."
         )
-    for table, mass in (
-        ("actuator", scene.actuator.mass_kg),
-        ("sensors", scene.sensor_mass_kg),
-    ):
-        if mass is not None:
-            found.append(
-                f"{table}.mass_kg = {mass:g}: not supported by {asked}, because a point mass on a "
-                "solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
-            )
+    if scene.actuator.mass_kg is not None:
+        found.append(
+            f"actuator.mass_kg = {scene.actuator.mass_kg:g}: not supported by {asked}, because a "
+            "point mass on a solid diverges with the number of modes. Remove the key, or use "
+            "'kirchhoff'."
+        )
     if hammer is not None and hammer.tip_stiffness is not None:
         found.append(
             f"hammer.tip_stiffness = {hammer.tip_stiffness:g}: not supported by {asked}, which "
@@ -284,15 +280,11 @@ def _truncation_problems(scene: PlantTables, run: RunTable) -> list[str]:
     if scene.plate.tail != "damped":
         return []
     asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
-    for table, mass, point in (
-        ("actuator", scene.actuator.mass_kg, actuator),
-        ("sensors", scene.sensor_mass_kg, scene.sensor_point_m or contact),
-    ):
-        if mass is not None and point == contact:
-            return [
-                f"{asked}: not supported with {table}.mass_kg = {mass:g} at the contact point. Use "
-                "'spring' or 'auto'."
-            ]
+    if scene.actuator.mass_kg is not None and actuator == contact:
+        return [
+            f"{asked}: not supported with actuator.mass_kg = {scene.actuator.mass_kg:g} at the "
+            "contact point. Use 'spring' or 'auto'."
+        ]
     return not_supported("supports_truncated_modes", run.scheme, run.plate_model, asked)
 
 

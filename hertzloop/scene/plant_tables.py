@@ -17,7 +17,7 @@ from hertzloop.scene.tables import (
 
 
 class PlantTables(NamedTuple):
-    """The tables of a scene that make its plant, with point and mass (kg) of the sensor."""
+    """The tables of a scene that make its plant, with the point of the sensor."""
 
     sphere: SphereTable | None
     hammer: HammerTable | None
@@ -26,7 +26,6 @@ class PlantTables(NamedTuple):
     actuator: ActuatorTable
     materials: tuple[MaterialTable, ...] | None
     sensor_point_m: Point | None
-    sensor_mass_kg: float | None
 
     @property
     def striker(self) -> Striker:

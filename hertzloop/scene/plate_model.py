@@ -60,7 +60,6 @@ def describe_plant(
         actuator=mechanics.actuator,
         radiating_faces=mechanics.radiating_faces,
         sensor_point_m=mechanics.sensor_point_m,
-        sensor_mass_kg=mechanics.sensor_mass_kg,
         truncation_asked=mechanics.structure.mode_table is not None and truncated != "auto",
     )
 
@@ -247,11 +246,10 @@ def build_time_s(spec: PlantSpec) -> float:
         return 0.0
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
     found = modes * spec.plate.seconds_per_mode
-    masses = sum(mass > 0.0 for mass in spec.masses)
-    if masses and _MASS_S * modes**2 > WARN_ABOVE_S:
+    if spec.actuator.mass_kg and _MASS_S * modes**2 > WARN_ABOVE_S:
         limit = 2.0 * math.pi * spec.frequency_limit_hz
         felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
-        found += masses * _MASS_S * felt**2
+        found += _MASS_S * felt**2
     return found
 
 
@@ -260,10 +258,8 @@ def _check_build(spec: PlantSpec) -> None:
     takes_s = build_time_s(spec)
     if takes_s > _MOST_S:
         modes = spec.plate.modes_below(spec.frequency_limit_hz)
-        key = "actuator" if spec.actuator.mass_kg else "sensors"
-        mass_kg = spec.actuator.mass_kg or spec.sensor_mass_kg
         raise SceneError(
-            f"{key}.mass_kg = {mass_kg:g}: on about {modes:.2g} modes it takes "
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g}: on about {modes:.2g} modes it takes "
             f"about {takes_s:,.0f} s to compute, the most is {_MOST_S:g} s. Leave out the mass, or "
             "choose a smaller or thicker plate, or a larger run.accuracy."
         )

@@ -83,7 +83,6 @@ class Scene(SceneTable):
             self.actuator,
             self.materials,
             self.sensors.point_m,
-            self.sensors.mass_kg,
         )
 
     @property

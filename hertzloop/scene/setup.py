@@ -258,9 +258,7 @@ class Setup:
     def plant_only(self) -> "Setup":
         """Return the setup without control, converters, seed and names: the same for all setups
         whose plant alone behaves in the same way."""
-        tables = self.scene.plant_tables
-        if tables.sensor_mass_kg is None:  # the plant feels nothing of the sensor
-            tables = tables._replace(sensor_point_m=None)
+        tables = self.scene.plant_tables._replace(sensor_point_m=None)
         return _plant_only(tables, self.scene.run, self.touch_phase)
 
     def _scene_with_run(self, key: str, value: str | float) -> Scene:
@@ -392,9 +390,7 @@ def _plant_only(tables: PlantTables, run: RunTable, touch_phase: float) -> Setup
         hammer=tables.hammer,
         plate=tables.plate,
         contact=tables.contact,
-        sensors=_PLAIN_SENSORS.replaced(
-            point_m=tables.sensor_point_m, mass_kg=tables.sensor_mass_kg
-        ),
+        sensors=_PLAIN_SENSORS,
         controller=_NO_CONTROL,
         actuator=tables.actuator,
         run=run.replaced(seed=0, touch_phase=touch_phase),

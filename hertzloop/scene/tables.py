@@ -292,8 +292,6 @@ class SensorsTable(SceneTable):
 
     point_m: Point | None = None
     """point of the sensor on the plate, for plate quantities; default: the contact point"""
-    mass_kg: Annotated[float, Field(ge=1e-7, le=1e3)] | None = None
-    """mass of the sensor, which moves with the plate at its point; 0: none"""
 
     @field_validator("low_pass", mode="before")
     @classmethod
@@ -305,8 +303,6 @@ class SensorsTable(SceneTable):
                 "controller.latency_us; a record may have it (record.low_pass)"
             )
         return value
-
-    _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
 
 class ActuatorTable(SceneTable):

@@ -118,8 +118,6 @@ def description(setup: Setup, recording: Recording) -> list[str]:
     given = setup.sphere.given_speed_m_s
     hit = f"drop {1e3 * setup.sphere.drop_height_m:g} mm" if given is None else f"{given:g} m/s"
     lines = [f"{bodies(setup)}, {hit}", control(setup)]
-    if setup.plant.masses[1] > 0.0:
-        lines.append("The deflection is drawn without the inertia of sensors.mass_kg.")
     law = law_of(recording)
     if law.law and law.law != setup.law_reference:
         lines.append(f"Law that ran: {law_line(law)}")

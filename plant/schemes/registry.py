@@ -47,7 +47,7 @@ class Scheme:
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
     supports_hammer: bool = False  # a striker without weight, which a hand withdraws
     supports_exponent: bool = False  # contact forces other than Hertz's
-    supports_sensor_elsewhere: bool = False  # a sensor beside the contact, or with a mass
+    supports_sensor_elsewhere: bool = False  # a sensor beside the contact
     supports_export: bool = False  # its plant as an FMU or a C library
 
     @property

@@ -192,34 +192,3 @@ def grouped(modes: Modes, same_point: bool) -> Groups:
     )
     table = np.concatenate([one, other], axis=1)[:, order]
     return Groups(starts, first, second, table, *both, order)
-
-
-def spanned(modes: Modes, sensor: np.ndarray) -> Oscillators:
-    """Oscillators of modes that forces at contact, actuator and sensor can move. `sensor`: shapes
-    at the sensor, (modes,).
-
-    A group of equal frequency and loss has one oscillator along its shapes at the sensor, which
-    alone a mass there moves, and at most two beside it.
-    """
-    starts, counts = _equal(modes)
-    left = [sensor, modes.at_contact, modes.at_actuator]
-    parts: list[np.ndarray] = []
-    for _ in left:
-        along = left[len(parts)]
-        length = np.sqrt(np.add.reduceat(along * along, starts))
-        there = length > modes.silent_below
-        unit = along / np.repeat(np.where(there, length, np.inf), counts)
-        shares = [np.add.reduceat(unit * other, starts) for other in left]
-        left = [one - np.repeat(s, counts) * unit for one, s in zip(left, shares, strict=True)]
-        left[len(parts)] = np.zeros_like(along)  # to the last digit
-        places = np.where(there, np.arange(len(starts)), -1)
-        parts.append(np.stack([places, *(shares[i] for i in (1, 2, 0))]))
-    table = np.concatenate(parts, axis=1)
-    table = table[:, table[0] >= 0.0]
-    table = table[:, np.argsort(table[0], kind="stable")]
-    at = starts[table[0].astype(np.int64)]
-    eta = modes.eta[at] if isinstance(modes.eta, np.ndarray) else modes.eta
-    _, contact, actuator, seen = table
-    return Oscillators(
-        modes.omega[at], contact, actuator, len(modes.omega), eta, modes.scale_per_kg, seen
-    )

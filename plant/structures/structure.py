@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import ModeSource, Oscillators, Point, grouped, spanned
+from hertzloop.plant.structures.modes import ModeSource, Oscillators, Point, grouped
 from hertzloop.plant.structures.plate import Plate
 
 
@@ -100,17 +100,13 @@ def oscillators(
     actuator_m: Point,
     omega_max: float,
     sensor_m: Point | None = None,
-    moved: bool = False,
 ) -> Oscillators:
     """Reduce the modes below `omega_max` to what forces at two points move; see `grouped`.
 
-    `sensor_m`: of a sensor elsewhere; `moved`: whether a force acts there as well, see `spanned`.
-    Raises ValueError when no mode is left.
+    `sensor_m`: of a sensor elsewhere. Raises ValueError when no mode is left.
     """
     modes = structure.modes(omega_max, contact_m, actuator_m)
     seen = None if sensor_m is None else structure.sensed(omega_max, contact_m, sensor_m)
-    if moved and seen is not None:
-        return spanned(modes, seen)
     groups = grouped(modes, structure.same_point(contact_m, actuator_m))
     if not groups.table.shape[1]:
         raise ValueError(

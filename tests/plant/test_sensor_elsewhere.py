@@ -1,10 +1,7 @@
-"""A sensor beside the contact, and its mass: against modes and simulations."""
-
-from dataclasses import replace
+"""A sensor beside the contact: against modes and simulations."""
 
 import numpy as np
 import pytest
-import scipy
 
 from benchmarks.margin import beside_the_contact
 from hertzloop.fitting.fit.problem.problem_preparation import with_measuring_point
@@ -14,7 +11,7 @@ from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.plant import modes_of
 from hertzloop.plant.state_kernels import A_S, F_C, FLIGHT_V, FLIGHT_X, V_P, V_S
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
@@ -106,52 +103,6 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say():
     assert plant.state.body[V_S] == pytest.approx(velocity, rel=1e-9)
 
 
-def without_springs(setup: Setup, limit_hz: float) -> PlantSpec:
-    """The plant with modes up to a limit and nothing in the place of the others."""
-    return replace(
-        setup.plant, residual_flexibility=False, damped_residual=False, frequency_limit_hz=limit_hz
-    )
-
-
-def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass():
-    for point in ((), (f"plate.actuator_point_m={BESIDE}", SENSOR)):
-        both = plate("sensors.mass_kg=0.002", "actuator.mass_kg=0.003", *point)
-        one = plate("actuator.mass_kg=0.005", *point)
-        found, expected = (modes_of(setup.plant).omega for setup in (both, one))
-        np.testing.assert_allclose(found, expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("size", ["[0.5,0.5]", "[0.5,0.41]"])  # equal frequencies, and none
-def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size):
-    setup = plate(
-        SENSOR,
-        "sensors.mass_kg=0.004",
-        f"plate.actuator_point_m={THIRD}",
-        "actuator.mass_kg=0.006",
-        f"plate.size_m={size}",
-    )
-    spec, limit = without_springs(setup, 2e4), 2.0 * np.pi * 2e4
-    contact, actuator = setup.scene.plate.points_m
-    sensor = setup.scene.sensors.point_m
-    modes = spec.plate.modes(limit, contact, actuator)
-    c, a, s = modes.at_contact, modes.at_actuator, spec.plate.sensed(limit, contact, sensor)
-    mass = np.eye(len(c)) / modes.scale_per_kg + 0.004 * np.outer(s, s) + 0.006 * np.outer(a, a)
-    stiffness = np.diag(modes.omega**2 / modes.scale_per_kg)
-    exact = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))
-    found = modes_of(spec)
-    assert np.abs(found.omega[:, None] / exact - 1.0).min(axis=1).max() < 1e-11
-    # Receptances between all points, away from resonances.
-    shapes = (found.contact, found.actuator, found.sensor)
-    for hz in (137.3, 1003.7, 9001.1):
-        squared = (2.0 * np.pi * hz) ** 2
-        inverse = np.linalg.inv(stiffness - squared * mass)
-        by_modes = found.scale_per_kg / (found.omega**2 - squared)
-        for one, ours in zip((c, a, s), shapes, strict=True):
-            for other, theirs in zip((c, a, s), shapes, strict=True):
-                expected = one @ inverse @ other
-                assert np.sum(ours * theirs * by_modes) == pytest.approx(expected, rel=1e-7)
-
-
 def table(with_sensor: bool) -> ModeTable:
     """Modes of the plate, as a file has them."""
     setup = plate(f"plate.actuator_point_m={BESIDE}")
@@ -178,10 +129,6 @@ def test_a_file_of_modes_says_where_the_sensor_is(tmp_path):
     of_plate = plate(SENSOR, *tail)
     (velocity, _), (expected, _) = (seen(setup, FORCES) for setup in (of_file, of_plate))
     assert np.abs(velocity - expected).max() < 1e-12 * np.abs(expected).max()
-    # A file tells the flexibility beyond its modes at the contact only, and a mass sits on it.
-    mass = {"sensors.mass_kg": 0.003}
-    (velocity, _), (expected, _) = (seen(s.vary(mass), FORCES) for s in (of_file, of_plate))
-    assert np.abs(velocity - expected).max() < 5e-3 * np.abs(expected).max()
     assert of_file.vary({"sensors.quantity": "contact_force"}).sensor.of_state == F_C
     bare = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'bare.npz'}", *tail])
     assert bare.sensor.of_state == V_P
@@ -256,10 +203,6 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations():
     [
         (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
         (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
-        (
-            ["plate.edges=ffff", "sensors.mass_kg=0.001"],
-            "sensors.mass_kg = 0.001 is not supported for",
-        ),
     ],
 )
 def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings, words):

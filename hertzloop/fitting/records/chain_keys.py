@@ -9,4 +9,4 @@ WITHOUT_CONTROL = "The records are simulated without control: no law, no latency
 
 def is_chain_key(key: str) -> bool:
     """Whether a scene key is of the measuring chain alone: no simulation depends on it."""
-    return key.startswith("sensors.") and key != "sensors.mass_kg"
+    return key.startswith("sensors.")

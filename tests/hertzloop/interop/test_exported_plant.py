@@ -24,7 +24,12 @@ pytestmark = needs_cc
 KINDS = {
     "short": SHORT,
     "noisy": NOISY,
-    "sensor mass": (*SHORT, "sensors.mass_kg=0.002", "sensors.point_m=[0.31,0.22]"),
+    "sensor elsewhere": (
+        *SHORT,
+        "controller.law=velocity_feedback",
+        "sensors.quantity=v_p",
+        "sensors.point_m=[0.31,0.22]",
+    ),
 }
 
 

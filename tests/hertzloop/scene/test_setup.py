@@ -39,7 +39,6 @@ TRIED: dict[str, list[Any]] = {
     "sensors.full_scale": ["contact", "none", [-2e-5, 3e-5]],
     "sensors.quantity": ["v_p"],
     "sensors.point_m": [[0.12, 0.14]],
-    "sensors.mass_kg": [2e-3],
     "sensors.bits": [11],
     "sensors.low_pass_hz": [9e4],
     "sensors.low_pass_order": [4],
@@ -75,7 +74,7 @@ WITH: dict[str, dict[str, Any]] = {
     "contact.plasticity": {"contact.limiting_pressure_pa": 1e9},
     "actuator.damping": {"actuator.bandwidth_hz": 5e4},
     "controller.bits": {"controller.full_scale_n": 50.0},
-    "sensors.point_m": {"sensors.mass_kg": 1e-3},
+    "sensors.point_m": {"sensors.quantity": "v_p"},
     "sensors.low_pass": {"sensors.low_pass_hz": 9e4, "sensors.low_pass_order": 4},
     "sensors.low_pass_order": {"sensors.low_pass_hz": 9e4},
     **dict.fromkeys(

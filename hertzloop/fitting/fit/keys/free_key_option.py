@@ -147,9 +147,9 @@ def _refuse_without_influence(setup: Setup, key: str) -> None:
             f"--free {key}: is a choice of the simulation, not a property of the rig. Choose "
             "another key."
         )
-    if table == "sensors" and last not in (*FILTERS, "mass_kg"):
+    if table == "sensors" and last not in FILTERS:
         raise FitError(
-            f"--free {key}: cannot be fitted. Of the sensor only mass_kg, {', '.join(FILTERS)} can "
+            f"--free {key}: cannot be fitted. Of the sensor only {', '.join(FILTERS)} can "
             "be free; a fit finds noise, gain and offset by itself."
         )
 

@@ -163,7 +163,6 @@ class ImpactSimulator:
             actuator_point_m=bodies.actuator_point_m,
             actuator=bodies.actuator,
             sensor_point_m=bodies.sensor_point_m,
-            sensor_mass_kg=bodies.sensor_mass_kg,
         )
         spec = self._with_actuator_at_sensor(spec)
         limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
@@ -245,7 +244,6 @@ class ImpactSimulator:
             spec.actuator_point_m,
             spec.actuator.mass_kg,
             spec.sensor_point_m,
-            spec.sensor_mass_kg,
         )
         base = self._plants.get(key)
         if base is None or base.model.air is not None:
