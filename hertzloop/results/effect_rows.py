@@ -169,13 +169,6 @@ def _of_radius(f: RunContext, value: float) -> float | None:
     return None if math.isnan(f.spec.sphere.radius_m) else value
 
 
-def _unknown_theory(x: float) -> str:
-    """What to say where the error of thin-plate theory is not known; "" where it is."""
-    if not math.isnan(x):
-        return ""
-    return "the error of thin-plate theory is not known for an orthotropic plate"
-
-
 def _of_solid(f: RunContext) -> str:
     return "plate.theory" if f.spec.plate.solid else ""
 
@@ -209,7 +202,7 @@ ROWS = (
     EffectRow(
         "plate theory (energy)", "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
         lambda f: f.kirchhoff.plate_energy if f.static.zener < _TAKES_ALL else None,
-        lambda f, x: _unknown_theory(x) or (
+        lambda f, x: (
             "the waves are short against the plate thickness, k h = "
             f"{thickness_number(f.spec.local_plate, f.run.contact_s):.2g} at 1/T: Kirchhoff's "
             f"plate may take {percent(x)} less energy than an elastic solid, and the rebound be "
@@ -221,7 +214,7 @@ ROWS = (
     EffectRow(
         "plate theory (peak)", "dC 3/2 s^(2/3) F^(1/3)", None, 0.5,
         lambda f: f.kirchhoff.peak_force,
-        lambda f, x: _unknown_theory(x) or (
+        lambda f, x: (
             "near the force an elastic solid deforms differently from Kirchhoff's plate with "
             f"Hertz's half space: peak force and contact time may be off by {percent(x)} "
             f"(requested: {percent(f.setup.accuracy)})"

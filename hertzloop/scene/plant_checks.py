@@ -33,9 +33,6 @@ def _striker_problems(scene: PlantTables, scheme: str) -> list[str]:
     if (sphere is None) == (hammer is None):
         count = "no table" if sphere is None else "two tables"
         return [f"[sphere] and [hammer]: {count} of what strikes the plate. Give one of the two."]
-    if scene.striker_material.orthotropic:
-        key = "sphere.material" if sphere is not None else "hammer.tip_material"
-        return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
     if sphere is not None:
         if sphere.drop_height_m is not None and sphere.speed_m_s is not None:
             return [
@@ -154,8 +151,6 @@ def _beyond_simply_supported(scene: PlantTables, run: RunTable) -> list[str]:
         key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
     elif plate.edges not in (None, "ssss"):
         key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
-    elif scene.plate_material.orthotropic:
-        key, words = "plate.material", f"{_material_words(plate)}, which is orthotropic"
     else:
         return []
     if plate.radiating_faces:
@@ -167,10 +162,6 @@ def _beyond_simply_supported(scene: PlantTables, run: RunTable) -> list[str]:
         found.append(
             f"{words}: run.scheme = '{run.scheme}' supports a simply supported plate only. "
             f"Remove {key}, or use the scheme {supporting('supports_edges')}."
-        )
-    if run.plate_model == "infinite" and key == "plate.material":
-        found.append(
-            f"{words}: run.plate_model = 'infinite' is isotropic. Use run.plate_model = 'auto'."
         )
     if run.plate_model == "infinite" and plate.modes is not None:
         found.append(
@@ -245,11 +236,6 @@ def not_in_three_dimensions(scene: PlantTables, scheme: str, plate_model: str) -
         found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
     elif plate.edges not in (None, "ssss"):
         found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
-    elif scene.plate_material.orthotropic:
-        found.append(
-            f"plate.material: {asked} supports an isotropic plate only. Use another material, or "
-            "'kirchhoff'."
-        )
     if contact.damping != "none":
         found.append(
             f"contact.damping = '{contact.damping}': not supported by {asked}, because the "

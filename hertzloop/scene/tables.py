@@ -49,11 +49,6 @@ class MaterialTable(SceneTable):
     young_pa: float | None = None
     density_kg_m3: float
     poisson: float | None = None
-    young_x_pa: float | None = None
-    young_y_pa: float | None = None
-    young_z_pa: float | None = None
-    shear_pa: float | None = None
-    poisson_xy: float | None = None
     loss_factor: float | None = None
     restitution: float | None = None
     yield_pa: float | None = None

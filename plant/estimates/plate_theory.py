@@ -92,10 +92,7 @@ def kirchhoff_error(
     plate: Plate, stiffness: float, contact_s: float, peak_force_n: float, exponent: float = HERTZ
 ) -> KirchhoffError:
     """What Kirchhoff's theory may cost an impact of known length (s) and peak force (N), as bounds;
-    `stiffness`: of the contact (N/m^exponent). Nan of an orthotropic plate: its stiffness in shear
-    across the thickness is not known."""
-    if plate.orthotropic:
-        return KirchhoffError(*[math.nan] * 4)
+    `stiffness`: of the contact (N/m^exponent)."""
     number = thickness_number(plate, contact_s)
     share = tangent_stiffness_n_m(stiffness, peak_force_n, exponent)
     energy, speed = _ENERGY_FACTOR * number * number, _REBOUND_FACTOR * number * number

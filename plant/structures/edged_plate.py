@@ -11,7 +11,7 @@ import numpy as np
 from hertzloop.plant.structures.edge_waves import Waves, shape_along, waves
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.ritz_modes import Bending, LowModes, isotropic, low_modes
+from hertzloop.plant.structures.ritz_modes import LowModes, low_modes
 from hertzloop.plant.structures.shared_modes import RATIOS, low_modes_near, waves_near
 from hertzloop.plant.structures.structure import SizedPlate, Structure
 
@@ -61,8 +61,6 @@ class EdgedPlate(SizedPlate):
         """See `Structure`."""
         if not isinstance(other, EdgedPlate) or not RATIOS[0] <= self._nu <= RATIOS[1]:
             return self
-        if self.plate.orthotropic or other.plate.orthotropic:
-            return self
         one, two = ((p.edges, p.size_m, p.accuracy) for p in (self, other))
         return replace(self, near=other._nu) if one == two and self._nu != other._nu else self
 
@@ -103,7 +101,6 @@ class EdgedPlate(SizedPlate):
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
         form = self._form
         low, count, beyond, squared = _parts(form, self._most(omega_max))
-        x_m, y_m = self._stretched(x_m, y_m)
         groups = [low.shapes(x_m, y_m, count)]
         for group in beyond:
             along_x, along_y = _along(form, group, x_m, y_m)
@@ -123,14 +120,7 @@ class EdgedPlate(SizedPlate):
 
     @property
     def _form(self) -> "_Form":
-        bend, size_m = self.plate.rigidity, self._stretched(*self.size_m)
-        of = Bending(bend.nu, bend.twist, bend.eta)
-        return _Form(self.edges, size_m, of, self.accuracy, self.near)
-
-    def _stretched(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """x and y in the coordinates of `Rigidity`."""
-        stretch = self.plate.rigidity.stretch
-        return x * stretch, y / stretch
+        return _Form(self.edges, self.size_m, self._nu, self.accuracy, self.near)
 
     @property
     def _unit(self) -> float:
@@ -140,7 +130,7 @@ class EdgedPlate(SizedPlate):
     @property
     def _speed(self) -> float:
         """w/k^2, m^2/s."""
-        return math.sqrt(self.plate.rigidity.mean_n_m / self.plate.mass_per_area_kg_m2)
+        return math.sqrt(self.plate.bending_stiffness_n_m / self.plate.mass_per_area_kg_m2)
 
     def _most(self, omega_max: float) -> float:
         """k^2 at a frequency, 1/m^2, without the rounding: plates that differ in stiffness and mass
@@ -149,9 +139,7 @@ class EdgedPlate(SizedPlate):
 
     def _shapes(self, omega_max: float, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (modes,) and shapes at points (modes, points)."""
-        squared, shapes = _unit_shapes(
-            self._form, self._most(omega_max), tuple(self._stretched(*point) for point in points)
-        )
+        squared, shapes = _unit_shapes(self._form, self._most(omega_max), tuple(points))
         return self._speed * squared, self._unit * shapes
 
 
@@ -160,14 +148,14 @@ class _Form(NamedTuple):
 
     edges: str
     size_m: tuple[float, float]
-    of: Bending
+    nu: float
     accuracy: float
     near: float | None
 
     def alone(self) -> "_Form":
         """The plate that decides on the number of low modes: beside no other."""
-        of = self.of if self.near is None else isotropic(self.near)
-        return self._replace(of=of, near=None)
+        nu = self.nu if self.near is None else self.near
+        return self._replace(nu=nu, near=None)
 
 
 def _parts(form: _Form, most: float) -> tuple[LowModes, int, list[Waves], np.ndarray]:
@@ -183,7 +171,7 @@ def _parts(form: _Form, most: float) -> tuple[LowModes, int, list[Waves], np.nda
 def _along(form: _Form, group: Waves, x_m: np.ndarray, y_m: np.ndarray) -> list[np.ndarray]:
     sides = ((form.edges[:2], group.along_x, x_m), (form.edges[2:], group.along_y, y_m))
     return [
-        shape_along(of_side, length, side, form.of, places)
+        shape_along(of_side, length, side, form.nu, places)
         for (of_side, side, places), length in zip(sides, form.size_m, strict=True)
     ]
 
@@ -213,15 +201,15 @@ def _joint(form: _Form) -> tuple[LowModes, int, float]:
     As many as have converged; among the last of them the widest gap, so that no mode counts
     twice or is lost. A plate beside another takes as many as that.
     """
-    edges, size_m, of, accuracy, near = form
+    edges, size_m, nu, accuracy, near = form
     if near is not None:
         _, count, error = _joint(form.alone())
-        return low_modes_near(edges, size_m, of.nu, near, count), count, error
-    low = low_modes(edges, size_m, of)
+        return low_modes_near(edges, size_m, nu, near, count), count, error
+    low = low_modes(edges, size_m, nu)
     unconverged = np.flatnonzero(low.change > _SHARE * accuracy)
     most = max(int(unconverged[0]) if len(unconverged) else len(low.squared) - 1, _LEAST)
     k_max = math.sqrt(1.2 * low.squared[most])
-    beyond = np.sort(np.concatenate([g.squared for g in waves(edges, size_m, of, k_max)]))
+    beyond = np.sort(np.concatenate([g.squared for g in waves(edges, size_m, nu, k_max)]))
     missing = _missing(edges)
     first = most - max(1, int(_LOOKED_AT * most))
     gaps = (
@@ -241,13 +229,13 @@ def _missing(edges: str) -> int:
 @lru_cache(maxsize=16)
 def _beyond(form: _Form, most: float) -> list[Waves]:
     """The waves above the low modes, up to k^2 = `most`."""
-    edges, size_m, of, _, near = form
+    edges, size_m, nu, _, near = form
     count = _joint(form)[1]
     k_max = math.sqrt(most)
     if near is None:
-        found = waves(edges, size_m, of, k_max)
+        found = waves(edges, size_m, nu, k_max)
     else:
-        found = waves_near(edges, size_m, of.nu, near, k_max)
+        found = waves_near(edges, size_m, nu, near, k_max)
     squared = np.sort(np.concatenate([group.squared for group in found]))
     first = count - _missing(edges)
     if first >= len(squared):

@@ -18,27 +18,21 @@ _LIMITS = {
     "young_pa": _MODULUS,
     "density_kg_m3": (1.0, 1e5, "1 to 1e5 kg/m3"),
     "poisson": (0.0, math.nextafter(0.5, 0.0), "at least 0 and below 0.5"),
-    **dict.fromkeys(("young_x_pa", "young_y_pa", "young_z_pa", "shear_pa"), _MODULUS),
-    "poisson_xy": (0.0, 10.0, "0 to 10"),
     **dict.fromkeys(("loss_factor", "restitution"), _SHARE),
     **dict.fromkeys(("yield_pa", "hardness_pa"), _MODULUS),
     "strength_spread": _SHARE,
 }
 _NEEDED = ("young_pa", "density_kg_m3", "poisson")
-_ORTHOTROPIC = ("young_x_pa", "young_y_pa", "shear_pa", "poisson_xy")
 
 
 @dataclass(frozen=True)
 class Material:
-    """Elastic material, isotropic unless `young_x_pa` is given.
+    """Elastic, isotropic material.
 
     youngs_modulus_pa, density_kg_m3; poisson_ratio, loss_factor and restitution
     (assumed local coefficient of restitution against steel) are dimensionless. `yield_pa`: yield
     strength, `hardness_pa`: indentation hardness, None where not known; `strength_spread`: by
-    what share both differ from piece to piece. An orthotropic plate bends by Young's moduli along
-    its x and y, the shear modulus in its plane, and poisson_xy, minus the strain along y over that
-    along x which causes it. Its contact takes `youngs_modulus_pa`, that across the thickness,
-    `young_z_pa`, if it is given, or the smaller of both.
+    what share both differ from piece to piece.
     """
 
     youngs_modulus_pa: float
@@ -49,16 +43,6 @@ class Material:
     yield_pa: float | None = None
     hardness_pa: float | None = None
     strength_spread: float = 0.2
-    young_x_pa: float | None = None
-    young_y_pa: float | None = None
-    young_z_pa: float | None = None
-    shear_pa: float | None = None
-    poisson_xy: float | None = None
-
-    @cached_property
-    def orthotropic(self) -> bool:
-        """Whether the plate's stiffness depends on the direction."""
-        return self.young_x_pa is not None
 
     @cached_property
     def plane_strain_modulus_pa(self) -> float:
@@ -67,9 +51,7 @@ class Material:
 
     @cached_property
     def shear_modulus_pa(self) -> float:
-        """Shear modulus, Pa: as given, or G = E / (2 (1 + nu))."""
-        if self.shear_pa is not None:
-            return self.shear_pa
+        """Shear modulus G = E / (2 (1 + nu)), Pa."""
         return self.youngs_modulus_pa / (2.0 * (1.0 + self.poisson_ratio))
 
     @cached_property
@@ -85,17 +67,9 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             raise ValueError(
                 f"{where}.{key} is not a property of a material. Use {', '.join(_LIMITS)}"
             )
-    needed: tuple[str, ...] = _NEEDED
-    if directed := [key for key in (*_ORTHOTROPIC, "young_z_pa") if key in table]:
-        needed = (*_ORTHOTROPIC, "density_kg_m3")
-        if both := [key for key in ("young_pa", "poisson") if key in table]:
-            raise ValueError(
-                f"{where}: {both[0]} is of an isotropic material, {directed[0]} of an orthotropic "
-                "one. Leave one of them out"
-            )
-    for key in needed:
+    for key in _NEEDED:
         if key not in table:
-            raise ValueError(f"{where}.{key} is missing; a material needs {', '.join(needed)}")
+            raise ValueError(f"{where}.{key} is missing; a material needs {', '.join(_NEEDED)}")
     for key, value in table.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{where}.{key} = {value!r} is not a number")
@@ -105,24 +79,11 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             given = f"{value:g}" if known else "a number of that size"
             raise ValueError(f"{where}.{key} = {given}: must be {words}")
     values = {_FIELDS.get(key, key): float(table[key]) for key in table}  # type: ignore[arg-type]
-    if directed:
-        x, y, nu = (values[key] for key in ("young_x_pa", "young_y_pa", "poisson_xy"))
-        if not nu * nu * y < x:
-            raise ValueError(
-                f"{where}: poisson_xy = {nu:g} must be below sqrt(young_x_pa/young_y_pa) = "
-                f"{math.sqrt(x / y):.3g}. It is that of a stress along x"
-            )
-        # Of the contact: in wood and laminates the soft direction is also that of the thickness.
-        values |= {
-            "youngs_modulus_pa": values.get("young_z_pa", min(x, y)),
-            "poisson_ratio": nu * math.sqrt(y / x),
-        }
     found = Material(**values)
-    least = "young_z_pa, or the smallest modulus," if directed else "young_pa"
     speed = math.sqrt(found.youngs_modulus_pa / found.density_kg_m3)
     if not _SLOWEST <= speed <= _FASTEST:
         raise ValueError(
-            f"{where}: {least} = {found.youngs_modulus_pa:g} and density_kg_m3 = "
+            f"{where}: young_pa = {found.youngs_modulus_pa:g} and density_kg_m3 = "
             f"{found.density_kg_m3:g} make a speed of sound of {speed:.3g} m/s, which no solid "
             "has; they are in Pa and kg/m3"
         )

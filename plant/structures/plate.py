@@ -1,4 +1,4 @@
-"""Simply supported rectangular plate of Kirchhoff's theory, isotropic or orthotropic.
+"""Simply supported rectangular plate of Kirchhoff's theory.
 
 Loss factor eta on every mode: q'' + eta w q' + w^2 q = lambda phi F, with phi = sin(m pi x/l_x)
 sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
@@ -7,10 +7,8 @@ sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from hertzloop.plant.structures import mode_order_kernels
 from hertzloop.plant.structures.materials import Material
@@ -18,23 +16,6 @@ from hertzloop.plant.structures.modes import Modes, ModeSource
 
 _SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
-
-
-class Rigidity(NamedTuple):
-    """How a plate bends. With D_x, D_y, D_1, D_xy of an orthotropic one (Lekhnitskii 1968) the
-    coordinates x (D_y/D_x)^(1/8) and y (D_x/D_y)^(1/8) make it one of the same area and mass with
-    the energy 1/2 D integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + twist w_xy^2.
-
-    `mean_n_m`: D = sqrt(D_x D_y); `stretch`: of x, one over that of y; `nu`: D_1/D; `twist`:
-    4 D_xy/D; `eta`: nu + twist/2, by which waves of both directions meet. An isotropic plate has
-    stretch and eta 1, and twist 2 (1 - nu).
-    """
-
-    mean_n_m: float
-    stretch: float
-    nu: float
-    twist: float
-    eta: float
 
 
 @dataclass(frozen=True)
@@ -52,36 +33,9 @@ class Plate(ModeSource):
         return self.material.loss_factor if self.loss_factor is None else self.loss_factor
 
     @cached_property
-    def orthotropic(self) -> bool:
-        """Whether its stiffness depends on the direction."""
-        return self.material.orthotropic
-
-    @cached_property
-    def rigidity(self) -> Rigidity:
-        """Bending stiffness, by direction if the plate is orthotropic."""
-        material, nu = self.material, self.material.poisson_ratio  # nu = sqrt(nu_xy nu_yx)
-        if not material.orthotropic:
-            bending = material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
-            return Rigidity(bending, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
-        cubed = self.thickness_m**3 / 12.0
-        x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
-        assert x is not None and y is not None  # noqa: PT018
-        assert shear is not None
-        mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
-        twist = 4.0 * shear * cubed / mean
-        return Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
-
-    @cached_property
     def bending_stiffness_n_m(self) -> float:
-        """B' = E h^3 / (12 (1 - nu^2)), N m.
-
-        Of an orthotropic plate, that of an isotropic one with the same modal density and point
-        impedance: D over the square of 2/pi K((1 - eta)/2).
-        """
-        if not self.orthotropic:
-            return self.rigidity.mean_n_m
-        bent = float(scipy.special.ellipk(0.5 * (1.0 - self.rigidity.eta))) * 2.0 / math.pi
-        return self.rigidity.mean_n_m / bent**2
+        """B' = E h^3 / (12 (1 - nu^2)), N m."""
+        return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
 
     @cached_property
     def mass_per_area_kg_m2(self) -> float:
@@ -102,7 +56,7 @@ class Plate(ModeSource):
     def fundamental_hz(self) -> float:
         """Frequency of mode (1, 1), the lowest, Hz."""
         along_x, along_y, speed = self._squared_wave_numbers(0.0)
-        return float(speed * self._met(along_x, along_y)[0]) / (2.0 * math.pi)
+        return float(speed * (along_y + along_x)[0]) / (2.0 * math.pi)
 
     # Capabilities, see `hertzloop.plant.structures.structure`; that module imports this one.
 
@@ -112,20 +66,14 @@ class Plate(ModeSource):
         return self
 
     @property
-    def simply_supported(self) -> "Plate | None":
-        """This plate; None if it is orthotropic, since its radiation is not known."""
-        return None if self.orthotropic else self
+    def simply_supported(self) -> "Plate":
+        """This plate."""
+        return self
 
     @property
-    def separable(self) -> "Plate | None":
-        """This plate, whose modes are products of sines.
-
-        None if it is orthotropic: its frequencies are not sums.
-        """
-        return None if self.orthotropic else self
-
-    def __str__(self) -> str:
-        return "a simply supported orthotropic plate" if self.orthotropic else repr(self)
+    def separable(self) -> "Plate":
+        """This plate, whose modes are products of sines."""
+        return self
 
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes the plate has up to a frequency, by its modal density."""
@@ -141,29 +89,19 @@ class Plate(ModeSource):
     def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
         along_x, along_y, speed = self._squared_wave_numbers(omega_max)
-        omega = speed * self._met(along_x, along_y[:, np.newaxis])
+        omega = speed * (along_y[:, np.newaxis] + along_x)
         n, m = np.nonzero(omega <= omega_max)
         order = np.argsort(omega[n, m], kind="stable")
         n, m = n[order], m[order]
         return m + 1, n + 1, omega[n, m]
 
-    def _met(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """The squared wave number (a^2 + 2 eta a b + b^2)^(1/2) of those along the sides."""
-        if not self.orthotropic:
-            return b + a
-        return np.asarray(np.sqrt(a * a + 2.0 * self.rigidity.eta * a * b + b * b))
-
     def _squared_wave_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s) in
-        the coordinates of `Rigidity`, and the frequency per square."""
-        speed = math.sqrt(self.rigidity.mean_n_m / self.mass_per_area_kg_m2)
+        """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s), and
+        the frequency per square."""
+        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
         k_max = math.sqrt(omega_max / speed) / math.pi
-        (lx, ly), stretch = self.size_m, self.rigidity.stretch
-        m, n = (
-            np.arange(1, max(1, math.floor(k_max * length)) + 1)
-            for length in (lx * stretch, ly / stretch)
-        )
-        return (m * np.pi / (lx * stretch)) ** 2, (n * np.pi / ly * stretch) ** 2, speed
+        m, n = (np.arange(1, max(1, math.floor(k_max * length)) + 1) for length in self.size_m)
+        return (m * np.pi / self.size_m[0]) ** 2, (n * np.pi / self.size_m[1]) ** 2, speed
 
     def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
         """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
@@ -209,11 +147,6 @@ class Plate(ModeSource):
         beyond_limit = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
         if point_m is None:
             return beyond_limit
-        if self.orthotropic:
-            m, n, omega = self.mode_numbers(beyond)
-            out = omega > omega_max
-            shape = self.mode_shape(m, n, point_m)[out]
-            return beyond_limit + self.modal_scale_per_kg * float(np.sum((shape / omega[out]) ** 2))
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
         most = len(along_x) * len(along_y)  # of which only what is written costs anything
         omega, terms = np.empty(most), np.empty(most)

@@ -1,8 +1,7 @@
 """Low modes of a rectangular plate with any edges by Ritz's method, and how far they converged.
 
-Energy of bending 1/2 D integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + twist w_xy^2, on products
-of the functions of a `BeamBasis`; its eigenvalues are k^4 = w^2 m''/D. An isotropic plate has the
-twist 2 (1 - nu); an orthotropic one comes in the coordinates of `Rigidity`.
+Energy of bending 1/2 D integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2, on
+products of the functions of a `BeamBasis`; its eigenvalues are k^4 = w^2 m''/D.
 The mass matrix is the identity; scaled to a unit diagonal, the stiffness is as well conditioned
 as the plate. Between equal edges even and odd functions do not meet: four problems of a quarter
 the size.
@@ -11,7 +10,6 @@ the size.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -24,19 +22,6 @@ _FEWEST = 12  # along an edge
 _FEWER = 3  # functions along each edge, in the basis to compare with
 _RIGID = 1e-3  # of the frequency of a beam as long as the plate
 _ROUNDS = 40
-
-
-class Bending(NamedTuple):
-    """Numbers of `Rigidity` that decide on shapes; see there."""
-
-    nu: float
-    twist: float
-    eta: float
-
-
-def isotropic(nu: float) -> Bending:
-    """Of a Poisson's ratio."""
-    return Bending(nu, 2.0 * (1.0 - nu), 1.0)
 
 
 @dataclass(frozen=True)
@@ -90,7 +75,7 @@ def _counts(size_m: tuple[float, float]) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=8)
-def low_modes(edges: str, size_m: tuple[float, float], of: Bending) -> LowModes:
+def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
     """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
     # 0.2 s of a start, for these modes alone; before the call on one thread that uses it.
     import scipy.linalg  # noqa: F401
@@ -99,10 +84,10 @@ def low_modes(edges: str, size_m: tuple[float, float], of: Bending) -> LowModes:
     nx, ny = (basis.count for basis in bases)
     blocks, coarse = [], []
     for x, y in parts:
-        values, vectors = solved_modes(bases, x, y, of, shift)
+        values, vectors = solved_modes(bases, x, y, nu, shift)
         blocks.append(ModeBlock(x, y, np.sqrt(values), vectors))
         fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
-        coarse.append(np.sqrt(solved_modes(bases, *fewer, of, shift)[0]))
+        coarse.append(np.sqrt(solved_modes(bases, *fewer, nu, shift)[0]))
     before = np.concatenate(
         [
             np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
@@ -135,15 +120,16 @@ def problem(
 
 
 def stiffness_of(
-    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, of: Bending, shift: float
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
 ) -> np.ndarray:
-    """Stiffness of products of functions, with the shift; linear in Poisson's ratio and twist."""
+    """Stiffness of products of functions, with the shift; linear in Poisson's ratio."""
     (kx, ex, gx), (ky, ey, gy) = (
         [matrix[np.ix_(part, part)] for matrix in basis.integrals()]
         for basis, part in zip(bases, (x, y), strict=True)
     )
     stiffness = np.kron(kx, np.eye(len(y))) + np.kron(np.eye(len(x)), ky)
-    stiffness += of.nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + of.twist * np.kron(gx, gy)
+    twist = 2.0 * (1.0 - nu)
+    stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + twist * np.kron(gx, gy)
     stiffness[np.diag_indices(len(stiffness))] += shift
     return stiffness
 
@@ -156,14 +142,14 @@ def factored(stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @on_one_thread
 def solved_modes(
-    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, of: Bending, shift: float
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues k^4 (not below 0), rising, and orthonormal coefficients.
 
     Solved for 1/(k^4 + shift), of which the low modes have the largest: their rounding is
     relative to themselves, not to the highest, 1e8 times as large.
     """
-    lower, scale = factored(stiffness_of(bases, x, y, of, shift))
+    lower, scale = factored(stiffness_of(bases, x, y, nu, shift))
     halved = scipy.linalg.solve_triangular(lower, np.diag(1.0 / scale), lower=True)
     inverse, vectors = np.linalg.eigh(halved @ halved.T)
     values = np.maximum(1.0 / inverse[::-1] - shift, 0.0)

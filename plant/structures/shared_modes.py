@@ -23,7 +23,6 @@ from hertzloop.plant.structures.ritz_modes import (
     ModeBlock,
     factored,
     in_order,
-    isotropic,
     low_modes,
     problem,
     solved_modes,
@@ -67,7 +66,7 @@ def _shared(
     # 0.2 s of a start, for these modes alone; before the calls on one thread that use it.
     import scipy.linalg  # noqa: F401
 
-    low = low_modes(edges, size_m, isotropic(nu))
+    low = low_modes(edges, size_m, nu)
     most = low.squared[min(int(_SPARE * count) + 10, len(low.squared) - 1)]
     share = 1.0 - (low.squared[count - 1] / most) ** 2
     shift = problem(edges, size_m)[2]
@@ -97,7 +96,7 @@ def _snapshot(
 ) -> np.ndarray:
     """Coefficients of the first modes of one block of a plate, (functions, count)."""
     bases, parts, shift = problem(edges, size_m)
-    return solved_modes(bases, *parts[part], isotropic(nu), shift)[1][:, :count].copy()
+    return solved_modes(bases, *parts[part], nu, shift)[1][:, :count].copy()
 
 
 @on_one_thread
@@ -105,7 +104,7 @@ def _reduced(
     bases: tuple[BeamBasis, BeamBasis], block: ModeBlock, shift: float, modes: list[np.ndarray]
 ) -> SharedFunctions:
     """What the modes of several plates span, without what is almost the same."""
-    middle = isotropic(0.5 * sum(RATIOS))
+    middle = 0.5 * sum(RATIOS)
     lower, scale = factored(stiffness_of(bases, block.x, block.y, middle, shift))
     # By energy: a difference of high frequency counts for more.
     energies = lower.T @ (scale[:, None] * np.concatenate(modes, axis=1))
@@ -115,7 +114,7 @@ def _reduced(
     span = scipy.linalg.solve_triangular(lower, span, lower=True, trans="T") / scale[:, None]
     functions = np.linalg.qr(span)[0]
     first, last = (
-        functions.T @ (stiffness_of(bases, block.x, block.y, isotropic(nu), shift) @ functions)
+        functions.T @ (stiffness_of(bases, block.x, block.y, nu, shift) @ functions)
         for nu in RATIOS
     )
     return SharedFunctions(block.x, block.y, functions, (first, last), modes[0].shape[1])
@@ -128,7 +127,7 @@ def _error(
     """Largest relative error of k^4, by the residuals in the norm of the inverse stiffness; the
     modes that the functions do not hold are taken to be far above."""
     values, vectors = shared.solved(nu)
-    stiffness = stiffness_of(bases, shared.x, shared.y, isotropic(nu), shift)
+    stiffness = stiffness_of(bases, shared.x, shared.y, nu, shift)
     modes = shared.functions @ vectors
     residual = stiffness @ modes - modes * values
     lower, scale = factored(stiffness)
@@ -175,12 +174,13 @@ def _nodes(
     while True:
         ratios = middle - half * np.cos(np.arange(count) * np.pi / (count - 1))
         for nu in ratios:
-            at = isotropic(float(nu))
-            known.setdefault(float(nu), labelled_waves(edges, size_m, at, k_max, _FEWER_ROUNDS))
+            known.setdefault(
+                float(nu), labelled_waves(edges, size_m, float(nu), k_max, _FEWER_ROUNDS)
+            )
         found = ratios, [known[float(nu)] for nu in ratios]
         # Between two nodes in the middle the error is as large as anywhere, or almost so.
         test = 0.5 * float(ratios[count // 2] + ratios[count // 2 + 1])
-        exact = labelled_waves(edges, size_m, isotropic(test), k_max, _FEWER_ROUNDS)
+        exact = labelled_waves(edges, size_m, test, k_max, _FEWER_ROUNDS)
         errors = [
             float(np.max(np.abs(one.squared / other.squared - 1.0)))
             for one, other in zip(_by_nodes(*found, test), exact, strict=True)
@@ -195,7 +195,7 @@ def _left(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> l
     """What the polynomials miss at one of Poisson's ratios: with that added, they are exact there
     and nearly so around."""
     pairs = zip(
-        labelled_waves(edges, size_m, isotropic(nu), k_max),
+        labelled_waves(edges, size_m, nu, k_max),
         _by_nodes(*_nodes(edges, size_m, k_max), nu),
         strict=True,
     )

@@ -24,7 +24,6 @@ FEATURES = {
     "metal tip": f"{HAMMER} hammer.tip_radius_m=0.006",
     "soft tip": f"{HAMMER} hammer.tip_stiffness=1e7 hammer.tip_exponent=1.2",
     "mass and speed": "sphere.mass_kg=0.002 sphere.speed_m_s=0.7",
-    "orthotropic": "plate.material=spruce plate.size_m=[0.5,0.4]",
     "sensor elsewhere": "sensors.point_m=[0.31,0.22] sensors.quantity=v_p "
     "controller.law=velocity_feedback",
     "modes from a file": "plate.modes=MODES sensors.quantity=v_p controller.law=velocity_feedback",
